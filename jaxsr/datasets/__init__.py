@@ -1,0 +1,6 @@
+"""Real recordings from their origin, checksummed, one CSV per experiment with its model file."""
+
+from jaxsr.datasets.fetch import fetch, list_datasets
+from jaxsr.datasets.registry import Dataset, SourceFile
+
+__all__ = ["Dataset", "SourceFile", "fetch", "list_datasets"]
