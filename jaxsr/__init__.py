@@ -1,0 +1,78 @@
+"""Equations of motion from recordings, and the physics that a simulator left out.
+
+Only re-exports live here. They are resolved on first use, so that ``import jaxsr`` and the
+command line start quickly and JAX is loaded only by work that needs it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jaxsr.diagnosis import diagnose
+    from jaxsr.discovery import SymbolicSparseRegressor, discover
+    from jaxsr.evaluation import compile_terms
+    from jaxsr.models import Simulator
+    from jaxsr.recordings import Recording, read_recording
+
+__all__ = [
+    "Recording",
+    "read_recording",
+    "Simulator",
+    "diagnose",
+    "discover",
+    "SymbolicSparseRegressor",
+    "compile_terms",
+    "__version__",
+]
+
+_HOMES = {
+    "Recording": "jaxsr.recordings",
+    "read_recording": "jaxsr.recordings",
+    "Simulator": "jaxsr.models",
+    "diagnose": "jaxsr.diagnosis",
+    "discover": "jaxsr.discovery",
+    "SymbolicSparseRegressor": "jaxsr.discovery",
+    "compile_terms": "jaxsr.evaluation",
+}
+
+
+def _version() -> str:
+    """Return the installed version, or ``0+uninstalled`` in a bare source tree."""
+    try:
+        return metadata.version("jaxsr-dynamics")
+    except metadata.PackageNotFoundError:
+        return "0+uninstalled"
+
+
+def _warn_of_namesake() -> None:
+    """Say so when PyPI's ``jaxsr``, another project, shares the environment and import name."""
+    try:
+        namesake = metadata.version("jaxsr")
+    except metadata.PackageNotFoundError:
+        return
+    warnings.warn(
+        f"the distribution 'jaxsr' {namesake}, another project with the same import name, is "
+        "installed beside 'jaxsr-dynamics' and their files may be mixed. Uninstall both, then "
+        "install the one you want.",
+        stacklevel=3,
+    )
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'jaxsr' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(set(globals()) | set(__all__))
+
+
+__version__ = _version()
+_warn_of_namesake()
