@@ -1,0 +1,76 @@
+"""Terms to text of the model grammar; `parse(to_text(term))` gives the term back."""
+
+from __future__ import annotations
+
+from jaxsr.expressions.primitives import PRIMITIVES
+from jaxsr.expressions.term import BOOLEAN, Term
+
+_SYMBOL = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
+_COMPARE = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
+_PRECEDENCE = {"add": 2, "sub": 2, "mul": 3, "div": 3, "neg": 4, "pow": 5}
+_ATOM = 6
+
+
+def number_text(value: float, digits: int | None = None) -> str:
+    """Print a number: shortest text that reads back exactly, or `digits` significant ones."""
+    if digits is not None:
+        value = float(f"{value:.{digits}g}")
+    if value == int(value) and abs(value) < 1e15:
+        return str(int(value)) if digits is not None else repr(float(value))
+    return repr(float(value))
+
+
+def to_text(term: Term, digits: int | None = None) -> str:
+    """Print a term in the model grammar.
+
+    Parameters
+    ----------
+    term : Term
+    digits : int, optional
+        Significant digits of constants; exact when None.
+    """
+    return _text(term, digits)[0]
+
+
+def _text(term: Term, digits: int | None) -> tuple[str, int]:
+    if term.is_constant:
+        text = number_text(term.value, digits)
+        return text, (_ATOM if term.value >= 0 and "-" not in text else _PRECEDENCE["neg"])
+    if term.is_variable:
+        return term.name, _ATOM
+    if term.op == BOOLEAN:
+        return ("True" if term.value else "False"), _ATOM
+    if term.op in _SYMBOL:
+        return _binary(term, digits)
+    if term.op == "neg":
+        text, precedence = _text(term.args[0], digits)
+        # -(2.0) must not read back as the constant -2.0.
+        wrapped = precedence < _PRECEDENCE["pow"] or term.args[0].is_constant
+        return f"-({text})" if wrapped else f"-{text}", _PRECEDENCE["neg"]
+    if term.op in _COMPARE:
+        a, b = (_wrap(arg, digits, 2) for arg in term.args)
+        return f"{a} {_COMPARE[term.op]} {b}", 1
+    parts = [_text(arg, digits)[0] for arg in term.args]
+    if term.op == "piecewise":
+        pairs = zip(parts[::2], parts[1::2], strict=True)
+        return f"Piecewise({', '.join(f'({value}, {when})' for value, when in pairs)})", _ATOM
+    return f"{PRIMITIVES[term.op].text}({', '.join(parts)})", _ATOM
+
+
+def _wrap(term: Term, digits: int | None, least: int) -> str:
+    text, precedence = _text(term, digits)
+    return text if precedence >= least else f"({text})"
+
+
+def _binary(term: Term, digits: int | None) -> tuple[str, int]:
+    precedence = _PRECEDENCE[term.op]
+    left, right = term.args
+    if term.op == "pow":
+        a = _wrap(left, digits, _ATOM)
+        b = _wrap(right, digits, _ATOM)
+        return f"{a}**{b}", precedence
+    a = _wrap(left, digits, precedence)
+    # Operators group to the left, so a right operand of equal rank keeps its brackets.
+    b = _wrap(right, digits, precedence + 1)
+    gap = " " if precedence == 2 else ""
+    return f"{a}{gap}{_SYMBOL[term.op]}{gap}{b}", precedence

@@ -1,0 +1,137 @@
+"""Immutable expression trees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from jaxsr.expressions.primitives import PRIMITIVES
+
+CONSTANT = "constant"
+VARIABLE = "variable"
+BOOLEAN = "boolean"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Term:
+    """A node of an expression: a constant, a variable, or a primitive of terms.
+
+    Terms compare and hash by structure; the hash is computed once, so that equal subtrees of a
+    population can be shared through a dictionary.
+    """
+
+    op: str
+    args: tuple[Term, ...] = ()
+    name: str = ""
+    value: float = 0.0
+    _hash: int = field(init=False, repr=False, default=0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_hash", hash((self.op, self.args, self.name, self.value)))
+
+    @staticmethod
+    def constant(value: float) -> Term:
+        """Return a constant."""
+        return Term(CONSTANT, value=float(value))
+
+    @staticmethod
+    def boolean(value: bool) -> Term:
+        """Return the constant condition True or False."""
+        return Term(BOOLEAN, value=float(value))
+
+    @staticmethod
+    def variable(name: str) -> Term:
+        """Return a variable."""
+        return Term(VARIABLE, name=name)
+
+    @staticmethod
+    def apply(op: str, *args: Term) -> Term:
+        """Return primitive `op` of `args`.
+
+        Raises
+        ------
+        ValueError
+            The primitive is unknown or takes another number of arguments.
+        """
+        primitive = PRIMITIVES.get(op)
+        if primitive is None:
+            raise ValueError(f"`op` must be a primitive, got {op!r}. Known: {sorted(PRIMITIVES)}")
+        if primitive.arity not in (-1, len(args)):
+            raise ValueError(f"{op} takes {primitive.arity} arguments, got {len(args)}")
+        return Term(op, args)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        if not isinstance(other, Term) or self._hash != other._hash:
+            return False
+        return (self.op, self.name, self.value) == (other.op, other.name, other.value) and (
+            self.args == other.args
+        )
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether this node is a number."""
+        return self.op == CONSTANT
+
+    @property
+    def is_variable(self) -> bool:
+        """Whether this node is a variable."""
+        return self.op == VARIABLE
+
+    def walk(self) -> Iterator[Term]:
+        """Yield every node, parents first."""
+        stack = [self]
+        while stack:
+            node = stack.pop()
+            yield node
+            stack.extend(reversed(node.args))
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return sum(1 for _ in self.walk())
+
+    @property
+    def depth(self) -> int:
+        """Number of levels below the root."""
+        return 1 + max(arg.depth for arg in self.args) if self.args else 0
+
+    @property
+    def operators(self) -> int:
+        """Number of inner nodes."""
+        return sum(1 for node in self.walk() if node.args)
+
+    @property
+    def variables(self) -> frozenset[str]:
+        """Names of the variables that occur."""
+        return frozenset(node.name for node in self.walk() if node.is_variable)
+
+    def uses(self, ops: frozenset[str]) -> bool:
+        """Whether any of the primitives `ops` occurs."""
+        return any(node.op in ops for node in self.walk())
+
+    def substitute(self, replacements: Mapping[str, Term]) -> Term:
+        """Replace variables by terms, all at once."""
+        if self.is_variable:
+            return replacements.get(self.name, self)
+        if not self.args:
+            return self
+        args = tuple(arg.substitute(replacements) for arg in self.args)
+        return self if args == self.args else Term(self.op, args)
+
+    def replace_at(self, index: int, new: Term) -> Term:
+        """Replace the node that `walk` yields at position `index`."""
+        if index == 0:
+            return new
+        position = 1
+        for i, arg in enumerate(self.args):
+            size = arg.size
+            if index < position + size:
+                changed = arg.replace_at(index - position, new)
+                return Term(self.op, (*self.args[:i], changed, *self.args[i + 1 :]))
+            position += size
+        raise IndexError(f"`index` must be below the size {self.size}, got {index}")
