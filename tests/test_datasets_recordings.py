@@ -195,7 +195,8 @@ def test_ur10e_windows(fetched: Fetched, file: str, upstream: str, first: int, l
 def _ur10e_weak_system(table: pd.DataFrame, half_width: float) -> tuple[np.ndarray, np.ndarray]:
     """Return library and torque of joint 1 against test functions (1 - s^2)^8, 10 N m/A."""
     time, v1 = table["t_s"].to_numpy(), table["qd1"].to_numpy()
-    c2, c23 = np.cos(table["q2"]).to_numpy(), np.cos(table["q2"] + table["q3"]).to_numpy()
+    q2, q3 = table["q2"].to_numpy(), table["q3"].to_numpy()
+    c2, c23 = np.cos(q2), np.cos(q2 + q3)
     inertia = np.stack([np.ones_like(c2), c2**2, c2 * c23, c23**2]) * v1
     friction = np.stack([v1, np.sign(v1)])
     torque = 10.0 * table["i1"].to_numpy()

@@ -29,11 +29,11 @@ def convert(sources: Mapping[str, Path]) -> dict[str, pd.DataFrame]:
     """
     sheet = pd.read_csv(sources["dataBenchmark.csv"])
     return {
-        "tanks_train.csv": _table(sheet["uEst"], sheet["yEst"]),
-        "tanks_validation.csv": _table(sheet["uVal"], sheet["yVal"]),
+        "tanks_train.csv": _table(sheet, "uEst", "yEst"),
+        "tanks_validation.csv": _table(sheet, "uVal", "yVal"),
     }
 
 
-def _table(pump: pd.Series, level: pd.Series) -> pd.DataFrame:
-    time = SAMPLE_TIME * np.arange(len(pump))
-    return pd.DataFrame({"time_s": time, "pump_V": pump, "level_V": level})
+def _table(sheet: pd.DataFrame, pump: str, level: str) -> pd.DataFrame:
+    time = SAMPLE_TIME * np.arange(len(sheet))
+    return pd.DataFrame({"time_s": time, "pump_V": sheet[pump], "level_V": sheet[level]})

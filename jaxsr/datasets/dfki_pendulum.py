@@ -33,9 +33,8 @@ def convert(sources: Mapping[str, Path]) -> dict[str, pd.DataFrame]:
     dict of str to DataFrame
         Columns time_s, position_rad, velocity_rad_s, torque_Nm.
     """
-    return {
-        f"pendulum_{run}.csv": pd.read_csv(sources[f"simple/{run}_measured.csv"]).rename(
-            columns=COLUMNS
-        )[list(COLUMNS.values())]
-        for run in RUNS
-    }
+    return {f"pendulum_{run}.csv": _table(sources[f"simple/{run}_measured.csv"]) for run in RUNS}
+
+
+def _table(path: Path) -> pd.DataFrame:
+    return pd.read_csv(path, usecols=list(COLUMNS)).rename(columns=COLUMNS)
