@@ -1,0 +1,22 @@
+"""Recordings: measured experiments, their files, their checks and their splits."""
+
+from jaxsr.recordings.checks import DataCheck, check_recording
+from jaxsr.recordings.noise import noise_level, quantisation_step
+from jaxsr.recordings.reading import read_recording, write_csv
+from jaxsr.recordings.recording import Recording
+from jaxsr.recordings.roles import rename
+from jaxsr.recordings.splits import Block, blocks, folds
+
+__all__ = [
+    "Block",
+    "DataCheck",
+    "Recording",
+    "blocks",
+    "check_recording",
+    "folds",
+    "noise_level",
+    "quantisation_step",
+    "read_recording",
+    "rename",
+    "write_csv",
+]

@@ -1,0 +1,171 @@
+"""A recording: one experiment, its time and its measured channels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jaxsr._result import InputError
+
+MIN_SAMPLES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Hold the channels of one experiment over a strictly increasing time.
+
+    Parameters
+    ----------
+    name : str
+        File name, used in messages and in reports.
+    time : ndarray, shape (samples,)
+        Time in seconds, strictly increasing, not necessarily uniform.
+    channels : mapping of str to ndarray, shape (samples,)
+        Measured values; NaN marks a missing sample.
+    source : Path, optional
+        File the recording was read from.
+    sha256 : str, optional
+        Checksum of that file's bytes.
+    set_aside : mapping of str to str, optional
+        Columns of the file that hold no numbers, each with the reason.
+
+    Raises
+    ------
+    InputError
+        If time is not finite and strictly increasing, if a channel has another length, or if
+        there are fewer than three samples.
+
+    Notes
+    -----
+    Arrays are copied to float64 and made read-only. Rows in messages count data rows from 1.
+    """
+
+    name: str
+    time: np.ndarray
+    channels: Mapping[str, np.ndarray]
+    source: Path | None = None
+    sha256: str | None = None
+    set_aside: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time", _frozen(self.time))
+        channels = {key: _frozen(values) for key, values in self.channels.items()}
+        object.__setattr__(self, "channels", channels)
+        _check_time(self.name, self.time)
+        for key, values in channels.items():
+            if values.shape != self.time.shape:
+                raise InputError(
+                    f"channel '{key}' has shape {values.shape}, time has {self.time.shape}",
+                    self.name,
+                    "Give one value per time, NaN where a sample is missing",
+                )
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    @property
+    def sample_time(self) -> float:
+        """Median interval between samples, in seconds."""
+        return float(np.median(np.diff(self.time)))
+
+    def channel(self, name: str) -> np.ndarray:
+        """Return a channel that is to be used, checked for being usable.
+
+        Parameters
+        ----------
+        name : str
+            Column name.
+
+        Returns
+        -------
+        ndarray, shape (samples,)
+            Read-only float64 values, NaN where a sample is missing.
+
+        Raises
+        ------
+        InputError
+            If there is no such column, it holds no numbers, every sample is missing, or a value
+            is infinite.
+        """
+        if name in self.set_aside:
+            raise InputError(f"column '{name}' {self.set_aside[name]}", self.name)
+        if name not in self.channels:
+            available = ", ".join(self.channels) or "none"
+            raise InputError(
+                f"no column '{name}'",
+                self.name,
+                f"Available: {available}. Name it in [columns] of the model or choose another",
+            )
+        values = self.channels[name]
+        if np.isnan(values).all():
+            raise InputError(
+                f"every sample of column '{name}' is missing", self.name, "Leave the column out"
+            )
+        infinite = np.flatnonzero(np.isinf(values))
+        if infinite.size:
+            raise InputError(
+                f"column '{name}' is infinite at row {infinite[0] + 1}",
+                self.name,
+                "Leave the cell empty where a sample is missing",
+            )
+        return values
+
+    def select(self, indices: slice | Sequence[int] | np.ndarray) -> Recording:
+        """Return the recording restricted to some samples, in increasing time.
+
+        Parameters
+        ----------
+        indices : slice, int array or bool array
+            Samples to keep.
+        """
+        if not isinstance(indices, slice):
+            indices = np.asarray(indices)
+        channels = {key: values[indices] for key, values in self.channels.items()}
+        return replace(self, time=self.time[indices], channels=channels)
+
+    def window(self, t_from: float, t_to: float) -> Recording:
+        """Return the samples with ``t_from <= t <= t_to`` (seconds), time kept as it is."""
+        start = int(np.searchsorted(self.time, t_from, side="left"))
+        stop = int(np.searchsorted(self.time, t_to, side="right"))
+        return self.select(slice(start, stop))
+
+
+def _frozen(values: ArrayLike) -> np.ndarray:
+    """Copy to a read-only float64 array."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def _check_time(name: str, time: np.ndarray) -> None:
+    if time.ndim != 1 or time.size < MIN_SAMPLES:
+        raise InputError(
+            f"time has shape {time.shape}",
+            name,
+            f"A recording needs one time column of at least {MIN_SAMPLES} samples",
+        )
+    bad = np.flatnonzero(~np.isfinite(time))
+    if bad.size:
+        raise InputError(
+            f"time is missing or infinite at row {bad[0] + 1}",
+            name,
+            "Give every sample its time; leave only other columns empty",
+        )
+    wrong = np.flatnonzero(np.diff(time) <= 0.0)
+    if wrong.size:
+        before, at, row = time[wrong[0]], time[wrong[0] + 1], wrong[0] + 2
+        if before == at:
+            raise InputError(
+                f"time {at:.12g} s of row {row} repeats row {row - 1}",
+                name,
+                "Remove duplicate samples",
+            )
+        raise InputError(
+            f"time is not increasing at row {row}: {before:.12g} s, then {at:.12g} s",
+            name,
+            "Sort the rows by time, and give each experiment its own file",
+        )

@@ -1,0 +1,94 @@
+"""Choose the width of the test functions from the data."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jaxsr._result import InputError
+from jaxsr.recordings.noise import noise_level
+from jaxsr.views.weak import WeakView
+
+SHORTEST = 4  # samples
+LONGEST = 0.25  # of the record
+_KEPT = 0.5  # of the acceleration's energy; puts EMPS near the 0.1 s that serve it best
+_NOISE_SHARE = 0.25  # of the energy that passes, at most
+_STEP = 1.19  # ratio of neighbouring widths: four to the octave
+_MAX_TESTS = 2000
+
+
+def choose_half_width(time: np.ndarray, y: np.ndarray, noise: float | None = None) -> float:
+    r"""Choose the half-width of test functions (1 - s^2)^8 for a measured signal.
+
+    Such a function is close to a Gaussian of standard deviation half_width / 4, a low-pass filter
+    with gain exp(-(f / sigma_f)^2 / 2), sigma_f = 0.64 / half_width. The energy of the
+    acceleration that passes it, with the share of white noise of variance noise^2 taken off,
+
+        E(h) = mean_c (int phi'' y dt)^2 - noise^2 mean_c sum_i weight_ci^2,
+
+    falls with h where the dynamics lie. The rule: the longest h that still lets half of it pass,
+    measured against the largest E among widths at which noise is at most a quarter of what
+    passes. If noise is more than that at every width, the width with the best ratio is taken.
+    Half the energy, and not nearly all, because a longer test function costs only information,
+    while a shorter one lets in fast dynamics that the model does not mean to describe.
+
+    Parameters
+    ----------
+    time : ndarray, shape (samples,)
+        Strictly increasing, in seconds; need not be uniform.
+    y : ndarray, shape (samples,)
+        A measured position; NaN where missing.
+    noise : float, optional
+        Standard deviation of its noise; `noise_level` by default.
+
+    Returns
+    -------
+    float
+        Seconds; at least 4 sample times, at most a quarter of the record.
+
+    Raises
+    ------
+    InputError
+        If the record is shorter than 16 samples.
+    """
+    time, y = np.asarray(time, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    shortest = SHORTEST * float(np.median(np.diff(time)))
+    longest = LONGEST * float(time[-1] - time[0])
+    if longest < shortest * (1.0 - 1.0 / 16.0):
+        raise InputError(
+            f"{time.size} samples are too few to choose test functions", remedy="Give at least 16"
+        )
+    if longest <= shortest:
+        return longest
+    noise = noise_level(time, y) if noise is None else noise
+    count = max(2, int(np.ceil(np.log(longest / shortest) / np.log(_STEP))) + 1)
+    widths = np.geomspace(shortest, longest, count)
+    energy, from_noise = np.array([_passed(time, y, h, noise) for h in widths]).T
+    known = np.isfinite(energy)
+    if not known.any():
+        return float(longest)
+    energy = np.where(known, energy, 0.0)
+    from_noise = np.where(known, from_noise, np.inf)
+    clear = from_noise <= _NOISE_SHARE * energy
+    if not clear.any():
+        signal = np.maximum(energy - from_noise, 0.0)
+        best = np.where(np.isfinite(from_noise), signal / np.maximum(from_noise, 1e-300), -1.0)
+        return float(widths[int(np.argmax(best))])
+    signal = energy - from_noise
+    enough = clear & (signal >= _KEPT * signal[clear].max())
+    return float(widths[np.flatnonzero(enough)[-1]])
+
+
+def _passed(
+    time: np.ndarray, y: np.ndarray, half_width: float, noise: float
+) -> tuple[float, float]:
+    """Mean square of the weak acceleration, and the noise's share of it."""
+    spacing = max(half_width / 2.0, (time[-1] - time[0]) / _MAX_TESTS)
+    view = WeakView.build(time, half_width, spacing, mask=np.isfinite(y))
+    if not view.valid.any():
+        return np.nan, np.nan
+    acceleration = view.integrate(y, derivative=2)[view.valid]
+    weights = view.matrices[2].data
+    return (
+        float(np.mean(acceleration**2)),
+        float(noise**2 * np.sum(weights**2) / np.count_nonzero(view.valid)),
+    )
