@@ -1,0 +1,188 @@
+"""Progress of long jobs, their time budget, and a stop that keeps the best so far."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from types import FrameType
+from typing import Protocol, TextIO
+
+from jaxsr._result import InputError, StoppedBy
+
+
+class Progress(Protocol):
+    """What a long job tells while it runs."""
+
+    def stage(self, text: str) -> None:
+        """Begin a stage, described in a few words."""
+        ...
+
+    def update(self, fraction: float, text: str = "") -> None:
+        """Say how far the stage is, from 0 to 1, with a word on what is being done."""
+        ...
+
+
+class Silent:
+    """Tell nothing: the default of library calls."""
+
+    def stage(self, text: str) -> None:
+        """Do nothing."""
+
+    def update(self, fraction: float, text: str = "") -> None:
+        """Do nothing."""
+
+
+class Lines:
+    """Write one plain line per stage, for a pipe or a log file.
+
+    Parameters
+    ----------
+    stream : TextIO
+        Where to write.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def stage(self, text: str) -> None:
+        """Write the stage's line."""
+        # A closed reader must not end the job.
+        with contextlib.suppress(OSError, ValueError):
+            print(f"jaxsr: {text}", file=self._stream, flush=True)
+
+    def update(self, fraction: float, text: str = "") -> None:
+        """Do nothing: updates are for terminals."""
+
+
+@contextlib.contextmanager
+def progress_on(stream: TextIO | None = None) -> Iterator[Progress]:
+    """Yield a `Progress`: a live bar if `stream` is a terminal, else one line per stage.
+
+    Parameters
+    ----------
+    stream : TextIO, optional
+        Standard error by default.
+    """
+    stream = sys.stderr if stream is None else stream
+    if not stream.isatty():
+        yield Lines(stream)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Live
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Live(*columns, console=Console(file=stream), transient=True) as live:
+        task = live.add_task("", total=1.0)
+
+        class Bar:
+            name = ""
+
+            def stage(self, text: str) -> None:
+                self.name = text
+                live.update(task, description=text, completed=0.0)
+
+            def update(self, fraction: float, text: str = "") -> None:
+                label = f"{self.name}: {text}" if text else self.name
+                live.update(task, description=label, completed=fraction)
+
+        yield Bar()
+
+
+@dataclasses.dataclass(frozen=True)
+class Budget:
+    """Tell a long job when to stop: out of time, or asked to by Ctrl-C.
+
+    Parameters
+    ----------
+    seconds : float, optional
+        Wall-clock time from now, positive; unlimited by default.
+
+    Raises
+    ------
+    InputError
+        If `seconds` is not positive.
+    """
+
+    seconds: float = math.inf
+    _start: float = dataclasses.field(default_factory=time.monotonic)
+    _interrupt: threading.Event = dataclasses.field(default_factory=threading.Event)
+
+    def __post_init__(self) -> None:
+        if not self.seconds > 0:
+            raise InputError(f"budget must be positive seconds, got {self.seconds}")
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the budget began."""
+        return time.monotonic() - self._start
+
+    @property
+    def remaining(self) -> float:
+        """Seconds left, never negative; infinite without a limit."""
+        return max(self.seconds - self.elapsed, 0.0)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a stop was asked for."""
+        return self._interrupt.is_set()
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether to finish the step at hand and stop."""
+        return self.interrupted or self.remaining == 0.0
+
+    @property
+    def stopped_by(self) -> StoppedBy:
+        """Reason to give for having stopped now."""
+        if self.interrupted:
+            return StoppedBy.INTERRUPTED
+        return StoppedBy.BUDGET if self.remaining == 0.0 else StoppedBy.CONVERGED
+
+    def interrupt(self) -> None:
+        """Ask the job to stop after the step at hand."""
+        self._interrupt.set()
+
+    def share(self, fraction: float) -> Budget:
+        """Return a budget of `fraction` of the time left that hears the same interrupt."""
+        left = max(self.remaining * fraction, sys.float_info.min)
+        return Budget(left, time.monotonic(), self._interrupt)
+
+
+def as_budget(budget: float | Budget | None) -> Budget:
+    """Return `budget` itself, or one of so many seconds, or an unlimited one for ``None``."""
+    if isinstance(budget, Budget):
+        return budget
+    return Budget() if budget is None else Budget(float(budget))
+
+
+@contextlib.contextmanager
+def graceful_interrupt(budget: Budget) -> Iterator[None]:
+    """Turn the first Ctrl-C in the block into `budget.interrupt()`.
+
+    The second raises ``KeyboardInterrupt``. Outside the main thread, where Python delivers no
+    signals, the block runs as it is.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def ask(signum: int, frame: FrameType | None) -> None:
+        if budget.interrupted:
+            raise KeyboardInterrupt
+        budget.interrupt()
+        with contextlib.suppress(OSError, ValueError, RuntimeError):
+            text = "jaxsr: stopping; the best so far will be written (Ctrl-C again to drop it)"
+            print(text, file=sys.stderr, flush=True)
+
+    previous = signal.signal(signal.SIGINT, ask)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
