@@ -89,7 +89,7 @@ def _time(recording: Recording) -> Iterator[DataCheck]:
             "non_uniform_time",
             f"the interval between samples varies from {dt[~gaps].min():.4g} to "
             f"{dt[~gaps].max():.4g} s, median {median:.4g} s",
-            float(np.std(dt[~gaps])),
+            float(dt[~gaps].std()),
         )
     if gaps.any():
         first = int(np.flatnonzero(gaps)[0])
@@ -133,10 +133,10 @@ def _channel(recording: Recording, name: str, y: np.ndarray, is_input: bool) -> 
 
 
 def _clipping(file: str, name: str, y: np.ndarray, grain: float) -> Iterator[DataCheck]:
-    """Runs of exactly equal extreme values that the signal enters or leaves at full speed.
+    """Runs of exactly equal extreme values that the signal enters and leaves at full speed.
 
-    A turning point slows down before it stays on its highest level; a clipped signal does not.
-    So the slope over the run's length before it, carried on into the run, must overshoot.
+    A turning point, or a smooth approach to rest, has lost its speed before it stays on its
+    highest level; a clipped signal has not.
     """
     for sign, word in ((1.0, "largest"), (-1.0, "smallest")):
         z = sign * y
@@ -161,17 +161,19 @@ def _clipping(file: str, name: str, y: np.ndarray, grain: float) -> Iterator[Dat
 
 
 def _has_corner(z: np.ndarray, start: int, stop: int, grain: float) -> bool:
-    limit = z[start]
-    reach = min(stop - start, 10)
-    overshoots = []
-    for before in (z[max(start - reach, 0) : start][::-1], z[stop : stop + reach]):
-        if before.size < 2:
+    reach = stop - start
+    sides = (z[:start][::-1], z[stop:])
+    corners = []
+    for side in sides:
+        # how far the signal falls below the limit, going away from the run
+        depth = z[start] - side[: max(4, min(reach, 20) // 2)]
+        if depth.size < 4:
             continue
-        # the nearest samples decide: a smooth approach has lost its speed there
-        depth = limit - before[: max(2, reach // 2)]
-        speed = float(np.min(np.diff(np.concatenate([depth[:1] * 0.0, depth]))[1:], initial=np.inf))
-        overshoots.append(speed * (reach / 2.0))
-    return bool(overshoots) and min(overshoots) > 5.0 * grain
+        speed = float(depth[-1] - depth[0]) / (depth.size - 1)
+        half = depth.size // 2
+        speed_near = float(depth[half] - depth[0]) / half
+        corners.append(speed_near > 0.7 * speed and 0.5 * reach * speed > 5.0 * grain)
+    return bool(corners) and all(corners)
 
 
 def _outliers(
@@ -186,11 +188,9 @@ def _outliers(
     # steps between neighbours, without the two that touch the sample itself
     around = np.maximum.reduce([steps[:-3], steps[3:], np.abs(y[3:-1] - y[1:-3])])
     grain = max(noise * np.sqrt(1.0 + 34.0 / 36.0), 1e-9 * float(np.ptp(y)))
-    regular = np.diff(t)
-    even = np.maximum.reduce([regular[i : y.size - 4 + i] for i in range(4)]) < 3 * np.median(
-        regular
-    )
-    spikes = np.flatnonzero((error > _OUTLIER * grain) & (error > 4.0 * around) & even) + 2
+    dt = np.diff(t)
+    even = np.maximum.reduce([dt[i : y.size - 4 + i] for i in range(4)]) < 3.0 * np.median(dt)
+    spikes = np.flatnonzero((error > _OUTLIER * grain) & (error > 2.0 * around) & even) + 2
     # a spike spoils the prediction of its neighbours: keep the largest of each group
     if spikes.size == 0:
         return

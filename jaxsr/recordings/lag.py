@@ -33,9 +33,9 @@ def find_lags(time: np.ndarray, channels: Mapping[str, np.ndarray]) -> list[Lag]
     """Find pairs of a position and its rate, and the significant lags between them.
 
     The derivative of the one, by differences over an interval that suits its noise, and the same
-    average of the other are correlated for the whole samples; the rest follows from least squares
-    on b = scale * (a - lag * da/dt), its standard error from leaving out one eighth of the record
-    at a time.
+    average of the other are correlated for the whole samples; the rest follows from a
+    fit of b = scale * (a - lag * da/dt), its standard error from leaving out one eighth of the
+    record at a time.
 
     Parameters
     ----------
@@ -120,16 +120,18 @@ def _coarse_lag(a: np.ndarray, b: np.ndarray) -> tuple[int, float] | None:
 def _fine_lag(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
     """Remaining lag of b behind a in samples, its standard error, and the scale b / a.
 
-    To first order b = scale * (a - lag * da); least squares gives both, leaving out one block of
-    samples at a time gives the error.
+    To first order b = scale * (a - lag * da). The noise of da would draw a least-squares estimate
+    to zero; b's own differences, whose noise is another, serve as instrument. Leaving out one
+    block of samples at a time gives the error.
     """
-    change = (a[2:] - a[:-2]) / 2.0
-    columns = np.stack([np.ones(change.size), a[1:-1], change], axis=1)
+    centre = np.ones(a.size - 2)
+    columns = np.stack([centre, a[1:-1], (a[2:] - a[:-2]) / 2.0], axis=1)
+    instruments = np.stack([centre, a[1:-1], (b[2:] - b[:-2]) / 2.0], axis=1)
     target = b[1:-1]
     grams, sides = [], []
     for part in np.array_split(np.arange(target.size), _BLOCKS):
-        grams.append(columns[part].T @ columns[part])
-        sides.append(columns[part].T @ target[part])
+        grams.append(instruments[part].T @ columns[part])
+        sides.append(instruments[part].T @ target[part])
     gram, side = np.sum(grams, axis=0), np.sum(sides, axis=0)
 
     def solve(gram: np.ndarray, side: np.ndarray) -> tuple[float, float]:

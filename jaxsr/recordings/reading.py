@@ -139,9 +139,7 @@ def _time_column(
     if time is not None and time in columns:
         return time
     if time is not None and time in set_aside:
-        raise InputError(
-            f"time column '{time}' {set_aside[time]}", file, "Give time in seconds, as numbers"
-        )
+        raise _not_seconds(time, set_aside, file)
     if time is None:
         for name in TIME_NAMES:
             if name in columns:
@@ -149,11 +147,20 @@ def _time_column(
         for name in columns:
             if name.replace(" ", "").lower() in _TIME_NAMES_LOOSE:
                 return name
+        for name in set_aside:
+            if name in TIME_NAMES:
+                raise _not_seconds(name, set_aside, file)
     if sample_time is not None:
         return None
     available = ", ".join(columns) or "none"
     missing = f"no time column '{time}'" if time else "no time column"
     raise InputError(missing, file, f"Name it or give sample_time. Columns: {available}")
+
+
+def _not_seconds(name: str, set_aside: Mapping[str, str], file: str) -> InputError:
+    return InputError(
+        f"time column '{name}' {set_aside[name]}", file, "Give time in seconds, as numbers"
+    )
 
 
 def _read_csv(raw: bytes, file: str) -> tuple[Columns, SetAside]:
@@ -178,7 +185,6 @@ def _read_csv(raw: bytes, file: str) -> tuple[Columns, SetAside]:
             skiprows=1 + _blank_lines_before(text),
             skipinitialspace=True,
             low_memory=False,
-            float_precision="round_trip",
         )
     except pd.errors.EmptyDataError:
         raise InputError("a header but no samples", file, "Give at least 3 samples") from None
@@ -228,7 +234,8 @@ def _numeric(table: pd.DataFrame, file: str) -> tuple[Columns, SetAside]:
             columns[name] = column.to_numpy(dtype=np.float64, na_value=np.nan)
             continue
         text = column.astype("string").str.strip().replace("", pd.NA)
-        numbers = pd.to_numeric(text, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        parsed = pd.Series(pd.to_numeric(text, errors="coerce"))
+        numbers = parsed.to_numpy(dtype=np.float64, na_value=np.nan)
         bad = np.flatnonzero(np.isnan(numbers) & text.notna().to_numpy(dtype=bool))
         if bad.size == 0:
             columns[name] = numbers

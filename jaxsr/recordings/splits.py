@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -49,7 +50,7 @@ def blocks(recordings: Sequence[Recording], count: int, min_samples: int = 3) ->
     for number, recording in enumerate(recordings):
         parts = max(1, min(count, len(recording) // min_samples))
         edges = np.linspace(0, len(recording), parts + 1).round().astype(int).tolist()
-        cut += [Block(number, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        cut += [Block(number, a, b) for a, b in pairwise(edges)]
     return cut
 
 

@@ -176,7 +176,10 @@ def local_fit(
     _check(fit, max(derivatives), times.size)
     if known.all() and _is_uniform(t):
         h = (t[-1] - t[0]) / (t.size - 1)
-        return [savgol_filter(y, fit.window, fit.degree, deriv=d, delta=h) for d in derivatives]
+        return [
+            np.asarray(savgol_filter(y, fit.window, fit.degree, deriv=d, delta=h))
+            for d in derivatives
+        ]
     result = [np.full(t.size, np.nan) for _ in derivatives]
     near = np.flatnonzero(_within_reach(t, times, fit.window))
     for part in np.array_split(near, max(1, -(-near.size * fit.window // _CHUNK))):
