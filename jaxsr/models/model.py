@@ -1,0 +1,142 @@
+"""The model: one immutable value for a simulator, a discovered model and an explained model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+from jaxsr.expressions import Term, parse
+
+FREE = "free"
+Hold = Literal["linear", "zero", "bandlimited"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A constant of a model; free to be re-calibrated inside `bounds`, fixed without them."""
+
+    value: float
+    unit: str | None = None
+    bounds: tuple[float, float] | None = None
+
+    @property
+    def free(self) -> bool:
+        """Whether the parameter may be re-calibrated."""
+        return self.bounds is not None
+
+
+@dataclass(frozen=True)
+class Event:
+    """A jump of states when an expression crosses zero."""
+
+    when: str
+    direction: int
+    reset: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model file as a value (CONTRACT.md, section 1).
+
+    With states x, inputs u, parameters p and time t,
+
+        sum_j inertia[i][j] * dx_j/dt = equations[i]        (identity where no row is given)
+        output_k(t) = readings_k at time clock_k(t) - delay_k
+
+    Expressions are kept as the text of the file; `term` parses them.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    outputs: tuple[str, ...]
+    equations: Mapping[str, str]
+    readings: Mapping[str, str]
+    inputs: tuple[str, ...] = ()
+    time: str = "t"
+    input_hold: Hold = "linear"
+    sample_time: float | None = None
+    base: str | None = None
+    additions: Mapping[str, str] = field(default_factory=dict)
+    definitions: Mapping[str, str] = field(default_factory=dict)
+    inertia: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    per_recording: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    initial: Mapping[str, float | str] = field(default_factory=dict)
+    delays: Mapping[str, float | str] = field(default_factory=dict)
+    clock: Mapping[str, str] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.states, tuple(self.equations.items())))
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Names an expression may use, definitions apart."""
+        return (self.time, *self.states, *self.inputs, *self.parameters)
+
+    @cached_property
+    def definition_terms(self) -> dict[str, Term]:
+        """Definitions with earlier ones substituted."""
+        terms: dict[str, Term] = {}
+        for name, text in self.definitions.items():
+            symbols = (*self.symbols, *terms)
+            terms[name] = parse(text, symbols, f"[definitions] {name}").substitute(terms)
+        return terms
+
+    def term(self, text: str, where: str = "", extra: tuple[str, ...] = ()) -> Term:
+        """Parse an expression of this model, definitions substituted."""
+        symbols = (*self.symbols, *self.definition_terms, *extra)
+        return parse(text, symbols, where).substitute(self.definition_terms)
+
+    @cached_property
+    def equation_terms(self) -> dict[str, Term]:
+        """Right-hand side by state, additions included."""
+        terms = {s: self.term(e, f"[equations] {s}") for s, e in self.equations.items()}
+        for state, text in self.additions.items():
+            added = self.term(text, f"[additions] {state}")
+            terms[state] = Term.apply("add", terms[state], added) if state in terms else added
+        return terms
+
+    @cached_property
+    def reading_terms(self) -> dict[str, Term]:
+        """Reading by output."""
+        return {y: self.term(e, f"[readings] {y}") for y, e in self.readings.items()}
+
+    @cached_property
+    def inertia_terms(self) -> dict[str, dict[str, Term]]:
+        """Mass matrix entries by row and column state."""
+        return {
+            i: {j: self.term(e, f"[inertia] {i}.{j}") for j, e in row.items()}
+            for i, row in self.inertia.items()
+        }
+
+    @property
+    def free_parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that may be re-calibrated."""
+        return tuple(name for name, p in self.parameters.items() if p.free)
+
+    def column(self, role: str) -> str:
+        """Column of a recording that holds `role`."""
+        return self.columns.get(role, role)
+
+    def kinematic_parent(self, state: str) -> str | None:
+        """Return q where the model says d(q)/dt = `state` and nothing more."""
+        for parent, term in self.equation_terms.items():
+            if term.is_variable and term.name == state and parent not in self.inertia:
+                return parent
+        return None
+
+    @property
+    def dynamic_states(self) -> tuple[str, ...]:
+        """States whose equation says more than that they are another state's integral."""
+        return tuple(
+            s
+            for s in self.states
+            if s in self.inertia
+            or not (self.equation_terms[s].is_variable and self.equation_terms[s].name in self.states)
+        )

@@ -1,0 +1,167 @@
+"""Segments: pieces of recordings that are simulated side by side, each from its own start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxsr.models.inputs import stage_inputs
+from jaxsr.models.model import FREE, Model
+from jaxsr.models.states import StateEstimate, estimate_states, input_table, output_table
+from jaxsr.recordings import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A recording with the model's roles read off: what every cut into segments starts from."""
+
+    recording: Recording
+    time: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+    states: StateEstimate
+
+    @staticmethod
+    def build(model: Model, recording: Recording) -> Prepared:
+        """Read inputs and outputs and estimate the states."""
+        return Prepared(
+            recording,
+            recording.time,
+            input_table(model, recording),
+            output_table(model, recording),
+            estimate_states(model, recording),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Arrays of equally long, padded segments.
+
+    Padding repeats the last sample with steps of length zero, so that it changes no state, and
+    has weight zero.
+
+    Attributes
+    ----------
+    recording, start, count : ndarray of int, shape (segments,)
+        Which recording, first sample, number of samples.
+    time : ndarray, shape (samples, segments)
+    length : ndarray, shape (samples - 1, substeps, segments)
+        Lengths of the steps.
+    stages : ndarray, shape (3, inputs, samples - 1, substeps, segments)
+        Inputs at start, middle and end of every step.
+    inputs : ndarray, shape (inputs, samples, segments)
+    outputs : ndarray, shape (outputs, samples, segments)
+        Measured; NaN where missing or padded.
+    guess : ndarray, shape (states, segments)
+        States at the start, from the sensors.
+    free_start : ndarray of bool, shape (states, segments)
+        False where [initial] gives the state at the start of a recording.
+    override : ndarray, shape (parameters, segments)
+        Values of [per_recording]; NaN elsewhere.
+    """
+
+    recording: np.ndarray
+    start: np.ndarray
+    count: np.ndarray
+    time: np.ndarray
+    length: np.ndarray
+    stages: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+    guess: np.ndarray
+    free_start: np.ndarray
+    override: np.ndarray
+
+    @property
+    def number(self) -> int:
+        """How many segments."""
+        return self.start.size
+
+    @property
+    def weights(self) -> np.ndarray:
+        """1 where an output is measured, else 0; shape (outputs, samples, segments)."""
+        return np.isfinite(self.outputs).astype(float)
+
+
+def cut(prepared: Sequence[Prepared], horizon: float | None) -> list[tuple[int, int, int]]:
+    """Cut recordings into consecutive segments of `horizon` seconds (None: whole recordings).
+
+    Returns (recording, start, stop) rows; a rest shorter than a quarter of a segment, or than
+    three samples, is left out.
+    """
+    rows = []
+    for r, item in enumerate(prepared):
+        time = item.time
+        if horizon is None or horizon >= time[-1] - time[0]:
+            rows.append((r, 0, time.size))
+            continue
+        edges = np.arange(time[0], time[-1], horizon)
+        starts = np.searchsorted(time, edges - 1e-9 * horizon)
+        for start, stop in zip(starts, [*starts[1:], time.size], strict=True):
+            if stop - start >= 3 and time[stop - 1] - time[start] > 0.25 * horizon:
+                rows.append((r, int(start), int(stop)))
+    return rows
+
+
+def build_segments(
+    model: Model,
+    prepared: Sequence[Prepared],
+    rows: Sequence[tuple[int, int, int]],
+    substeps: int,
+    samples: int | None = None,
+) -> Segments:
+    """Collect the arrays of the segments `rows`, padded to `samples`."""
+    longest = max(stop - start for _, start, stop in rows)
+    size = max(longest, samples or 0)
+    stages = [_stage_table(model, item, substeps) for item in prepared]
+    parts: dict[str, list[np.ndarray]] = {
+        k: [] for k in ("time", "length", "stages", "inputs", "outputs", "guess", "free", "over")
+    }
+    for r, start, stop in rows:
+        item, count = prepared[r], stop - start
+        pick = np.minimum(np.arange(start, start + size), stop - 1)
+        parts["time"].append(item.time[pick])
+        steps = np.diff(item.time[pick])
+        parts["length"].append(np.repeat(steps[:, None] / substeps, substeps, axis=1))
+        gaps = np.minimum(pick[:-1], item.time.size - 2)
+        parts["stages"].append(stages[r][:, :, gaps])
+        parts["inputs"].append(item.inputs[pick].T)
+        measured = item.outputs[pick].T.copy()
+        measured[:, count:] = np.nan
+        parts["outputs"].append(measured)
+        parts["guess"].append(item.states.values[start])
+        fixed = [start == 0 and model.initial.get(s, FREE) != FREE for s in model.states]
+        parts["free"].append(~np.array(fixed))
+        parts["over"].append(_override(model, item.recording.name))
+    array = {key: np.stack(values, axis=-1) for key, values in parts.items()}
+    index = np.array(rows, dtype=int).reshape(-1, 3)
+    return Segments(
+        recording=index[:, 0],
+        start=index[:, 1],
+        count=index[:, 2] - index[:, 1],
+        time=array["time"],
+        length=array["length"],
+        stages=array["stages"],
+        inputs=array["inputs"],
+        outputs=array["outputs"],
+        guess=array["guess"],
+        free_start=array["free"],
+        override=array["over"],
+    )
+
+
+def _stage_table(model: Model, item: Prepared, substeps: int) -> np.ndarray:
+    if not model.inputs:
+        return np.zeros((3, 0, item.time.size - 1, substeps))
+    tables = [
+        stage_inputs(item.time, item.inputs[:, k], model.input_hold, substeps)
+        for k in range(len(model.inputs))
+    ]
+    return np.stack([np.stack(table) for table in tables], axis=1)
+
+
+def _override(model: Model, name: str) -> np.ndarray:
+    values = [model.per_recording.get(p, {}).get(name, np.nan) for p in model.parameters]
+    return np.array(values, dtype=float)

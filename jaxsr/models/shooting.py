@@ -1,0 +1,223 @@
+"""Multiple shooting: parameters and the starts of all segments estimated together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.models.rollout import Stepping, linearise, outputs
+from jaxsr.models.segments import Segments
+from jaxsr.models.simulator import Simulator
+
+MAX_ITERATIONS = 25
+_RELATIVE_GAIN = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Segments to be reproduced by a simulator.
+
+    Attributes
+    ----------
+    scale : ndarray, shape (outputs,)
+        Residuals are divided by it, so that outputs of different units add up.
+    """
+
+    simulator: Simulator
+    stepping: Stepping
+    segments: Segments
+    scale: np.ndarray
+
+    def residual(self, y: np.ndarray) -> np.ndarray:
+        """Return (measured - y) / scale, zero where nothing was measured."""
+        difference = (self.segments.outputs - y) / self.scale[:, None, None]
+        return np.where(np.isfinite(self.segments.outputs), difference, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A least-squares estimate and its linearisation.
+
+    Attributes
+    ----------
+    theta : ndarray, shape (parameters,)
+        All parameters of the model; those not in `active` as given.
+    x0 : ndarray, shape (states, segments)
+    cost : float
+        Sum of squared scaled residuals.
+    residual : ndarray, shape (outputs, samples, segments)
+    active : ndarray of int
+        Parameters that were estimated.
+    jacobian : ndarray, shape (active, outputs, samples, segments)
+        Derivative of the simulated outputs, divided by scale.
+    by_start : ndarray, shape (states, outputs, samples, segments)
+    converged : bool
+    """
+
+    theta: np.ndarray
+    x0: np.ndarray
+    cost: float
+    residual: np.ndarray
+    active: np.ndarray
+    jacobian: np.ndarray
+    by_start: np.ndarray
+    converged: bool
+
+    def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Per segment: the starts projected out of J^T J and J^T r.
+
+        Returns
+        -------
+        hessian : ndarray, shape (segments, active, active)
+        gradient : ndarray, shape (segments, active)
+        """
+        blocks = _blocks(self.residual, self.jacobian, self.by_start)
+        return _schur(*blocks, damping=0.0)[:2]
+
+
+def fit(
+    problem: Problem,
+    theta: np.ndarray,
+    active: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    x0: np.ndarray | None = None,
+    max_iterations: int = MAX_ITERATIONS,
+    stop: Callable[[], bool] = lambda: False,
+) -> Fit:
+    """Minimise the squared residuals over parameters and segment starts.
+
+    Levenberg-Marquardt; each segment's start is eliminated by its own small Schur complement,
+    so that the cost grows linearly with the number of segments. Parameters stay inside
+    `bounds` (two arrays over all parameters): a parameter that would leave is held there.
+
+    Parameters
+    ----------
+    problem : Problem
+    theta : ndarray, shape (parameters,)
+    active : ndarray of int
+        Indices of the parameters to estimate; may be empty.
+    x0 : ndarray, shape (states, segments), optional
+        Where the starts begin; from the sensors by default.
+    stop : callable
+        Asked between iterations.
+
+    Returns
+    -------
+    Fit
+    """
+    low, high = bounds
+    theta = np.array(theta, dtype=float)
+    theta[active] = np.clip(theta[active], low[active], high[active])
+    x0 = np.array(problem.segments.guess if x0 is None else x0, dtype=float)
+    damping, best = 1e-3, _linearised(problem, theta, x0, active)
+    for _ in range(max_iterations):
+        if stop() or not np.isfinite(best.cost):
+            break
+        improved = False
+        for _ in range(8):
+            step_theta, step_x0 = _step(problem, best, damping, low, high)
+            trial_theta = best.theta.copy()
+            trial_theta[active] = np.clip(
+                best.theta[active] + step_theta, low[active], high[active]
+            )
+            trial_x0 = best.x0 + step_x0
+            y = outputs(problem.simulator, problem.stepping, problem.segments, trial_theta, trial_x0)
+            cost = _cost(problem.residual(y))
+            if cost < best.cost:
+                improved = True
+                break
+            damping *= 6.0
+        if not improved:
+            best = replace(best, converged=True)
+            break
+        gain = (best.cost - cost) / max(best.cost, 1e-300)
+        best = _linearised(problem, trial_theta, trial_x0, active)
+        damping = max(damping / 8.0, 1e-12)
+        if gain < _RELATIVE_GAIN:
+            best = replace(best, converged=True)
+            break
+    return best
+
+
+def _cost(residual: np.ndarray) -> float:
+    cost = float(np.sum(residual**2))
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _linearised(problem: Problem, theta: np.ndarray, x0: np.ndarray, active: np.ndarray) -> Fit:
+    y, by_theta, by_start = linearise(
+        problem.simulator, problem.stepping, problem.segments, theta, x0, active
+    )
+    weight = problem.segments.weights / problem.scale[:, None, None]
+    residual = problem.residual(y)
+    free = problem.segments.free_start[:, None, None, :]
+    return Fit(
+        theta=theta,
+        x0=x0,
+        cost=_cost(residual),
+        residual=residual,
+        active=np.asarray(active, dtype=int),
+        jacobian=by_theta * weight,
+        by_start=np.where(free, by_start * weight, 0.0),
+        converged=False,
+    )
+
+
+def _blocks(
+    residual: np.ndarray, jacobian: np.ndarray, by_start: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Products per segment: Jt J, Jt X, Xt X, Jt r, Xt r."""
+    segments = residual.shape[-1]
+    j = jacobian.reshape(jacobian.shape[0], -1, segments).transpose(2, 1, 0)
+    x = by_start.reshape(by_start.shape[0], -1, segments).transpose(2, 1, 0)
+    r = residual.reshape(-1, segments).T[:, :, None]
+    jt, xt = j.transpose(0, 2, 1), x.transpose(0, 2, 1)
+    return jt @ j, jt @ x, xt @ x, (jt @ r)[..., 0], (xt @ r)[..., 0]
+
+
+def _schur(
+    jj: np.ndarray, jx: np.ndarray, xx: np.ndarray, jr: np.ndarray, xr: np.ndarray, damping: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    scale = np.sqrt(np.einsum("sii->si", xx)) + 1e-300
+    scaled = xx / scale[:, :, None] / scale[:, None, :]
+    scaled += (damping + 1e-10) * np.eye(xx.shape[1])
+    inverse = np.linalg.inv(scaled) / scale[:, :, None] / scale[:, None, :]
+    # A start that no sensor sees (zero column) is left where it is.
+    seen = scale > 1e-200
+    inverse = inverse * seen[:, :, None] * seen[:, None, :]
+    projected = jj - jx @ inverse @ jx.transpose(0, 2, 1)
+    gradient = jr - (jx @ inverse @ xr[..., None])[..., 0]
+    return projected, gradient, inverse, jx
+
+
+def _step(
+    problem: Problem, fit_: Fit, damping: float, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    blocks = _blocks(fit_.residual, fit_.jacobian, fit_.by_start)
+    hessian, gradient, inverse, jx = _schur(*blocks, damping=damping)
+    step = np.zeros(fit_.active.size)
+    if fit_.active.size:
+        total, right = hessian.sum(0), gradient.sum(0)
+        value = fit_.theta[fit_.active]
+        held = ((value <= low[fit_.active]) & (right < 0)) | (
+            (value >= high[fit_.active]) & (right > 0)
+        )
+        step = _bounded_solve(total, right, damping, ~held)
+    x_step = np.einsum("sij,sj->si", inverse, blocks[4] - np.einsum("spi,p->si", jx, step))
+    return step, x_step.T
+
+
+def _bounded_solve(
+    hessian: np.ndarray, gradient: np.ndarray, damping: float, free: np.ndarray
+) -> np.ndarray:
+    step = np.zeros(gradient.size)
+    index = np.flatnonzero(free)
+    if index.size == 0:
+        return step
+    part = hessian[np.ix_(index, index)]
+    scale = np.sqrt(np.maximum(np.diag(part), 0.0)) + 1e-300
+    scaled = part / scale[:, None] / scale[None, :] + (damping + 1e-12) * np.eye(index.size)
+    step[index] = np.linalg.lstsq(scaled, gradient[index] / scale, rcond=1e-13)[0] / scale
+    return step

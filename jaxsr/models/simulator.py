@@ -1,0 +1,218 @@
+"""The simulator: a vector field plus readings, differentiable in states and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+
+from jaxsr._result import InputError
+from jaxsr.expressions import DISCONTINUOUS, Term, evaluate
+from jaxsr.models.model import Model
+from jaxsr.models.stepping import factorised
+
+Array = Any
+SMOOTHED = frozenset({"sign", "heaviside"})
+DEFAULT_WIDTH = 1e-4
+
+
+class Simulator(eqx.Module):
+    """A model that can be run.
+
+    Parameters
+    ----------
+    model : Model
+    function : callable, optional
+        A Python vector field ``f(t, x, u, p) -> dx`` with x and u arrays in the order of the
+        model's states and inputs and p a mapping from parameter names to values; replaces the
+        model's [equations].
+
+    Notes
+    -----
+    ``sign(a)`` is run as ``tanh(a/w)`` and ``Heaviside(a)`` as ``(1 + tanh(a/w))/2``. The
+    widths w are arguments (`widths`, one per distinct a), so that a fit can set them from the
+    scale of a in the recordings.
+    """
+
+    model: Model = eqx.field(static=True)
+    function: Callable[..., Any] | None = eqx.field(static=True, default=None)
+
+    @staticmethod
+    def from_file(path: str | Path) -> Simulator:
+        """Read a simulator from ``model.toml`` or from ``path/file.py:function``.
+
+        Raises
+        ------
+        InputError
+            The model cannot be read, or a TOML asks for Python that was not named in the call.
+        """
+        from jaxsr.models.python_base import read_python_simulator
+        from jaxsr.models.reading import read_model
+
+        text = str(path)
+        if ".py:" in text or text.endswith(".py"):
+            return read_python_simulator(text)
+        model = read_model(path)
+        if model.base is not None:
+            raise InputError(
+                f"the model stands on Python ({model.base})",
+                text,
+                f"Name it in the call: {Path(text).parent / model.base}",
+            )
+        return Simulator(model)
+
+    @cached_property
+    def smoothed_arguments(self) -> tuple[Term, ...]:
+        """Distinct arguments of sign and Heaviside that depend on a state."""
+        found: dict[Term, None] = {}
+        for term in self._all_terms():
+            for node in term.walk():
+                if node.op in SMOOTHED and node.args[0].variables & set(self.model.states):
+                    found.setdefault(node.args[0])
+        return tuple(found)
+
+    @property
+    def discontinuous(self) -> bool:
+        """Whether an equation jumps."""
+        return any(term.uses(DISCONTINUOUS) for term in self._all_terms())
+
+    @property
+    def default_widths(self) -> tuple[float, ...]:
+        """Widths used where nothing is known of the scale."""
+        return (DEFAULT_WIDTH,) * len(self.smoothed_arguments)
+
+    def values(self, changes: Mapping[str, float] | None = None) -> tuple[float, ...]:
+        """Parameter values in the order of the model, with `changes` made."""
+        changes = changes or {}
+        return tuple(changes.get(n, p.value) for n, p in self.model.parameters.items())
+
+    def environment(self, t: Array, x: tuple, u: tuple, p: tuple) -> dict[str, Any]:
+        """Names to arrays."""
+        model = self.model
+        env: dict[str, Any] = {model.time: t}
+        env.update(zip(model.states, x, strict=True))
+        env.update(zip(model.inputs, u, strict=True))
+        env.update(zip(model.parameters, p, strict=True))
+        return env
+
+    def rates(self, t: Array, x: tuple, u: tuple, p: tuple, widths: tuple = ()) -> tuple:
+        """Return dx/dt, one array per state (inputs and outputs alike are tuples of arrays)."""
+        model = self.model
+        env, shared = self._prepared(t, x, u, p, widths)
+        if self.function is not None:
+            forces = list(self._python_rates(t, x, u, env))
+            for state, term in self._smooth_equations.items():
+                i = model.states.index(state)
+                forces[i] = forces[i] + evaluate(term, env, "jax", shared)
+            rates: dict[str, Any] = dict(zip(model.states, forces, strict=True))
+        else:
+            rates = {s: evaluate(e, env, "jax", shared) for s, e in self._smooth_equations.items()}
+        if model.inertia:
+            rates = self._accelerations(rates, env, shared)
+        like = sum(x) + 0.0 * t
+        return tuple(rates[s] + 0.0 * like for s in model.states)
+
+    def forces(self, t: Array, x: tuple, u: tuple, p: tuple, widths: tuple = ()) -> tuple:
+        """Return the right-hand sides: generalised forces where a mass matrix stands."""
+        env, shared = self._prepared(t, x, u, p, widths)
+        if self.function is not None:
+            return self.rates(t, x, u, p, widths)
+        return tuple(
+            evaluate(self._smooth_equations[s], env, "jax", shared) for s in self.model.states
+        )
+
+    def inertia(self, t: Array, x: tuple, u: tuple, p: tuple) -> dict[tuple[str, str], Array]:
+        """Return the mass matrix entries (row, column); identity rows are left out."""
+        env = self.environment(t, x, u, p)
+        shared: dict[Term, Any] = {}
+        return {
+            (i, j): evaluate(term, env, "jax", shared)
+            for i, row in self.model.inertia_terms.items()
+            for j, term in row.items()
+        }
+
+    def readings(self, t: Array, x: tuple, u: tuple, p: tuple, widths: tuple = ()) -> tuple:
+        """Return what the sensors read, one array per output."""
+        env, shared = self._prepared(t, x, u, p, widths)
+        return tuple(
+            evaluate(self._smooth_readings[y], env, "jax", shared) for y in self.model.outputs
+        )
+
+    def _all_terms(self) -> list[Term]:
+        return [*self.model.equation_terms.values(), *self.model.reading_terms.values()]
+
+    def _prepared(self, t: Array, x: tuple, u: tuple, p: tuple, widths: tuple) -> tuple:
+        env = self.environment(t, x, u, p)
+        widths = widths or self.default_widths
+        env.update({f"width {i}": w for i, w in enumerate(widths)})
+        return env, {}
+
+    @cached_property
+    def _smooth_equations(self) -> dict[str, Term]:
+        return {s: self._smooth(e) for s, e in self.model.equation_terms.items()}
+
+    @cached_property
+    def _smooth_readings(self) -> dict[str, Term]:
+        return {y: self._smooth(e) for y, e in self.model.reading_terms.items()}
+
+    def _smooth(self, term: Term) -> Term:
+        if not term.args:
+            return term
+        args = tuple(self._smooth(arg) for arg in term.args)
+        if term.op in SMOOTHED and term.args[0] in self.smoothed_arguments:
+            width = Term.variable(f"width {self.smoothed_arguments.index(term.args[0])}")
+            tanh = Term.apply("tanh", Term.apply("div", args[0], width))
+            if term.op == "sign":
+                return tanh
+            half = Term.constant(0.5)
+            return Term.apply("add", half, Term.apply("mul", half, tanh))
+        return Term(term.op, args)
+
+    def _accelerations(self, rates: dict, env: dict, shared: dict) -> dict:
+        """Solve the mass matrix for the rates of the states that have a row in it."""
+        rows = tuple(s for s in self.model.states if s in self.model.inertia)
+        matrix = [[0.0 for _ in rows] for _ in rows]
+        right = []
+        for i, row in enumerate(rows):
+            force = rates[row]
+            for column, term in self.model.inertia_terms[row].items():
+                entry = evaluate(term, env, "jax", shared)
+                if column in rows:
+                    matrix[i][rows.index(column)] = entry
+                else:
+                    force = force - entry * rates[column]
+            right.append(force)
+        solved = factorised(matrix)(tuple(right))
+        return {**rates, **dict(zip(rows, solved, strict=True))}
+
+    def _python_rates(self, t: Array, x: tuple, u: tuple, env: dict) -> tuple:
+        import jax.numpy as jnp
+
+        p = {name: env[name] for name in self.model.parameters}
+        # One call per segment through vmap: users write f for one state vector.
+        import jax
+
+        xs = jnp.stack(jnp.broadcast_arrays(*x), axis=-1)
+        us = jnp.stack(jnp.broadcast_arrays(*u), axis=-1) if u else jnp.zeros((*xs.shape[:-1], 0))
+        assert self.function is not None
+        function = self.function
+        if xs.ndim == 1:
+            return tuple(jnp.moveaxis(jnp.asarray(function(t, xs, us, p)), -1, 0))
+        ts = jnp.broadcast_to(t, xs.shape[:-1])
+        batched = jax.vmap(lambda a, b, c, q: jnp.asarray(function(a, b, c, q)))
+        p = {name: jnp.broadcast_to(v, xs.shape[:-1]) for name, v in p.items()}
+        return tuple(jnp.moveaxis(batched(ts, xs, us, p), -1, 0))
+
+
+def width_scales(simulator: Simulator, environment: Mapping[str, np.ndarray]) -> tuple[float, ...]:
+    """Widths for sign and Heaviside: 2/1000 of the rms of their argument in the recordings."""
+    widths = []
+    for argument in simulator.smoothed_arguments:
+        value = np.asarray(evaluate(argument, environment, "numpy"), dtype=float)
+        rms = float(np.sqrt(np.nanmean(value**2)))
+        widths.append(2e-3 * rms if np.isfinite(rms) and rms > 0 else DEFAULT_WIDTH)
+    return tuple(widths)

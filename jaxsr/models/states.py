@@ -1,0 +1,107 @@
+"""States along a recording: read from the sensors where the model says how."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxsr.expressions import Term, evaluate, to_sympy
+from jaxsr.models.inputs import fill_missing
+from jaxsr.models.model import FREE, Model
+from jaxsr.recordings import Recording
+from jaxsr.views import smooth_states
+
+
+@dataclass(frozen=True, eq=False)
+class StateEstimate:
+    """States at the samples of one recording.
+
+    Attributes
+    ----------
+    values : ndarray, shape (samples, states)
+    measured : dict of str to ndarray
+        The unsmoothed signal of states a sensor reads, for the weak view.
+    hidden : frozenset of str
+        States that no sensor reads and that are no derivative of one; a guess stands there.
+    """
+
+    values: np.ndarray
+    measured: dict[str, np.ndarray]
+    hidden: frozenset[str]
+
+
+def role_channel(model: Model, recording: Recording, role: str) -> np.ndarray:
+    """Return the column of a recording that plays `role`."""
+    return np.asarray(recording.channel(model.column(role)), dtype=float)
+
+
+def input_table(model: Model, recording: Recording) -> np.ndarray:
+    """Return the inputs, shape (samples, inputs), missing samples filled along lines."""
+    columns = [fill_missing(recording.time, role_channel(model, recording, u)) for u in model.inputs]
+    return np.stack(columns, axis=1) if columns else np.zeros((len(recording), 0))
+
+
+def output_table(model: Model, recording: Recording) -> np.ndarray:
+    """Return the measured outputs, shape (samples, outputs), NaN where missing."""
+    return np.stack([role_channel(model, recording, y) for y in model.outputs], axis=1)
+
+
+def estimate_states(model: Model, recording: Recording) -> StateEstimate:
+    """Estimate every state at every sample from the sensors.
+
+    A state is measured where an output reads an affine expression of it alone; the rate of a
+    measured state is the derivative of a local polynomial fit. Other states are hidden and
+    start from their [initial] number, or from the mean size of the outputs.
+    """
+    time = recording.time
+    readable = {}
+    for output in model.outputs:
+        state = _read_state(model, output)
+        if state is not None and state not in readable:
+            readable[state] = _inverted(model, output, state, role_channel(model, recording, output))
+    smooth: dict[str, np.ndarray] = {}
+    for state, signal in readable.items():
+        position, rate, _ = smooth_states(time, signal)
+        smooth[state] = position
+        child = _rate_state(model, state)
+        if child is not None:
+            smooth.setdefault(child, rate)
+    guess = np.nanmean(np.abs(output_table(model, recording)))
+    values = np.empty((len(recording), len(model.states)))
+    for i, state in enumerate(model.states):
+        fixed = model.initial.get(state, FREE)
+        fallback = guess if fixed == FREE else float(fixed)
+        values[:, i] = smooth.get(state, np.full(len(recording), fallback))
+    hidden = frozenset(s for s in model.states if s not in smooth)
+    return StateEstimate(values, readable, hidden)
+
+
+def _rate_state(model: Model, state: str) -> str | None:
+    term = model.equation_terms.get(state)
+    if term is not None and term.is_variable and term.name in model.states:
+        return term.name if state not in model.inertia else None
+    return None
+
+
+def _read_state(model: Model, output: str) -> str | None:
+    """Return the one state that `output` reads, if it reads exactly one and affinely."""
+    term = model.reading_terms[output]
+    states = [s for s in model.states if s in term.variables]
+    if len(states) != 1 or term.variables & {*model.inputs, model.time}:
+        return None
+    if term.is_variable:
+        return states[0]
+    import sympy
+
+    second = sympy.diff(to_sympy(term), sympy.Symbol(states[0], real=True), 2)
+    return states[0] if second == 0 else None
+
+
+def _inverted(model: Model, output: str, state: str, signal: np.ndarray) -> np.ndarray:
+    """Solve output = slope*state + offset for the state, parameters as given."""
+    term: Term = model.reading_terms[output]
+    env = {n: p.value for n, p in model.parameters.items()}
+    offset = float(evaluate(term, {**env, state: 0.0}))
+    slope = float(evaluate(term, {**env, state: 1.0})) - offset
+    return (signal - offset) / slope

@@ -1,0 +1,156 @@
+"""Unit checks with pint, on whitelisted unit text."""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import pint
+
+from jaxsr._result import InputError
+from jaxsr.expressions import Term, to_text
+
+if TYPE_CHECKING:
+    from jaxsr.models.model import Model
+
+_TOKEN = re.compile(r"\s*(\*\*|[*/^()]|-?\d{1,2}(?:\.\d{1,3})?|[A-Za-zµΩ°%]+)")
+_MAX_EXPONENT = 9.0
+# A whole signature of dimensions; None stands for "not known" and silences the check.
+Dimension = Any
+
+
+@lru_cache(maxsize=1)
+def _registry() -> pint.UnitRegistry:
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+
+
+@lru_cache(maxsize=512)
+def dimension(text: str, where: str = "") -> Dimension:
+    """Return the dimension of a unit text such as ``"N*s/m"``; ``"1"`` is dimensionless.
+
+    Raises
+    ------
+    InputError
+        The text holds anything but unit names, ``* / ^ **``, brackets and small powers.
+    """
+    position, power = 0, False
+    while position < len(text.rstrip()):
+        match = _TOKEN.match(text, position)
+        if match is None:
+            raise InputError(f"unit {text!r} is not a unit", where, "Write e.g. N*s/m or m/s^2")
+        token, position = match.group(1), match.end()
+        if token[-1].isdigit() and abs(float(token)) > (_MAX_EXPONENT if power else 1.0):
+            raise InputError(f"unit {text!r}: number {token} is out of place", where)
+        power = token in ("**", "^")
+    try:
+        return _registry().Unit(text.replace("^", "**") if text.strip() != "1" else "").dimensionality
+    except (pint.PintError, TypeError, ValueError, AttributeError, SyntaxError):
+        raise InputError(
+            f"unknown unit {text!r}", where, "Write e.g. m/s, N*s/m, kg*m^2 or 1"
+        ) from None
+
+
+def check_units(model: Model, source: str) -> None:
+    """Check every expression whose symbols all have units.
+
+    An equation of state x must have the unit of x per second; with a row in [inertia], the
+    unit of that row's entries times their states per second.
+
+    Raises
+    ------
+    InputError
+        A unit cannot be read, or two sides of an equation disagree.
+    """
+    known: dict[str, Dimension] = {}
+    for name, text in model.units.items():
+        known[name] = dimension(text, f"{source} [units] {name}")
+    for name, parameter in model.parameters.items():
+        if parameter.unit is not None:
+            known[name] = dimension(parameter.unit, f"{source} [parameters] {name}")
+    second = dimension("s")
+    known.setdefault(model.time, second)
+    for state, term in model.equation_terms.items():
+        where = f"{source} [equations] {state}"
+        found = unit_of(term, known, where)
+        for column, entry in model.inertia_terms.get(state, {state: None}).items():
+            inertia = unit_of(entry, known, f"{source} [inertia] {state}") if entry else dimension("")
+            rate = known.get(column)
+            if found is None or inertia is None or rate is None:
+                continue
+            if found != inertia * rate / second:
+                raise InputError(
+                    f"the right-hand side has dimension {found}, "
+                    f"but the left-hand side {inertia * rate / second}",
+                    where,
+                    "Check [units] and the parameters' units",
+                )
+    for output, term in model.reading_terms.items():
+        found = unit_of(term, known, f"{source} [readings] {output}")
+        if found is not None and output in known and known[output] != found:
+            raise InputError(
+                f"the reading has dimension {found}, but {output} is declared {known[output]}",
+                f"{source} [readings] {output}",
+            )
+
+
+def unit_of(term: Term, known: dict[str, Dimension], where: str = "") -> Dimension:
+    """Return the dimension of a term, or None where a symbol has none declared.
+
+    Literal numbers are dimensionless as factors and fit anything as summands.
+    """
+    if term.is_constant:
+        return dimension("")
+    if term.is_variable:
+        return known.get(term.name)
+    parts = [unit_of(arg, known, where) for arg in term.args]
+    if term.op in ("add", "sub", "max", "min", "lt", "le", "gt", "ge", "eq", "ne"):
+        return _same(term, list(zip(term.args, parts, strict=True)), where)
+    if term.op == "piecewise":
+        return _same(term, list(zip(term.args[::2], parts[::2], strict=True)), where)
+    if term.op == "atan2":
+        _same(term, list(zip(term.args, parts, strict=True)), where)
+        return dimension("")
+    if term.op in ("neg", "abs", "floor"):
+        return parts[0]
+    if term.op in ("sign", "heaviside", "and", "or", "not"):
+        return dimension("")
+    if None in parts:
+        return None
+    if term.op == "mul":
+        return parts[0] * parts[1]
+    if term.op == "div":
+        return parts[0] / parts[1]
+    if term.op == "sqrt":
+        return parts[0] ** 0.5
+    if term.op == "pow":
+        return _power(term, parts, where)
+    if parts[0] != dimension(""):
+        raise InputError(
+            f"{to_text(term, 4)}: {term.op} of dimension {parts[0]}", where, "Make it dimensionless"
+        )
+    return dimension("")
+
+
+def _power(term: Term, parts: list[Dimension], where: str) -> Dimension:
+    base, exponent = term.args
+    if exponent.is_constant:
+        return parts[0] ** exponent.value
+    if parts[1] != dimension(""):
+        raise InputError(f"{to_text(term, 4)}: the power has a unit", where)
+    return dimension("") if parts[0] == dimension("") else None
+
+
+def _same(term: Term, pairs: list[tuple[Term, Dimension]], where: str) -> Dimension:
+    quantities = [(arg, unit) for arg, unit in pairs if arg.variables]
+    if any(unit is None for _, unit in quantities):
+        return None
+    for arg, unit in quantities[1:]:
+        if unit != quantities[0][1]:
+            raise InputError(
+                f"{to_text(quantities[0][0], 4)!r} has dimension {quantities[0][1]} but "
+                f"{to_text(arg, 4)!r} has {unit}",
+                where,
+                "Check [units] and the parameters' units",
+            )
+    return quantities[0][1] if quantities else dimension("")

@@ -1,0 +1,83 @@
+"""Models to model files: the inverse of reading."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jaxsr._files import atomic_write_text
+from jaxsr.models.model import FREE, Model, Parameter
+
+_BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
+
+
+def model_text(model: Model) -> str:
+    """Return the text of the model file; `parse_model(model_text(m)) == m`."""
+    head: dict[str, Any] = {"name": model.name, "time": model.time, "states": list(model.states)}
+    head["inputs"], head["outputs"] = list(model.inputs), list(model.outputs)
+    head["input_hold"] = model.input_hold
+    if model.sample_time is not None:
+        head["sample_time"] = model.sample_time
+    if model.base is not None:
+        head["base"] = model.base
+    parts = [_table("model", head)]
+    parts.append(_table("definitions", model.definitions))
+    parts.append(_table("equations", model.equations))
+    parts.append(_table("additions", model.additions))
+    parts.append(_table("inertia", model.inertia))
+    parts.append(_table("readings", model.readings))
+    parts.append(_table("parameters", {n: _parameter(p) for n, p in model.parameters.items()}))
+    parts.append(_table("per_recording", model.per_recording))
+    fixed = {s: v for s, v in model.initial.items() if v != FREE}
+    parts.append(_table("initial", {**dict.fromkeys(model.states, FREE), **fixed}))
+    parts.append(_table("delays", model.delays))
+    parts.append(_table("clock", model.clock))
+    parts.append(_table("noise", model.noise))
+    for event in model.events:
+        table = {"when": event.when, "direction": event.direction, "reset": dict(event.reset)}
+        parts.append(_table("events", table, array=True))
+    parts.append(_table("units", model.units))
+    parts.append(_table("columns", model.columns))
+    return "\n".join(part for part in parts if part)
+
+
+def write_model(model: Model, path: str | Path) -> None:
+    """Write a model file, whole or not at all."""
+    atomic_write_text(Path(path), model_text(model))
+
+
+def _parameter(parameter: Parameter) -> dict[str, Any]:
+    entry: dict[str, Any] = {"value": parameter.value}
+    if parameter.unit is not None:
+        entry["unit"] = parameter.unit
+    if parameter.bounds is not None:
+        entry["bounds"] = list(parameter.bounds)
+    return entry
+
+
+def _table(name: str, table: Mapping[str, Any], array: bool = False) -> str:
+    if not table:
+        return ""
+    lines = [f"[[{name}]]" if array else f"[{name}]"]
+    lines += [f"{_key(key)} = {_value(value)}" for key, value in table.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _key(key: str) -> str:
+    return key if key and set(key) <= _BARE else json.dumps(key)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return repr(float(value))
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
+    return "[" + ", ".join(_value(v) for v in value) + "]"
