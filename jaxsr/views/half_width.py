@@ -11,7 +11,7 @@ from jaxsr.views.weak import WeakView
 SHORTEST = 4  # samples
 LONGEST = 0.25  # of the record
 _KEPT = 0.5  # of the acceleration's energy; puts EMPS near the 0.1 s that serve it best
-_NOISE_SHARE = 0.25  # of the energy that passes, at most
+_NOISE_SHARE = 0.1  # of the energy that passes, at most
 _STEP = 1.19  # ratio of neighbouring widths: four to the octave
 _MAX_TESTS = 2000
 
@@ -26,8 +26,9 @@ def choose_half_width(time: np.ndarray, y: np.ndarray, noise: float | None = Non
         E(h) = mean_c (int phi'' y dt)^2 - noise^2 mean_c sum_i weight_ci^2,
 
     falls with h where the dynamics lie. The rule: the longest h that still lets half of it pass,
-    measured against the largest E among widths at which noise is at most a quarter of what
-    passes. If noise is more than that at every width, the width with the best ratio is taken.
+    measured against the largest E, less its doubt, among widths at which noise is at most a
+    tenth of what passes. If noise is more than that at every width, the width with the best ratio
+    is taken.
     Half the energy, and not nearly all, because a longer test function costs only information,
     while a shorter one lets in fast dynamics that the model does not mean to describe.
 
@@ -62,7 +63,12 @@ def choose_half_width(time: np.ndarray, y: np.ndarray, noise: float | None = Non
     noise = noise_level(time, y) if noise is None else noise
     count = max(2, int(np.ceil(np.log(longest / shortest) / np.log(_STEP))) + 1)
     widths = np.geomspace(shortest, longest, count)
-    energy, from_noise = np.array([_passed(time, y, h, noise) for h in widths]).T
+    energy, from_noise = np.full((2, count), np.nan)
+    for i, h in enumerate(widths):
+        energy[i], from_noise[i] = _passed(time, y, h, noise)
+        # what passes falls with the width: nothing more to see
+        if from_noise[i] < _NOISE_SHARE * energy[i] < 0.01 * np.nanmax(energy - from_noise):
+            break
     known = np.isfinite(energy)
     if not known.any():
         return float(longest)
@@ -74,7 +80,10 @@ def choose_half_width(time: np.ndarray, y: np.ndarray, noise: float | None = Non
         best = np.where(np.isfinite(from_noise), signal / np.maximum(from_noise, 1e-300), -1.0)
         return float(widths[int(np.argmax(best))])
     signal = energy - from_noise
-    enough = clear & (signal >= _KEPT * signal[clear].max())
+    # spread of the noise's energy over so few independent tests, and of its level
+    places = (time[-1] - time[0]) / widths
+    certain = signal - 2.0 * from_noise * (np.sqrt(2.0 / places) + np.sqrt(8.0 / time.size))
+    enough = clear & (signal >= _KEPT * certain[clear].max())
     return float(widths[np.flatnonzero(enough)[-1]])
 
 
@@ -82,7 +91,9 @@ def _passed(
     time: np.ndarray, y: np.ndarray, half_width: float, noise: float
 ) -> tuple[float, float]:
     """Mean square of the weak acceleration, and the noise's share of it."""
-    spacing = max(half_width / 2.0, (time[-1] - time[0]) / _MAX_TESTS)
+    span = time[-1] - time[0]
+    overlap = 2.0 if span < 100.0 * half_width else 1.0
+    spacing = max(half_width / overlap, span / _MAX_TESTS)
     view = WeakView.build(time, half_width, spacing, mask=np.isfinite(y))
     if not view.valid.any():
         return np.nan, np.nan

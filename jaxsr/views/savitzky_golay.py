@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from jaxsr._result import InputError
 from jaxsr.recordings.noise import noise_level
@@ -175,17 +174,31 @@ def local_fit(
     times, values = t[known], y[known]
     _check(fit, max(derivatives), times.size)
     if known.all() and _is_uniform(t):
-        h = (t[-1] - t[0]) / (t.size - 1)
-        return [
-            np.asarray(savgol_filter(y, fit.window, fit.degree, deriv=d, delta=h))
-            for d in derivatives
-        ]
+        return _uniform_fit(t, y, fit, derivatives)
     result = [np.full(t.size, np.nan) for _ in derivatives]
     near = np.flatnonzero(_within_reach(t, times, fit.window))
     for part in np.array_split(near, max(1, -(-near.size * fit.window // _CHUNK))):
         weights, columns = _weights(times, t[part], fit, derivatives)
         for out, weight in zip(result, weights, strict=True):
             out[part] = np.einsum("ij,ij->i", weight, values[columns])
+    return result
+
+
+def _uniform_fit(
+    t: np.ndarray, y: np.ndarray, fit: LocalFit, derivatives: Sequence[int]
+) -> list[np.ndarray]:
+    """One set of weights slides over the inside; each sample near an end has its own."""
+    half = fit.window // 2
+    ends = np.concatenate([np.arange(half), np.arange(t.size - half, t.size)])
+    h = (t[-1] - t[0]) / (t.size - 1)
+    inner = _centre_weights(fit, h, derivatives)
+    outer, columns = _weights(h * np.arange(t.size), h * ends, fit, derivatives)
+    result = []
+    for inside, weight in zip(inner, outer, strict=True):
+        out = np.empty(t.size)
+        out[half : t.size - half] = np.convolve(y, inside[::-1], mode="valid")
+        out[ends] = np.einsum("ij,ij->i", weight, y[columns])
+        result.append(out)
     return result
 
 
@@ -225,11 +238,9 @@ def _judge_uniform(
     t: np.ndarray, y: np.ndarray, fit: LocalFit, derivative: int, noise: float
 ) -> Judgement:
     h = (t[-1] - t[0]) / (t.size - 1)
-    low, high = (
-        savgol_coeffs(fit.window, p, deriv=derivative, delta=h)
-        for p in (fit.degree, fit.degree + 2)
-    )
-    apart = np.convolve(y, low - high, mode="valid")
+    (low,) = _centre_weights(fit, h, (derivative,))
+    (high,) = _centre_weights(LocalFit(fit.window, fit.degree + 2), h, (derivative,))
+    apart = np.convolve(y, (low - high)[::-1], mode="valid")
     expected = noise**2 * float(np.sum((low - high) ** 2))
     return float(np.sum(low**2)), *_bias(apart, expected, y.size / fit.window)
 
@@ -259,6 +270,13 @@ def _bias(apart: np.ndarray, expected: float, places: float) -> tuple[float, flo
     return max(bias, 0.0), 3.0 * expected * float(np.sqrt(2.0 / places))
 
 
+def _centre_weights(fit: LocalFit, h: float, derivatives: Sequence[int]) -> list[np.ndarray]:
+    """Weights for the middle of a uniform window."""
+    times = h * np.arange(fit.window)
+    weights, _ = _weights(times, times[[fit.window // 2]], fit, derivatives)
+    return [weight[0] for weight in weights]
+
+
 def _within_reach(t: np.ndarray, times: np.ndarray, window: int) -> np.ndarray:
     """Times no further than half a window from the nearest present sample."""
     place = np.clip(np.searchsorted(times, t), 1, times.size - 1)
@@ -269,7 +287,11 @@ def _within_reach(t: np.ndarray, times: np.ndarray, window: int) -> np.ndarray:
 def _weights(
     times: np.ndarray, at: np.ndarray, fit: LocalFit, derivatives: Sequence[int]
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Weights of the samples `columns` in the derivatives at the times `at`."""
+    """Weights of the samples `columns` in the derivatives at the times `at`.
+
+    In Legendre polynomials, since with powers (as in scipy.signal.savgol_coeffs) a window of 53
+    samples and degree 8 has already lost two digits of the bias.
+    """
     nearest = np.clip(np.searchsorted(times, at), 0, times.size - 1)
     start = np.clip(nearest - fit.window // 2, 0, times.size - fit.window)
     columns = start[:, None] + np.arange(fit.window)

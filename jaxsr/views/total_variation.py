@@ -12,6 +12,7 @@ _ITERATIONS = 40
 _SMOOTHING = 1e-4  # of the spread of the jumps: makes |jump| differentiable
 _TOLERANCE = 1e-5  # change of the residual between iterations that ends them
 _BISECTIONS = 24
+_MARGIN = 1.03  # on the noise: to fit noise costs more than to smooth a little too much
 _STIFFEST = 1e11  # largest entry of the normal equations, next to 1 for a sample
 
 
@@ -80,12 +81,13 @@ def total_variation(
 
 def _by_discrepancy(problem: _Problem, noise: float) -> np.ndarray:
     """Bisect the strength until the residual is as large as the noise."""
+    noise = _MARGIN * noise
     strength = max(noise, 1e-14 * problem.spread)
     smooth = problem.solve(strength)
     low = high = None
     for _ in range(_BISECTIONS):
         residual = problem.residual(smooth)
-        if abs(residual - noise) <= 0.01 * noise:
+        if abs(residual - noise) <= 0.005 * noise:
             break
         if residual > noise:
             high = strength
