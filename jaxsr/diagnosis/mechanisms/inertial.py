@@ -1,0 +1,52 @@
+"""Inertial mechanisms: masses, weights, and products of velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.site import Site
+
+
+def inertial(site: Site) -> Iterator[Candidate]:
+    """Yield added mass, gravity, a constant force and centrifugal coupling."""
+    q, v, f = site.position, site.state, site.force_unit
+    model = site.model
+    if v in model.inertia and v in model.inertia[v]:
+        unit = site.per(v)
+        yield Candidate(
+            "added_mass",
+            "inertial",
+            site.name,
+            (ParameterSpec("ma", f"{unit}*s" if unit else None),),
+            "The moving mass along {site} is larger than modelled.",
+            inertia=((v, v, "{ma}"),),
+        )
+    yield Candidate(
+        "constant_force",
+        "inertial",
+        site.name,
+        (ParameterSpec("F0", f),),
+        "A constant force or offset acts along {site}.",
+        terms=((v, "+ {F0}"),),
+    )
+    if site.turning:
+        yield Candidate(
+            "gravity",
+            "inertial",
+            site.name,
+            (ParameterSpec("mg", f),),
+            "A weight hangs on {site}.",
+            terms=((v, f"- {{mg}}*sin({q})"),),
+        )
+    for other in site.others:
+        if other.position is None or q is None:
+            continue
+        yield Candidate(
+            "centrifugal_coupling",
+            "inertial",
+            site.name,
+            (ParameterSpec("h", site.per(other.state, other.state)),),
+            "A product of velocities couples {site} to another axis.",
+            terms=((v, f"+ {{h}}*{other.state}**2"),),
+        )

@@ -1,0 +1,104 @@
+"""Sites: where in a model a mechanism may act, with the symbols and units met there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pint
+
+from jaxsr.models import Model
+from jaxsr.models.units import dimension, unit_of
+
+
+@dataclass(frozen=True)
+class Site:
+    """An equation of motion as mechanisms see it.
+
+    Attributes
+    ----------
+    state : str
+        The rate whose equation it is (v).
+    position : str or None
+        The state whose derivative `state` is (q).
+    turning : bool
+        Whether the position is an angle.
+    force_unit : str or None
+        Unit of the terms of the equation.
+    scale : mapping
+        Symbol to the quantiles 0, 5, ..., 100 % of its values in the recordings.
+    others : tuple of Site
+        The other equations of motion.
+    """
+
+    model: Model
+    state: str
+    position: str | None
+    turning: bool
+    force_unit: str | None
+    scale: Mapping[str, np.ndarray] = field(default_factory=dict)
+    others: tuple[Site, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name in a diagnosis."""
+        return f"equation:{self.state}"
+
+    def per(self, *symbols: str) -> str | None:
+        """Unit of a coefficient that makes a force with the product of `symbols`."""
+        if self.force_unit is None:
+            return None
+        units = self.model.units
+        if any(s not in units for s in symbols):
+            return None
+        return compose(self.force_unit, [units[s] for s in symbols])
+
+
+def compose(numerator: str, denominators: list[str]) -> str | None:
+    """Return numerator / (product of denominators) as short unit text."""
+    registry = pint.UnitRegistry()
+    try:
+        unit = registry.Unit(numerator.replace("^", "**") if numerator != "1" else "")
+        for text in denominators:
+            unit = unit / registry.Unit(text.replace("^", "**") if text != "1" else "")
+    except (pint.PintError, ValueError, TypeError, AttributeError):
+        return None
+    text = f"{unit:~C}".replace(" ", "")
+    return text or "1"
+
+
+def sites_of(model: Model, scale: Mapping[str, np.ndarray]) -> tuple[Site, ...]:
+    """Return every equation of motion of a model."""
+    plain = []
+    for state in model.dynamic_states:
+        position = model.kinematic_parent(state)
+        turning = position is not None and model.units.get(position, "").strip() in ("rad", "deg")
+        plain.append(Site(model, state, position, turning, _force_unit(model, state), scale))
+    return tuple(
+        Site(s.model, s.state, s.position, s.turning, s.force_unit, scale,
+             tuple(o for o in plain if o.state != s.state))
+        for s in plain
+    )
+
+
+def _force_unit(model: Model, state: str) -> str | None:
+    """Find a short unit text for the terms of an equation, an input's where it fits."""
+    known = {n: dimension(u) for n, u in model.units.items()}
+    known |= {n: dimension(p.unit) for n, p in model.parameters.items() if p.unit is not None}
+    known.setdefault(model.time, dimension("s"))
+    try:
+        found = unit_of(model.equation_terms[state], known)
+    except ValueError:
+        return None
+    if found is None and state in model.units and state not in model.inertia:
+        return compose(model.units[state], ["s"])
+    if found is None:
+        return None
+    for symbol in model.inputs:
+        if known.get(symbol) == found:
+            return model.units[symbol]
+    for text in ("N", "N*m", "m/s^2", "rad/s^2", "V/s^2", "V/s", "m/s", "A", "V"):
+        if dimension(text) == found:
+            return text
+    return compose(model.units[state], ["s"]) if state in model.units else None

@@ -1,0 +1,204 @@
+"""Screening: sets of mechanisms chosen together with the parameters, in the weak view."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.weak_system import WeakSystem
+
+BLOCKS = 12
+BEAM = 10
+MAX_SET = 4
+COLLINEAR = 0.02  # relative norm left after projection, below which a column adds nothing
+
+
+@dataclass(frozen=True)
+class ScreenedSet:
+    """A set of candidates with its held-back error in the weak view.
+
+    Attributes
+    ----------
+    members : tuple of int
+        Positions in the super-model's candidates, sorted.
+    errors : ndarray, shape (blocks,)
+        Mean squared weighted residual of each block, estimated without that block.
+    values : ndarray, shape (parameters,)
+        Estimate from all blocks.
+    """
+
+    members: tuple[int, ...]
+    errors: np.ndarray
+    values: np.ndarray
+
+    @property
+    def error(self) -> float:
+        """Mean held-back error."""
+        return float(np.mean(self.errors))
+
+
+@dataclass(frozen=True)
+class Screening:
+    """Result of the screening: sets by error, and candidates that no data can tell apart."""
+
+    sets: tuple[ScreenedSet, ...]
+    collinear: tuple[int, ...]
+
+    @property
+    def empty(self) -> ScreenedSet:
+        """The set of no candidates: re-calibration alone."""
+        return next(s for s in self.sets if not s.members)
+
+
+def assign_blocks(system: WeakSystem, count: int = BLOCKS) -> np.ndarray:
+    """Number consecutive blocks of equal duration over all recordings."""
+    offset, spans = 0.0, np.empty_like(system.centre)
+    for r in np.unique(system.recording):
+        rows = system.recording == r
+        spans[rows] = offset + system.centre[rows] - system.centre[rows].min()
+        offset = spans[rows].max() + 1e-9
+    return np.minimum((spans / max(offset, 1e-300) * count).astype(int), count - 1)
+
+
+def screen(system: WeakSystem, super_model: SuperModel) -> Screening:
+    """Search sets of candidates by beam search on held-back error.
+
+    Every set is estimated jointly with the model's free parameters (never on frozen ones: the
+    calibration has already absorbed a part of what is missing). Rows are weighted by the
+    residual each equation keeps under the best set.
+    """
+    scale = np.ones(len(super_model.model.states))
+    search = None
+    for _ in range(2):
+        search = _Search(system, super_model, scale)
+        best = min(search.run(), key=lambda s: s.error)
+        residual = system.at(best.values)
+        for state in np.unique(system.state):
+            rows = system.state == state
+            scale[state] = np.sqrt(np.mean(residual[rows] ** 2)) + 1e-300
+    assert search is not None
+    search = _Search(system, super_model, scale)
+    sets = sorted(search.run(), key=lambda s: s.error)
+    return Screening(tuple(sets), search.collinear)
+
+
+class _Search:
+    """Normal equations per block, solved for many sets."""
+
+    def __init__(self, system: WeakSystem, super_model: SuperModel, scale: np.ndarray) -> None:
+        self.system, self.super_model = system, super_model
+        weight = 1.0 / scale[system.state]
+        a = -system.jacobian * weight[:, None]
+        b = system.residual * weight
+        self.column = np.sqrt((a**2).mean(0)) + 1e-300
+        a = a / self.column
+        blocks = assign_blocks(system)
+        count = blocks.max() + 1
+        self.gram = np.stack([a[blocks == k].T @ a[blocks == k] for k in range(count)])
+        self.moment = np.stack([a[blocks == k].T @ b[blocks == k] for k in range(count)])
+        self.power = np.array([b[blocks == k] @ b[blocks == k] for k in range(count)])
+        self.rows = np.array([(blocks == k).sum() for k in range(count)])
+        keep = self.rows > 0
+        self.gram, self.moment = self.gram[keep], self.moment[keep]
+        self.power, self.rows = self.power[keep], self.rows[keep]
+        self.base = super_model.base_index()
+        self.index = [
+            super_model.index(i, coefficients_only=True)
+            for i in range(len(super_model.candidates))
+        ]
+        order = list(super_model.model.parameters.values())
+        self.low = np.array([p.bounds[0] if p.bounds else -np.inf for p in order])
+        self.high = np.array([p.bounds[1] if p.bounds else np.inf for p in order])
+        for i, candidate in enumerate(super_model.candidates):
+            if candidate.fixed_parameter is not None:
+                spec, at = candidate.parameters[0], self.index[i][0]
+                self.low[at], self.high[at] = spec.low, spec.high
+        self.collinear = tuple(
+            i for i in range(len(self.index)) if self._left_over(i) < COLLINEAR
+        )
+
+    def _left_over(self, candidate: int) -> float:
+        """Share of a candidate's columns that the free parameters cannot reproduce."""
+        total = self.gram.sum(0)
+        own, base = self.index[candidate], self.base
+        norms = np.diag(total)[own]
+        if not norms.max() > 1e-12:
+            return 0.0
+        if not base:
+            return 1.0
+        cross = total[np.ix_(base, own)]
+        solved = np.linalg.lstsq(total[np.ix_(base, base)], cross, rcond=1e-12)[0]
+        left = norms - np.einsum("ij,ij->j", cross, solved)
+        return float(np.sqrt(max(np.max(left / norms), 0.0)))
+
+    def run(self) -> list[ScreenedSet]:
+        """Grow sets from the empty one; keep the best `BEAM` of each size."""
+        found: dict[tuple[int, ...], ScreenedSet] = {}
+        empty = self.evaluate(())
+        assert empty is not None
+        found[()] = empty
+        beam = [empty]
+        usable = [i for i in range(len(self.index)) if i not in self.collinear]
+        for _ in range(MAX_SET):
+            grown: dict[tuple[int, ...], ScreenedSet] = {}
+            for parent in beam:
+                for candidate in usable:
+                    members = tuple(sorted({*parent.members, candidate}))
+                    if len(members) == len(parent.members) or members in found:
+                        continue
+                    if members in grown or self._redundant(members):
+                        continue
+                    scored = self.evaluate(members)
+                    if scored is not None:
+                        grown[members] = scored
+            found |= grown
+            beam = sorted(grown.values(), key=lambda s: s.error)[:BEAM]
+            if not beam or beam[0].error > 0.999 * min(s.error for s in found.values()
+                                                     if len(s.members) < len(beam[0].members)):
+                break
+        return list(found.values())
+
+    def _redundant(self, members: Sequence[int]) -> bool:
+        """Whether two members are variants of one mechanism, or one contains the other."""
+        labels = [self.super_model.candidates[i].label for i in members]
+        if len(set(labels)) < len(labels):
+            return True
+        for a, b in combinations(members, 2):
+            first, second = self.super_model.candidates[a], self.super_model.candidates[b]
+            pair = {first.mechanism, second.mechanism}
+            if first.site == second.site and pair == {"coulomb_friction", "stribeck_friction"}:
+                return True
+        return False
+
+    def evaluate(self, members: tuple[int, ...]) -> ScreenedSet | None:
+        """Score a set; None where it breaks a sign or cannot be solved."""
+        active = [*self.base, *(j for i in members for j in self.index[i])]
+        theta = self.system.theta.copy()
+        if not active:
+            return ScreenedSet(members, self.power / self.rows, theta)
+        g = self.gram[:, active][:, :, active]
+        m = self.moment[:, active]
+        total_g, total_m = g.sum(0), m.sum(0)
+        ridge = 1e-11 * np.trace(total_g) / len(active) * np.eye(len(active))
+        systems = np.concatenate([total_g[None], total_g[None] - g]) + ridge
+        rights = np.concatenate([total_m[None], total_m[None] - m])
+        try:
+            solved = np.linalg.solve(systems, rights[..., None])[..., 0]
+        except np.linalg.LinAlgError:
+            return None
+        step, held = solved[0], solved[1:]
+        value = theta[active] + step / self.column[active]
+        added = np.arange(len(self.base), len(active))
+        index = np.asarray(active)
+        if added.size and (
+            (value[added] < self.low[index[added]]) | (value[added] > self.high[index[added]])
+        ).any():
+            return None
+        sse = self.power - 2 * np.einsum("bi,bi->b", m, held)
+        sse = sse + np.einsum("bi,bij,bj->b", held, g, held)
+        theta[active] = value
+        return ScreenedSet(members, np.maximum(sse, 0.0) / self.rows, theta)

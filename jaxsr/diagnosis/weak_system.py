@@ -1,0 +1,187 @@
+"""The weak view of a simulator: generalised forces against test functions, linearised."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsr.models.model import Model
+from jaxsr.models.segments import Prepared
+from jaxsr.models.simulator import Simulator, width_scales
+from jaxsr.views import WeakView
+
+
+@dataclass(frozen=True, eq=False)
+class WeakSystem:
+    r"""Residuals of the equations of motion in the weak view and their derivatives.
+
+    Row (recording, state i, test function phi) holds
+
+        residual = int phi (equations_i - sum_j inertia_ij dx_j/dt) dt,
+
+    with derivatives of measured states moved onto phi by parts.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (rows,)
+        At the parameter values `theta`.
+    jacobian : ndarray, shape (rows, parameters)
+        Derivative of `residual` by the parameters.
+    input_side : ndarray, shape (rows,)
+        The part of the equation that the inputs bring; the measure of the relative force error.
+    state : ndarray of int, shape (rows,)
+        Index of the equation's state.
+    recording, centre : ndarray, shape (rows,)
+        Which recording, and the centre of phi in seconds.
+    theta : ndarray, shape (parameters,)
+    half_width : float
+    """
+
+    residual: np.ndarray
+    jacobian: np.ndarray
+    input_side: np.ndarray
+    state: np.ndarray
+    recording: np.ndarray
+    centre: np.ndarray
+    theta: np.ndarray
+    half_width: float
+
+    def at(self, theta: np.ndarray) -> np.ndarray:
+        """Return the residual at other parameter values, to first order."""
+        return self.residual + self.jacobian @ (theta - self.theta)
+
+
+def observable_states(simulator: Simulator, prepared: Sequence[Prepared]) -> tuple[str, ...]:
+    """Return the dynamic states whose equation needs no hidden state."""
+    hidden = set().union(*(item.states.hidden for item in prepared))
+    model = simulator.model
+    names = []
+    for state in model.dynamic_states:
+        used = set(model.equation_terms[state].variables) | {state}
+        for column, term in model.inertia_terms.get(state, {}).items():
+            used |= term.variables | {column}
+        if not used & hidden:
+            names.append(state)
+    return tuple(names)
+
+
+def weak_system(
+    simulator: Simulator,
+    prepared: Sequence[Prepared],
+    theta: np.ndarray,
+    half_width: float,
+    spacing: float | None = None,
+) -> WeakSystem:
+    """Build the weak view of every observable equation over all recordings."""
+    states = observable_states(simulator, prepared)
+    parts = [
+        _one_recording(simulator, item, np.asarray(theta, float), half_width, spacing, states)
+        for item in prepared
+    ]
+    rows = [p[0].size for p in parts]
+    return WeakSystem(
+        residual=np.concatenate([p[0] for p in parts]),
+        jacobian=np.concatenate([p[1] for p in parts]),
+        input_side=np.concatenate([p[2] for p in parts]),
+        state=np.concatenate([p[3] for p in parts]),
+        centre=np.concatenate([p[4] for p in parts]),
+        recording=np.repeat(np.arange(len(parts)), rows),
+        theta=np.asarray(theta, float),
+        half_width=half_width,
+    )
+
+
+def _one_recording(
+    simulator: Simulator,
+    item: Prepared,
+    theta: np.ndarray,
+    half_width: float,
+    spacing: float | None,
+    states: tuple[str, ...],
+) -> tuple[np.ndarray, ...]:
+    model = simulator.model
+    present = np.isfinite(item.states.values).all(1)
+    for state, signal in item.states.measured.items():
+        if state in model.states:
+            present &= np.isfinite(signal)
+    view = WeakView.build(item.time, half_width, spacing or half_width / 4, mask=present)
+    x = tuple(np.where(np.isfinite(c), c, 0.0) for c in item.states.values.T)
+    u = tuple(item.inputs.T)
+    env = simulator.environment(item.time, x, u, tuple(theta))
+    widths = width_scales(simulator, env)
+
+    def pieces(values: jax.Array, scale: float) -> dict:
+        """Forces of the equations and mass matrix entries along the recording."""
+        p = tuple(values[i] for i in range(theta.size))
+        inputs = tuple(scale * a for a in u)
+        forces = simulator.forces(item.time, x, inputs, p, widths)
+        like = jnp.zeros_like(jnp.asarray(item.time))
+        chosen = {s: forces[model.states.index(s)] + like for s in states}
+        mass = {k: v + like for k, v in simulator.inertia(item.time, x, u, p).items()}
+        return {"forces": chosen, "mass": mass}
+
+    with jax.enable_x64(True):
+        value = jax.tree.map(np.asarray, pieces(jnp.asarray(theta), 1.0))
+        silent = jax.tree.map(np.asarray, pieces(jnp.asarray(theta), 0.0))["forces"]
+        slope = jax.tree.map(np.asarray, jax.jacfwd(lambda v: pieces(v, 1.0))(jnp.asarray(theta)))
+    blocks = [_equation(model, view, item, s, value, silent, slope) for s in states]
+    good = view.valid
+    count = int(good.sum())
+    index = [model.states.index(s) for s in states]
+    return (
+        np.concatenate([b[0][good] for b in blocks]),
+        np.concatenate([b[1][good] for b in blocks]),
+        np.concatenate([b[2][good] for b in blocks]),
+        np.repeat(index, count),
+        np.tile(view.centres[good], len(states)),
+    )
+
+
+def _equation(
+    model: Model,
+    view: WeakView,
+    item: Prepared,
+    state: str,
+    value: dict,
+    silent: dict,
+    slope: dict,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residual, its derivative and the input side of one equation."""
+    force = value["forces"][state]
+    residual = view.integrate(force)
+    jacobian = view.integrate(np.nan_to_num(slope["forces"][state]))
+    row = model.inertia.get(state)
+    for column in row or (state,):
+        mass = value["mass"][(state, column)] if row else np.ones_like(force)
+        residual = residual - _inertia_force(model, view, item, column, mass[:, None])[:, 0]
+        if row:
+            by_theta = slope["mass"][(state, column)]
+            jacobian = jacobian - _inertia_force(model, view, item, column, by_theta)
+    return residual, jacobian, view.integrate(force - silent[state])
+
+
+def _inertia_force(
+    model: Model, view: WeakView, item: Prepared, state: str, mass: np.ndarray
+) -> np.ndarray:
+    """Return int phi m dx/dt for mass columns m (samples, columns), by parts.
+
+    int phi m dv/dt = - int phi' m v - int phi m' v; where v = dq/dt and q is measured, once
+    more: = int phi'' m q + int phi' m' q - int phi m' v. A constant mass needs no m'.
+    """
+    index = model.states.index(state)
+    v = np.nan_to_num(item.states.values[:, index])
+    parent = model.kinematic_parent(state)
+    varying = np.ptp(mass, axis=0) > 1e-12 * (np.abs(mass).max(axis=0) + 1e-300)
+    rate = np.where(varying, np.gradient(mass, item.time, axis=0), 0.0)
+    moment = view.integrate(rate * v[:, None]) if varying.any() else 0.0
+    if parent in item.states.measured and state not in item.states.measured:
+        q = np.nan_to_num(item.states.measured[parent])
+        twice = view.integrate(mass * q[:, None], 2)
+        # integrate(., 1) = - int phi' (.)
+        return twice - view.integrate(rate * q[:, None], 1) - moment
+    signal = np.nan_to_num(item.states.measured.get(state, v))
+    return view.integrate(mass * signal[:, None], 1) - moment
