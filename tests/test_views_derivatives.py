@@ -218,3 +218,20 @@ def test_wrong_calls_teach():
         derivative(t, t, "spline")
     with pytest.raises(InputError, match="strength"):
         total_variation(t, t, strength=-1.0)
+
+
+@pytest.mark.parametrize("method", ["auto", *sorted(DERIVATIVES)])
+def test_short_constant_gappy_and_tiny_signals_give_numbers_or_one_clear_line(method):
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(3, 40))
+        t = np.cumsum(rng.uniform(0.1, 1.0, n)) if seed % 2 else 0.1 * np.arange(n)
+        y = [rng.normal(size=n), np.sin(t), np.ones(n), np.round(rng.normal(size=n))][seed % 4]
+        y = y * 10.0 ** rng.integers(-60, 60)
+        y[rng.random(n) < 0.3 * (seed % 3 == 0)] = np.nan
+        try:
+            estimate = derivative(t, y, method, 1 + seed % 2)
+        except InputError as error:
+            assert np.isfinite(y).sum() < 7, error
+            continue
+        assert np.isfinite(estimate[np.isfinite(y)]).all()

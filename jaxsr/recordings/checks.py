@@ -54,7 +54,7 @@ def check_recording(
     ----------
     recording : Recording
     channels : sequence of str, optional
-        Channels to look at; by default all that hold a sample.
+        Channels to look at; by default all that can be used.
     inputs : sequence of str
         Channels among them that are commanded, not measured: plateaus and jumps are natural
         there, so clipping and outliers are not looked for.
@@ -65,7 +65,8 @@ def check_recording(
         Empty for a clean record.
     """
     if channels is None:
-        channels = [k for k, v in recording.channels.items() if not np.isnan(v).all()]
+        usable = {k: ~np.isnan(v).all() & ~np.isinf(v).any() for k, v in recording.channels.items()}
+        channels = [name for name, fit in usable.items() if fit]
     values = {name: recording.channel(name) for name in channels}
     found = list(_time(recording))
     for name, y in values.items():

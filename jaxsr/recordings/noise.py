@@ -42,11 +42,12 @@ def noise_level(t: np.ndarray, y: np.ndarray) -> float:
     t, y = t[kept], y[kept]
     if y.size < 4 or np.ptp(y) == 0.0:
         return 0.0
+    size = float(np.max(np.abs(y)))  # keeps squares inside the range of floats
     estimate = np.inf
     for order in DIFFERENCE_ORDERS:
         if y.size < 3 * order and np.isfinite(estimate):
             break
-        candidate = _spread(_differences(t, y, order))
+        candidate = size * _spread(_differences(t, y / size, order))
         if candidate < 0.9 * estimate:
             estimate = candidate
     step = quantisation_step(y)

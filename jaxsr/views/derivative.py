@@ -69,6 +69,7 @@ def choose_method(t: np.ndarray, y: np.ndarray, order: int = 1) -> str:
     derivative's root mean square.
     """
     t, y = np.asarray(t, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    estimate = finite_difference(t, y, derivative=order, accuracy=2)
     dt = np.diff(t[np.isfinite(y)])
     before, after = dt[:-1], dt[1:]
     both = before + after
@@ -79,7 +80,6 @@ def choose_method(t: np.ndarray, y: np.ndarray, order: int = 1) -> str:
         weights = (2.0 / (before * both), 2.0 / (before * after), 2.0 / (after * both))
     gains = np.linalg.norm(weights, axis=0)
     gain = np.sqrt(np.mean(gains**2))
-    estimate = finite_difference(t, y, derivative=order, accuracy=2)
     size = float(np.sqrt(np.nanmean(estimate**2)))
     clean = noise_level(t, y) * gain <= _CLEAN * size
     return "finite_difference" if clean else "savitzky_golay"

@@ -64,11 +64,14 @@ def choose_half_width(time: np.ndarray, y: np.ndarray, noise: float | None = Non
     count = max(2, int(np.ceil(np.log(longest / shortest) / np.log(_STEP))) + 1)
     widths = np.geomspace(shortest, longest, count)
     energy, from_noise = np.full((2, count), np.nan)
+    largest = 0.0
     for i, h in enumerate(widths):
         energy[i], from_noise[i] = _passed(time, y, h, noise)
-        # what passes falls with the width: nothing more to see
-        if from_noise[i] < _NOISE_SHARE * energy[i] < 0.01 * np.nanmax(energy - from_noise):
-            break
+        if from_noise[i] <= _NOISE_SHARE * energy[i]:
+            largest = max(largest, energy[i])
+            # what passes falls with the width: nothing more to see
+            if energy[i] < 0.1 * largest:
+                break
     known = np.isfinite(energy)
     if not known.any():
         return float(longest)

@@ -133,6 +133,11 @@ def choose_fit(
     t, y = np.asarray(t, dtype=np.float64), np.asarray(y, dtype=np.float64)
     known = np.isfinite(y)
     times, values = t[known], y[known]
+    if times.size < derivative + 2:
+        raise InputError(
+            f"{times.size} samples are too few for derivative {derivative}",
+            remedy=f"Give at least {derivative + 2}",
+        )
     noise = noise_level(times, values) if noise is None else noise
     judge = _judge_uniform if _is_uniform(times) else _judge_any
     degrees = DEGREES if degree is None else (degree,)

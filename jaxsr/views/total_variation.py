@@ -12,6 +12,7 @@ _ITERATIONS = 40
 _SMOOTHING = 1e-4  # of the spread of the jumps: makes |jump| differentiable
 _TOLERANCE = 1e-5  # change of the residual between iterations that ends them
 _BISECTIONS = 24
+_FAINT = 1e-6
 _MARGIN = 1.03  # on the noise: to fit noise costs more than to smooth a little too much
 _STIFFEST = 1e11  # largest entry of the normal equations, next to 1 for a sample
 
@@ -70,19 +71,22 @@ def total_variation(
         raise InputError(f"{np.count_nonzero(present)} samples", remedy="Give more")
     # unit spacing and unit spread keep the equations well scaled
     h = (t[-1] - t[0]) / (t.size - 1)
-    problem = _Problem((t - t[0]) / h, np.where(present, y, 0.0), present, derivative)
+    middle, spread = float(np.mean(y[present])), float(np.ptp(y[present]))
+    if spread == 0.0:
+        return np.zeros(t.size)
+    problem = _Problem((t - t[0]) / h, (y - middle) / spread, present, derivative)
     if strength is not None:
-        smooth = problem.solve(strength / h**derivative)
+        smooth = problem.solve(strength / (spread * h**derivative))
     else:
         noise = noise_level(t, y) if noise is None else noise
-        smooth = _by_discrepancy(problem, noise)
-    return problem.differentiate(smooth) / h**derivative
+        smooth = _by_discrepancy(problem, noise / spread)
+    return problem.differentiate(smooth) * (spread / h**derivative)
 
 
 def _by_discrepancy(problem: _Problem, noise: float) -> np.ndarray:
     """Bisect the strength until the residual is as large as the noise."""
     noise = _MARGIN * noise
-    strength = max(noise, 1e-14 * problem.spread)
+    strength = max(noise, 1e-14)
     smooth = problem.solve(strength)
     low = high = None
     for _ in range(_BISECTIONS):
@@ -97,7 +101,7 @@ def _by_discrepancy(problem: _Problem, noise: float) -> np.ndarray:
             strength = float(np.sqrt(low * high))
         else:
             strength *= 4.0 if high is None else 0.25
-        if not 1e-12 * problem.spread < strength < 1e12 * problem.spread:
+        if not 1e-12 < strength < 1e12:
             break
         smooth = problem.solve(strength, smooth)
     return smooth
@@ -107,8 +111,10 @@ class _Problem:
     """The functional on a grid of unit mean spacing."""
 
     def __init__(self, t: np.ndarray, y: np.ndarray, present: np.ndarray, derivative: int) -> None:
-        self.y, self.present = y, present.astype(float)
-        self.spread = float(np.std(y[present]))
+        index = np.arange(y.size)
+        self.filled = np.interp(index, index[present], y[present])
+        # missing samples weigh next to nothing, enough to keep the equations regular
+        self.present = np.where(present, 1.0, _FAINT)
         self.derivative = derivative
         # bands[r, j]: coefficient of x[r + j]; level k holds the k-th derivative
         self.bands = [np.ones((t.size, 1))]
@@ -122,11 +128,11 @@ class _Problem:
 
     def solve(self, strength: float, start: np.ndarray | None = None) -> np.ndarray:
         """Minimise by lagged diffusivity: reweighted quadratic penalties."""
-        smooth = self.filled() if start is None else start
+        smooth = self.filled if start is None else start
         before = np.inf
         for _ in range(_ITERATIONS):
             jumps = np.abs(_apply(self.jump, smooth))
-            floor = _SMOOTHING * max(float(np.mean(jumps)), 1e-12 * self.spread)
+            floor = _SMOOTHING * max(float(np.mean(jumps)), 1e-12)
             smooth = self._weighted(strength / np.hypot(jumps, floor))
             residual = self.residual(smooth)
             if abs(residual - before) <= _TOLERANCE * residual:
@@ -135,28 +141,24 @@ class _Problem:
         return smooth
 
     def _weighted(self, weights: np.ndarray) -> np.ndarray:
-        """Solve (P + J' diag(weights) J) x = P y, P the present samples."""
+        """Solve (P + J' diag(weights) J) x = P y, P one for the present samples."""
         rows, width = self.jump.shape
         # beyond this the present samples would be lost in rounding
         weights = np.minimum(weights, _STIFFEST / np.sum(self.jump**2, axis=1))
-        upper = np.zeros((width, self.y.size))
+        upper = np.zeros((width, self.filled.size))
         upper[-1] = self.present
         for j in range(width):
             for k in range(j, width):
                 upper[width - 1 - (k - j), k : k + rows] += (
                     weights * self.jump[:, j] * self.jump[:, k]
                 )
-        return solveh_banded(upper, self.present * self.y, check_finite=False)
-
-    def filled(self) -> np.ndarray:
-        """The signal, missing samples interpolated."""
-        index = np.arange(self.y.size)
-        known = self.present > 0
-        return np.interp(index, index[known], self.y[known])
+        return solveh_banded(upper, self.present * self.filled, check_finite=False)
 
     def residual(self, smooth: np.ndarray) -> float:
         """Root mean square of what the smoothing took away."""
-        return float(np.sqrt(np.sum(self.present * (self.y - smooth) ** 2) / self.present.sum()))
+        return float(
+            np.sqrt(np.sum(self.present * (self.filled - smooth) ** 2) / self.present.sum())
+        )
 
     def differentiate(self, smooth: np.ndarray) -> np.ndarray:
         """The derivative at the samples; it is piecewise constant between them."""
