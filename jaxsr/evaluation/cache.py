@@ -1,0 +1,82 @@
+"""Columns of terms on one set of samples, each unique subtree evaluated once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxsr._result import InputError
+from jaxsr.expressions.primitives import PRIMITIVES
+from jaxsr.expressions.term import BOOLEAN, Term
+
+Array = NDArray[np.floating]
+
+
+class ColumnCache:
+    """Evaluate terms on fixed samples and keep every subtree's column.
+
+    Most terms of a generation are made of pieces of the last one, so their columns are at hand.
+
+    Parameters
+    ----------
+    variables : mapping of str to ndarray, (samples,)
+    limit_bytes : int
+        Memory for columns; the longest unused go first.
+    dtype : dtype
+        float64, or float32 for raw throughput.
+    """
+
+    def __init__(
+        self,
+        variables: Mapping[str, Array],
+        limit_bytes: int = 128 * 2**20,
+        dtype: type = np.float64,
+    ) -> None:
+        self._variables = {name: np.asarray(v, dtype=dtype) for name, v in variables.items()}
+        self._shape = next((v.shape for v in self._variables.values()), (1,))
+        self._dtype = dtype
+        self._room = max(64, limit_bytes // max(1, int(np.prod(self._shape)) * 8))
+        self._columns: dict[Term, Array] = {}
+        self.hits = 0
+        self.misses = 0
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    def column(self, term: Term, *, keep: bool = True) -> Array:
+        """Return the column (samples,) of a term.
+
+        With ``keep=False`` nothing that holds a constant is stored: a search over constants
+        visits each value once.
+        """
+        with np.errstate(all="ignore"):
+            value = self._evaluate(term, keep)[0]
+        return np.broadcast_to(value, self._shape) if value.shape != self._shape else value
+
+    def _evaluate(self, term: Term, keep: bool) -> tuple[Array, bool]:
+        """Return the value and whether it may be stored."""
+        if term.op == "variable":
+            if term.name not in self._variables:
+                known = ", ".join(self._variables)
+                raise InputError(f"unknown variable {term.name}", "", f"Known: {known}.")
+            return self._variables[term.name], True
+        if term.op == "constant":
+            return np.asarray(term.value, dtype=self._dtype), keep
+        if term.op == BOOLEAN:
+            return np.asarray(term.value, dtype=self._dtype), True
+        found = self._columns.pop(term, None)
+        if found is not None:
+            self._columns[term] = found  # now the most recently used
+            self.hits += 1
+            return found, True
+        self.misses += 1
+        parts = [self._evaluate(arg, keep) for arg in term.args]
+        value = np.asarray(PRIMITIVES[term.op].numpy(*(v for v, _ in parts)), dtype=self._dtype)
+        storable = all(ok for _, ok in parts)
+        if storable and value.shape == self._shape:
+            self._columns[term] = value
+            while len(self._columns) > self._room:
+                del self._columns[next(iter(self._columns))]
+        return value, storable

@@ -1,0 +1,32 @@
+"""Evolve sets of terms: create, cross, mutate, select, and keep the Pareto front."""
+
+from jaxsr.evolution.config import (
+    FitnessRule,
+    MutationWeights,
+    PrimitiveSet,
+    SearchConfig,
+    SizeLimits,
+)
+from jaxsr.evolution.front import Front
+from jaxsr.evolution.individual import Individual, Problem
+from jaxsr.evolution.loop import SearchInfo, SearchState, init, search, step, stopped
+from jaxsr.evolution.propose import Proposal, propose
+
+__all__ = [
+    "FitnessRule",
+    "Front",
+    "Individual",
+    "MutationWeights",
+    "PrimitiveSet",
+    "Problem",
+    "Proposal",
+    "SearchConfig",
+    "SearchInfo",
+    "SearchState",
+    "SizeLimits",
+    "init",
+    "propose",
+    "search",
+    "step",
+    "stopped",
+]

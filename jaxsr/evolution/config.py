@@ -1,0 +1,169 @@
+"""Settings of a search, by role."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from jaxsr._result import InputError
+from jaxsr.expressions.primitives import PRIMITIVES
+
+DEFAULT_FUNCTIONS = ("add", "mul", "div", "sin", "cos", "sqrt", "abs", "exp", "sign", "pow")
+
+
+def _require(holds: bool, what: str, where: str) -> None:
+    if not holds:
+        raise InputError(what, where)
+
+
+@dataclass(frozen=True, slots=True)
+class PrimitiveSet:
+    """What terms are made of (paper Eqs. 4 and 5), beside the problem's variables.
+
+    Attributes
+    ----------
+    functions : tuple of str
+        Names of primitives.
+    constants : tuple of float
+        Range of constants at birth.
+    """
+
+    functions: tuple[str, ...] = DEFAULT_FUNCTIONS
+    constants: tuple[float, float] = (-10.0, 10.0)
+
+    def __post_init__(self) -> None:
+        unknown = sorted(set(self.functions) - set(PRIMITIVES))
+        _require(not unknown, f"unknown functions {unknown}", "PrimitiveSet.functions")
+        _require(
+            self.constants[0] < self.constants[1],
+            f"constants must be (low, high), got {self.constants}",
+            "PrimitiveSet.constants",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SizeLimits:
+    """Nodes of a term at birth and later; terms of an individual."""
+
+    at_birth: int = 5
+    later: int = 15
+    terms: int = 10
+
+    def __post_init__(self) -> None:
+        _require(1 <= self.at_birth <= self.later, "need 1 <= at_birth <= later", "SizeLimits")
+        _require(self.terms >= 1, f"terms must be at least 1, got {self.terms}", "SizeLimits")
+
+
+@dataclass(frozen=True, slots=True)
+class MutationWeights:
+    """How often each way of making a child is taken; relative, not summing to one.
+
+    Attributes
+    ----------
+    crossover : float
+        Exchange subtrees of two individuals.
+    subtree, constant : float
+        Replace a subtree by a new one; move a constant by Eq. 7 or take one of the best set's.
+    add, drop : float
+        Add a new term; remove one.
+    greedy : float
+        Replace or add a term by one that explains most of the residual.
+    """
+
+    crossover: float = 4.0
+    subtree: float = 2.0
+    constant: float = 1.0
+    add: float = 1.0
+    drop: float = 0.5
+    greedy: float = 1.5
+
+    def __post_init__(self) -> None:
+        weights = self.as_tuple()
+        _require(min(weights) >= 0.0 < sum(weights), "weights must be >= 0", "MutationWeights")
+
+    def as_tuple(self) -> tuple[float, ...]:
+        """Return the weights in the order of the attributes."""
+        return (self.crossover, self.subtree, self.constant, self.add, self.drop, self.greedy)
+
+
+@dataclass(frozen=True, slots=True)
+class FitnessRule:
+    r"""Adaptive fitness of Eq. 9.
+
+    Attributes
+    ----------
+    generations : int
+        :math:`N_{threshold}`: parsimony is off before it.
+    error : float
+        :math:`E_{threshold}`, relative to the target's sum of squares: below it alpha grows.
+    increment, highest : float
+        Growth of alpha in a generation, halved after an abrupt rise of the residual; its limit.
+    tau : float
+        Power of the mean number of operators, in (0, 0.1].
+    """
+
+    generations: int = 2
+    error: float = 1e-2
+    increment: float = 0.1
+    highest: float = 2.0
+    tau: float = 0.1
+
+    def __post_init__(self) -> None:
+        _require(0.0 <= self.tau <= 0.1, f"tau must lie in [0, 0.1], got {self.tau}", "FitnessRule")
+        _require(self.increment >= 0.0, "increment must not be negative", "FitnessRule")
+
+
+@dataclass(frozen=True, slots=True)
+class SearchConfig:
+    """Settings of the evolutionary search.
+
+    Attributes
+    ----------
+    population, generations : int
+        Individuals; the most generations run.
+    elite, reproduction : float
+        Shares of the population: the best set G_b, and survivors chosen by tournament.
+    refined : int
+        Individuals whose constants are refined in a generation; 0 leaves constants to mutation.
+    patience : int
+        Generations without a better description after which the search has converged.
+    target : float
+        Loss, relative to the target's sum of squares, at which the fit is exact.
+    vartheta : float
+        Reach of the constant mutation, Eq. 7.
+    """
+
+    population: int = 200
+    generations: int = 100
+    elite: float = 0.1
+    reproduction: float = 0.1
+    refined: int = 12
+    patience: int = 8
+    target: float = 1e-14
+    vartheta: float = 5.0
+    primitives: PrimitiveSet = field(default_factory=PrimitiveSet)
+    sizes: SizeLimits = field(default_factory=SizeLimits)
+    weights: MutationWeights = field(default_factory=MutationWeights)
+    fitness: FitnessRule = field(default_factory=FitnessRule)
+
+    def __post_init__(self) -> None:
+        _require(self.population >= 10, "population must be at least 10", "SearchConfig")
+        _require(self.generations >= 1, "generations must be at least 1", "SearchConfig")
+        shares = (self.elite, self.reproduction)
+        _require(
+            min(shares) > 0.0 and sum(shares) < 1.0,
+            f"elite and reproduction must be positive and sum to less than 1, got {shares}",
+            "SearchConfig",
+        )
+
+    @classmethod
+    def paper(cls, population: int = 600) -> SearchConfig:
+        """Return the settings of section 6: 600 individuals (800 for the crank-slider)."""
+        return cls(
+            population=population,
+            refined=0,
+            patience=50,
+            primitives=PrimitiveSet(constants=(-100.0, 100.0)),
+            sizes=SizeLimits(at_birth=5, later=15, terms=20),
+            weights=MutationWeights(add=0.0, drop=0.0, greedy=0.0),
+            fitness=FitnessRule(generations=50, error=1e-3),
+        )

@@ -1,0 +1,131 @@
+"""Local search around the Pareto front: constants, frequencies, fewer and simpler terms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from jaxsr.evolution.config import SearchConfig
+from jaxsr.evolution.front import Front
+from jaxsr.evolution.individual import Individual, Problem
+from jaxsr.evolution.mutate import simpler_terms
+from jaxsr.expressions.editing import edit
+from jaxsr.expressions.term import Term
+
+Terms = tuple[Term, ...]
+_EXACT = 1e-18  # relative loss at which two fits are both exact to rounding
+_TRIED = 10  # simplifications of one individual whose constants are refined
+
+
+def has_constants(terms: Iterable[Term]) -> bool:
+    """Tell whether any term holds a constant that is not a bare one."""
+    return any(node.is_constant for term in terms if term.args for node in term.walk())
+
+
+def promising(
+    ranked: Sequence[Individual],
+    front: Front,
+    refined: frozenset[Terms],
+    count: int,
+    rows: int,
+) -> list[Terms]:
+    """Choose the sets whose constants to refine: by fitness, from the front, by description."""
+    fresh = [i for i in ranked if i.terms not in refined and has_constants(i.terms)]
+    length = {id(i): rows * np.log(i.loss + _EXACT) + i.size * np.log(rows) for i in fresh}
+    by_length = sorted(fresh, key=lambda i: length[id(i)])
+    on_front = [i for i in front.members if i.terms not in refined and has_constants(i.terms)]
+    mixed = [*on_front[-count // 3 :], *by_length[: count // 2], *fresh[: count // 2]]
+    return list(dict.fromkeys(i.terms for i in mixed))[:count]
+
+
+def with_frequencies(
+    problem: Problem, front: Front, generation: int, config: SearchConfig
+) -> list[Terms]:
+    """Return members of the front joined by a sine at a frequency of their residual.
+
+    Time, if there is one, is looked at every generation; another variable takes its turn every
+    third one.
+    """
+    if "sin" not in config.primitives.functions:
+        return []
+    names = [n for n in problem.variables if n == "t"]
+    others = [n for n in problem.variables if n != "t"]
+    if others and generation % 3 == 0:
+        names.append(others[(generation // 3) % len(others)])
+    members = [m for m in front.members if len(m.terms) < config.sizes.terms]
+    if len(members) > 4:  # the smallest, the largest and two between change with the generation
+        picks = {(generation * 2) % len(members), (generation * 2 + 1) % len(members)}
+        members = [members[k] for k in sorted({0, len(members) - 1, *picks})]
+    out: list[Terms] = []
+    for member in members:
+        for name in names:
+            for w in problem.frequencies(member.terms, name, 2):
+                out += _waves(member.terms, name, w)
+    return out
+
+
+def _waves(terms: Terms, name: str, w: float) -> list[Terms]:
+    angle = Term.apply("mul", Term.constant(w), Term.variable(name))
+    shifted = Term.apply("add", angle, Term.constant(0.8))
+    return [(*terms, Term.apply("sin", angle)), (*terms, Term.apply("sin", shifted))]
+
+
+def polish(
+    problem: Problem, front: Front, config: SearchConfig, refined: frozenset[Terms]
+) -> tuple[Front, list[Individual], frozenset[Terms]]:
+    """Simplify the members of the front that are new since the last generation.
+
+    For each: the chain of sets that lose their least useful term one by one, and the sets in
+    which a node gives way to its argument, refined where they hold constants.
+    """
+    found: list[Individual] = []
+    seen = set(refined)
+    for member in _worth(front, problem.rows):
+        mark = (*member.terms, Term.variable(""))  # polished, as opposed to refined
+        if mark in seen:
+            continue
+        seen.add(mark)
+        found += _eliminated(problem, member)
+        found += _simplified(problem, member, seen)
+    return front.with_(found), found, frozenset(seen)
+
+
+def _worth(front: Front, rows: int) -> list[Individual]:
+    """Return the members near the shortest description of the data."""
+    lengths = {id(m): rows * np.log(m.loss + _EXACT) + m.size * np.log(rows) for m in front.members}
+    return sorted(front.members, key=lambda m: lengths[id(m)])[:3]
+
+
+def _eliminated(problem: Problem, member: Individual) -> list[Individual]:
+    out: list[Individual] = []
+    terms = member.terms
+    while len(terms) > 1:
+        fewer = [terms[:k] + terms[k + 1 :] for k in range(len(terms))]
+        _, losses = problem.solve(fewer)
+        terms = fewer[int(np.argmin(losses))]
+        out.append(Individual.of(terms, float(np.min(losses))))
+        if has_constants(terms):
+            moved, loss = problem.refine(terms)
+            out.append(Individual.of(edit(moved), loss))
+    return out
+
+
+def _simplified(problem: Problem, member: Individual, seen: set[Terms]) -> list[Individual]:
+    options = [edit(terms) for terms in simpler_terms(member.terms)]
+    options = [t for t in dict.fromkeys(options) if t and t not in seen]
+    options = [t for t in options if -1 not in problem.index(t)]
+    if not options:
+        return []
+    _, losses = problem.solve(options)
+    out = []
+    for k in np.argsort(losses)[:_TRIED]:
+        seen.add(options[k])
+        if has_constants(options[k]):
+            moved, loss = problem.refine(options[k])
+            moved = edit(moved)
+        else:
+            moved, loss = options[k], losses[k]
+        if moved and np.isfinite(loss):
+            out.append(Individual.of(moved, loss))
+    return out

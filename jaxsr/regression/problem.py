@@ -1,0 +1,250 @@
+"""One regression problem: a target, a view, candidate columns and columns that always stay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxsr._result import InputError
+from jaxsr.evaluation.cache import ColumnCache
+from jaxsr.expressions.term import Term
+from jaxsr.regression.constants import Refinement, refine
+from jaxsr.regression.gram import Array, gather_gram, scale_columns
+from jaxsr.regression.ridge import least_squares, solve_ridge
+from jaxsr.regression.spectrum import residual_frequencies
+from jaxsr.regression.threshold import HardThreshold
+
+View = Callable[[Array], Array]
+
+# A column that keeps less than this of its norm beside the fixed columns adds only rounding.
+_DEPENDENT = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Coefficients of one set of terms.
+
+    Attributes
+    ----------
+    terms : tuple of Term
+    coefficients : ndarray, (terms,)
+        In the units of the columns as given.
+    fixed : ndarray, (fixed columns,)
+        Coefficients of the columns that are always included.
+    loss : float
+        Mean square of the residual in the view, in the unit of ``y`` squared.
+    """
+
+    terms: tuple[Term, ...]
+    coefficients: Array
+    fixed: Array
+    loss: float
+
+
+class RegressionProblem:
+    r"""Weigh terms against a target: :math:`\min_\xi \|A(y - F\beta - \Theta\xi)\|`.
+
+    Parameters
+    ----------
+    y : ndarray, (rows,)
+        Target, already in the view (:math:`A y`).
+    variables : mapping of str to ndarray, (samples,)
+        What terms may be made of.
+    view : callable, optional
+        :math:`A`: maps columns (samples, k) to (rows, k); identity by default, a weak-view
+        operator where derivatives of data are to be avoided.
+    fixed : ndarray, (rows, p), optional
+        Columns of a known model, already in the view. They are projected out of everything
+        (Frisch-Waugh), so the search sees only what they cannot explain.
+    ridge, threshold, refinement
+        Damping of unit-norm columns; the rule that removes negligible terms; the limits of the
+        search over inner constants.
+    limit_bytes : int
+        Memory for stored columns.
+    """
+
+    def __init__(
+        self,
+        y: Array,
+        variables: Mapping[str, Array],
+        *,
+        view: View | None = None,
+        fixed: Array | None = None,
+        ridge: float = 1e-10,
+        threshold: HardThreshold | None = None,
+        refinement: Refinement | None = None,
+        limit_bytes: int = 192 * 2**20,
+    ) -> None:
+        self.y = np.asarray(y, dtype=np.float64)
+        if self.y.ndim != 1 or not len(self.y):
+            raise InputError(f"y must be a non-empty vector, got shape {self.y.shape}", "y")
+        if not np.all(np.isfinite(self.y)):
+            raise InputError("y holds values that are not finite", "y", "Drop those rows.")
+        self.variables = {k: np.asarray(v, dtype=np.float64) for k, v in variables.items()}
+        self.view = view
+        self.ridge = ridge
+        self.threshold = threshold or HardThreshold()
+        self.refinement = refinement or Refinement()
+        self.rows = len(self.y)
+        self._check_shapes()
+        self.fixed = np.zeros((self.rows, 0)) if fixed is None else np.asarray(fixed, float)
+        if self.fixed.shape[0] != self.rows:
+            raise InputError(f"fixed has {self.fixed.shape[0]} rows, y has {self.rows}", "fixed")
+        self._basis = _orthonormal(self.fixed)
+        self.target = self._project(self.y[:, None])[:, 0]
+        self.total = float(self.target @ self.target)
+        self._scale = np.sqrt(self.total) or 1.0
+        self.cache = ColumnCache(self.variables, limit_bytes // 2)
+        self._capacity = max(256, limit_bytes // (16 * self.rows))
+        self._forget()
+
+    def _check_shapes(self) -> None:
+        lengths = {name: v.shape for name, v in self.variables.items()}
+        if len(set(lengths.values())) > 1:
+            raise InputError(f"variables differ in shape: {lengths}", "variables")
+        samples = next(iter(lengths.values()), (self.rows,))
+        if self.view is None and samples != (self.rows,):
+            raise InputError(f"variables have shape {samples}, y has {self.rows} rows", "variables")
+
+    def _forget(self) -> None:
+        self._store = np.empty((min(1024, self._capacity), self.rows))
+        self._count = 0
+        self._index: dict[Term, int] = {}
+        self._terms: list[Term] = []
+
+    def _project(self, columns: Array) -> Array:
+        if not self._basis.shape[1]:
+            return columns
+        return columns - self._basis @ (self._basis.T @ columns)
+
+    def columns(self, terms: Sequence[Term], *, keep: bool = True) -> Array:
+        """Return the viewed columns (rows, terms); what is not finite stays so."""
+        samples = np.column_stack([self.cache.column(term, keep=keep) for term in terms])
+        if self.view is None:
+            return samples
+        finite = np.all(np.isfinite(samples), axis=0)
+        viewed = np.full((self.rows, len(terms)), np.nan)
+        if np.any(finite):
+            viewed[:, finite] = self.view(samples[:, finite])
+        return viewed
+
+    def projected(self, terms: Sequence[Term], *, keep: bool = False) -> Array:
+        """Return the viewed columns without what the fixed columns explain."""
+        if not terms:
+            return np.zeros((self.rows, 0))
+        return self._project(self.columns(terms, keep=keep))
+
+    def index(self, terms: Sequence[Term]) -> list[int]:
+        """Return where each term's unit-norm column is stored; -1 for an unusable term.
+
+        A term is unusable where it is not finite on the data (a zero denominator, the root of a
+        negative number) or lies in the span of the fixed columns.
+        """
+        new = [term for term in dict.fromkeys(terms) if term not in self._index]
+        if self._count + len(new) > self._capacity:
+            self._forget()
+            new = list(dict.fromkeys(terms))
+        for start in range(0, len(new), 256):
+            self._add(new[start : start + 256])
+        return [self._index[term] for term in terms]
+
+    def _add(self, terms: list[Term]) -> None:
+        viewed = self.columns(terms)
+        size = np.max(np.abs(viewed), axis=0, initial=0.0)
+        usable = np.isfinite(size) & (size < 1e100) & (size > 1e-100)
+        rows = np.where(usable, viewed, 0.0).T
+        before = np.linalg.norm(rows, axis=1)
+        rows = self._project(rows.T).T
+        usable &= np.linalg.norm(rows, axis=1) > _DEPENDENT * before
+        scaled, _ = scale_columns(rows[usable])
+        needed = self._count + len(scaled)
+        if needed > len(self._store):
+            grown = np.empty((max(needed, 2 * len(self._store)), self.rows))
+            grown[: self._count] = self._store[: self._count]
+            self._store = grown
+        self._store[self._count : needed] = scaled
+        position = self._count
+        for term, ok in zip(terms, usable, strict=True):
+            self._index[term] = position if ok else -1
+            if ok:
+                self._terms.append(term)
+                position += 1
+        self._count = needed
+
+    def solve(self, individuals: Sequence[Sequence[Term]]) -> tuple[list[Array], Array]:
+        """Ridge-solve many sets of terms at once.
+
+        Returns
+        -------
+        shares : list of ndarray
+            Coefficients of the unit-norm columns, so their sizes compare across terms.
+        losses : ndarray, (individuals,)
+            Residual sum of squares relative to that of the target; inf where a term is unusable.
+        """
+        flat = self.index([term for terms in individuals for term in terms])
+        width = max((len(terms) for terms in individuals), default=0) or 1
+        index = np.full((len(individuals), width), -1, dtype=np.intp)
+        unusable = np.zeros(len(individuals), dtype=bool)
+        position = 0
+        for row, terms in enumerate(individuals):
+            found = flat[position : position + len(terms)]
+            position += len(terms)
+            unusable[row] = -1 in found
+            index[row, : len(terms)] = found
+        gram = gather_gram(self._store[: max(self._count, 1)], self.target / self._scale, index)
+        xi = solve_ridge(gram, self.ridge)
+        losses = np.where(unusable, np.inf, gram.loss(xi))
+        losses = np.where(np.isfinite(losses), losses, np.inf)
+        return [xi[row, : len(terms)] for row, terms in enumerate(individuals)], losses
+
+    def prune(self, terms: Sequence[Term]) -> tuple[Term, ...]:
+        """Return the terms that survive hard thresholding."""
+        where = self.index(terms)
+        theta = self._store[where]
+        y = self.target / self._scale
+        kept = self.threshold.keep(theta @ theta.T, theta @ y, float(y @ y), self.ridge)
+        return tuple(terms[k] for k in kept)
+
+    def residual(self, terms: Sequence[Term]) -> Array:
+        """Return the target minus its best fit by ``terms`` (rows,)."""
+        theta = self.projected(terms)
+        xi, _ = least_squares(theta, self.target)
+        return self.target - theta @ xi
+
+    def screen(self, terms: Sequence[Term], count: int) -> list[Term]:
+        """Return the stored terms that would lower the loss most if added to ``terms``."""
+        if not self._count:
+            return []
+        store = self._store[: self._count]
+        basis = _orthonormal(self.projected(terms))
+        residual = self.target - basis @ (basis.T @ self.target)
+        left = 1.0 - np.sum((store @ basis) ** 2, axis=1)
+        gain = np.where(left > 1e-6, (store @ residual) ** 2 / np.maximum(left, 1e-6), -1.0)
+        best = np.argsort(-gain)[:count]
+        return [self._terms[k] for k in best if gain[k] > 0.0]
+
+    def refine(self, terms: Sequence[Term]) -> tuple[tuple[Term, ...], float]:
+        """Move inner constants to a local minimum; see :func:`jaxsr.regression.refine`."""
+        return refine(self, terms, self.refinement)
+
+    def frequencies(self, terms: Sequence[Term], variable: str, count: int) -> list[float]:
+        """Return frequencies in the residual; see :func:`residual_frequencies`."""
+        return residual_frequencies(self, terms, variable, count)
+
+    def fit(self, terms: Sequence[Term]) -> Fit:
+        """Solve one set of terms by QR, fixed columns included."""
+        theta = self.projected(terms)
+        xi, rss = least_squares(theta, self.target)
+        rest = self.y - (self.columns(terms) @ xi if terms else 0.0)
+        beta, _ = least_squares(self.fixed, rest)
+        return Fit(tuple(terms), xi, beta, rss / self.rows)
+
+
+def _orthonormal(columns: Array) -> Array:
+    if not columns.shape[1]:
+        return columns
+    scaled, _ = scale_columns(columns.T)
+    left, singular, _ = np.linalg.svd(scaled.T, full_matrices=False)
+    return left[:, singular > 1e-12 * singular[0]]
