@@ -121,7 +121,7 @@ def atomic_directory(out: Path) -> Iterator[Path]:
     staging = Path(tempfile.mkdtemp(prefix=_STAGING, dir=out if existed else out.parent))
     try:
         yield staging
-        names = sorted(entry.name for entry in staging.iterdir())
+        names = sorted({entry.name for entry in staging.iterdir()} - {_MANIFEST})
         (staging / _MANIFEST).write_text("\n".join(names) + "\n", encoding="utf-8")
         if existed:
             _replace_files(out, staging, [*names, _MANIFEST])

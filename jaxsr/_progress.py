@@ -69,16 +69,19 @@ def progress_on(stream: TextIO | None = None) -> Iterator[Progress]:
     stream : TextIO, optional
         Standard error by default.
     """
-    stream = sys.stderr if stream is None else stream
-    if not stream.isatty():
-        yield Lines(stream)
+    target = sys.stderr if stream is None else stream
+    if target is None:  # a program without standard streams
+        yield Silent()
+        return
+    if not target.isatty():
+        yield Lines(target)
         return
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Live
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Live(*columns, console=Console(file=stream), transient=True) as live:
+    with Live(*columns, console=Console(file=target), transient=True) as live:
         task = live.add_task("", total=1.0)
 
         class Bar:

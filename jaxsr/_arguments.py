@@ -1,0 +1,187 @@
+"""Arguments of the commands: lists of files after one option, and the role of each file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from jaxsr._result import InputError
+
+FILE_LISTS = ("--held-out", "--validation", "--simulated")
+
+
+def expand_file_lists(argv: Sequence[str]) -> list[str]:
+    """Repeat the name of a file-list option before each of its files.
+
+    ``--held-out a b`` becomes ``--held-out a --held-out b``: parsers of the click family take
+    one value and would let ``b`` fall through to the positional arguments, silently.
+
+    Parameters
+    ----------
+    argv : sequence of str
+        Arguments after the program's name. A list ends at the next option or at ``--``.
+
+    Raises
+    ------
+    InputError
+        If a file-list option has no file.
+    """
+    expanded: list[str] = []
+    current: str | None = None  # the option that takes the files
+    empty = False  # whether it still waits for its first
+
+    def close() -> None:
+        if empty:
+            raise InputError(f"{current} names no file", "", f"Give {current} FILE...")
+
+    for position, argument in enumerate(argv):
+        name, equals, value = argument.partition("=")
+        if argument == "--":
+            close()
+            return [*expanded, *argv[position:]]
+        if name in FILE_LISTS:
+            close()
+            current, empty = name, not equals
+            if equals:
+                expanded += [name, value]
+        elif argument.startswith("-") and argument != "-":
+            close()
+            current, empty = None, False
+            expanded.append(argument)
+        elif current is not None:
+            expanded += [current, argument]
+            empty = False
+        else:
+            expanded.append(argument)
+    close()
+    return expanded
+
+
+def is_model(argument: str) -> bool:
+    """Return whether a positional argument names a model: a TOML or ``file.py:function``."""
+    return argument.lower().endswith(".toml") or ".py:" in argument
+
+
+def check_roles(roles: Mapping[str, Iterable[str]]) -> None:
+    """Raise unless every file exists and has one role.
+
+    Parameters
+    ----------
+    roles : mapping of str to paths
+        Files by role, named as on the command line (``DATA``, ``--held-out``, ...). A path is
+        followed through links, and hard links to one file count as that file.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, is not a file, or is named twice.
+    """
+    seen: dict[tuple[int, int], tuple[str, str]] = {}
+    for role, paths in roles.items():
+        for path in paths:
+            try:
+                status = os.stat(path)
+            except (OSError, ValueError) as error:
+                reason = error.strerror if isinstance(error, OSError) else str(error)
+                raise InputError(f"cannot be read: {reason}", f"{role} {path}") from error
+            if Path(path).is_dir():
+                raise InputError(
+                    "is a directory", f"{role} {path}", "Name the files of the recordings"
+                )
+            key = (status.st_dev, status.st_ino)
+            if key in seen:
+                first_role, first = seen[key]
+                raise InputError(
+                    f"one file in two places: {first_role} {first} and {role} {path}",
+                    "",
+                    "Each file has one role, once",
+                )
+            seen[key] = role, path
+
+
+def split_names(text: str | None, option: str) -> tuple[str, ...]:
+    """Return the names in ``a,b,c``.
+
+    Raises
+    ------
+    InputError
+        If a name is empty or stands twice.
+    """
+    if text is None:
+        return ()
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise InputError(f"an empty name in {text!r}", option, "Write names as a,b,c")
+    if len(set(names)) < len(names):
+        raise InputError(f"a name stands twice in {text!r}", option)
+    return names
+
+
+def model_and_data(
+    arguments: Sequence[str], simulated: Sequence[str] | None, states: str | None
+) -> tuple[str | None, list[str]]:
+    """Split the positional arguments of ``diagnose`` into the model, if any, and the recordings.
+
+    Raises
+    ------
+    InputError
+        If they fit neither ``MODEL DATA...`` nor ``DATA... --simulated FILE...``.
+    """
+    first, *rest = arguments
+    if simulated is None:
+        if not is_model(first):
+            raise InputError(
+                f"the first argument is no model: {first}",
+                "",
+                "Name a .toml or file.py:function first, or give --simulated FILE...",
+            )
+        if states is not None:
+            raise InputError("--states goes with --simulated", "", "The model names its states")
+        if not rest:
+            raise InputError("no DATA", "", "Name recordings after the model")
+        return first, rest
+    if is_model(first):
+        raise InputError(
+            f"both a model ({first}) and --simulated", "", "Give one: the model or its output"
+        )
+    if len(simulated) != len(arguments):
+        raise InputError(
+            f"{len(simulated)} simulated files for {len(arguments)} of DATA",
+            "",
+            "Give one for each, in the same order",
+        )
+    return None, list(arguments)
+
+
+def results_folder(out: str, roles: Mapping[str, Iterable[str]], written: Iterable[str]) -> Path:
+    """Return the directory of the results.
+
+    Parameters
+    ----------
+    out : str
+        Its path.
+    roles : mapping of str to paths
+        Input files by role.
+    written : iterable of str
+        Names of files that the job writes.
+
+    Raises
+    ------
+    InputError
+        If `out` cannot be written, or a result would overwrite an input.
+    """
+    from jaxsr._files import check_writable_directory
+
+    folder = Path(out)
+    check_writable_directory(folder)
+    targets = {(folder / name).resolve() for name in written}
+    for role, paths in roles.items():
+        for path in paths:
+            if Path(path).resolve() in targets:
+                raise InputError(
+                    f"would be overwritten by the results in {out}",
+                    f"{role} {path}",
+                    "Name another --out",
+                )
+    return folder

@@ -1,0 +1,354 @@
+"""The commands ``jaxsr discover | diagnose | simulate | demo | datasets``.
+
+Parsing and checking come first, inside typer; the job runs afterwards, outside of it, and imports
+what it needs: ``jaxsr --help`` loads no numerical library.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.resources
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from jaxsr._arguments import (
+    check_roles,
+    expand_file_lists,
+    is_model,
+    model_and_data,
+    results_folder,
+    split_names,
+)
+from jaxsr._result import InputError
+
+if TYPE_CHECKING:
+    from jaxsr._progress import Budget, Progress
+
+OK, DEFECT, WRONG_USE, INTERRUPTED = 0, 1, 2, 130
+
+Job = Callable[[], int]
+
+app = typer.Typer(
+    add_completion=False,
+    rich_markup_mode=None,
+    help="Equations of motion from recordings, and the physics that a simulator left out.",
+)
+datasets_app = typer.Typer(
+    rich_markup_mode=None, help="Real recordings, from their origin, checksummed."
+)
+app.add_typer(datasets_app, name="datasets")
+
+Data = Annotated[list[str], typer.Argument(metavar="DATA...", help="Recordings to learn from.")]
+Out = Annotated[str, typer.Option(metavar="DIR", help="Directory for the results.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of every random choice.")]
+Seconds = Annotated[float | None, typer.Option("--budget", metavar="SECONDS", help="Time limit.")]
+HeldOut = Annotated[
+    list[str] | None,
+    typer.Option(metavar="FILE...", help="Recordings opened once, at the end, to report the fit."),
+]
+States = Annotated[str | None, typer.Option(metavar="z1,z2", help="Columns that are states.")]
+
+
+@app.command()
+def discover(
+    data: Data,
+    states: Annotated[str, typer.Option(metavar="z1,z2", help="Columns that are states.")],
+    out: Out,
+    derivatives: Annotated[
+        str | None, typer.Option(metavar="dz1,dz2", help="Columns of their derivatives.")
+    ] = None,
+    order: Annotated[int, typer.Option(min=1, max=2, help="2: the states are displacements.")] = 1,
+    inputs: Annotated[str | None, typer.Option(metavar="u1", help="Columns of inputs.")] = None,
+    time: Annotated[str | None, typer.Option(metavar="t", help="Column of time.")] = None,
+    units: Annotated[
+        str | None, typer.Option(metavar="FILE", help="TOML with a [units] table.")
+    ] = None,
+    known: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Model file of the known part.")
+    ] = None,
+    validation: Annotated[
+        list[str] | None, typer.Option(metavar="FILE...", help="Recordings to choose a model by.")
+    ] = None,
+    held_out: HeldOut = None,
+    modes: Annotated[str, typer.Option(metavar="auto|N", help="Number of modes.")] = "1",
+    seed: Seed = 0,
+    budget: Seconds = None,
+) -> Job:
+    """Find equations of motion in recordings."""
+    extra = {"--units": [units] if units else [], "--known": [known] if known else []}
+    roles = {"DATA": data, "--validation": validation or [], "--held-out": held_out or [], **extra}
+    check_roles(roles)
+    if modes != "auto" and not (modes.isascii() and modes.isdigit() and int(modes) > 0):
+        raise InputError(f"must be auto or a whole number above 0, got {modes!r}", "--modes")
+    folder = results_folder(out, roles, ("model.toml", "discovery.json", "report.html"))
+    names = split_names(states, "--states")
+    options: dict[str, Any] = {
+        "derivatives": split_names(derivatives, "--derivatives") or None,
+        "inputs": split_names(inputs, "--inputs"),
+        **{"order": order, "time": time, "units": units, "known": known, "modes": modes},
+        **{"seed": seed, "held_out": held_out or []},
+    }
+    if options["derivatives"] and len(options["derivatives"]) != len(names):
+        raise InputError(
+            f"{len(options['derivatives'])} names for {len(names)} states", "--derivatives"
+        )
+    limit = _budget(budget)
+
+    def job() -> int:
+        with _session(limit) as progress:
+            import jaxsr
+
+            found = jaxsr.discover(
+                [jaxsr.read_recording(path, time=time) for path in data],
+                states=names,
+                validation=[jaxsr.read_recording(path, time=time) for path in validation or []],
+                budget=limit,
+                progress=progress,
+                **options,
+            )
+            found.save(folder)
+        for equation in found.equations:
+            print(f"d({equation.state})/dt = {equation.expression}")
+        return _finish(limit, folder)
+
+    return job
+
+
+@app.command()
+def diagnose(
+    arguments: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="[MODEL] DATA...",
+            help="The simulator (a .toml, or file.py:function), and recordings to learn from. "
+            "With --simulated, recordings alone.",
+        ),
+    ],
+    out: Out,
+    simulated: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FILE...", help="What the simulator gave, a file for each of DATA."),
+    ] = None,
+    states: States = None,
+    held_out: HeldOut = None,
+    seed: Seed = 0,
+    budget: Seconds = None,
+) -> Job:
+    """Find where a simulator differs from recordings, and name what was left out."""
+    model, data = model_and_data(arguments, simulated, states)
+    roles = {
+        "MODEL": [model] if model and ".py:" not in model else [],
+        **{"DATA": data, "--simulated": simulated or [], "--held-out": held_out or []},
+    }
+    check_roles(roles)
+    folder = results_folder(out, roles, ("explained.toml", "diagnosis.json", "report.html"))
+    limit = _budget(budget)
+
+    def job() -> int:
+        with _session(limit) as progress:
+            common: dict[str, Any] = {"held_out": held_out or [], "seed": seed}
+            common |= {"budget": limit, "progress": progress}
+            if model is None:
+                from jaxsr.diagnosis import diagnose_simulated
+
+                names = split_names(states, "--states") or None
+                diagnosis = diagnose_simulated(data, simulated, states=names, **common)
+            else:
+                import jaxsr
+
+                diagnosis = jaxsr.diagnose(jaxsr.Simulator.from_file(model), data, **common)
+            diagnosis.save(folder)
+        _tell(diagnosis, folder)
+        return _finish(limit, folder)
+
+    return job
+
+
+@app.command()
+def simulate(
+    model: Annotated[str, typer.Argument(metavar="MODEL", help="A .toml, or file.py:function.")],
+    out: Annotated[str, typer.Option(metavar="FILE.csv", help="File for the outputs.")],
+    data: Annotated[
+        str | None, typer.Argument(metavar="[DATA]", help="Recording with the inputs.")
+    ] = None,
+    duration: Annotated[float | None, typer.Option(help="Seconds, without DATA.")] = None,
+    dt: Annotated[float | None, typer.Option(help="Seconds between rows, without DATA.")] = None,
+) -> Job:
+    """Run a model freely, with recorded inputs or without any."""
+    if not is_model(model):
+        raise InputError("is not a model", model, "Name a .toml or file.py:function first")
+    if data is None and (duration is None or dt is None):
+        raise InputError("no DATA to follow", "", "Give DATA, or both --duration and --dt")
+    if data is not None and not (duration is None and dt is None):
+        raise InputError("--duration and --dt are for runs without DATA", "", "Leave them out")
+    for option, value in (("--duration", duration), ("--dt", dt)):
+        if value is not None and not 0 < value < float("inf"):
+            raise InputError(f"must be positive seconds, got {value}", option)
+    inputs = ([model] if ".py:" not in model else []) + ([data] if data is not None else [])
+    check_roles({"MODEL": inputs[:1], "DATA": inputs[1:]})
+    target = Path(out)
+    if any(Path(path).resolve() == target.resolve() for path in inputs):
+        raise InputError("would overwrite an input", f"--out {out}", "Name another file")
+    if target.is_dir():
+        raise InputError("is a directory", f"--out {out}", "Name a file, such as run.csv")
+
+    def job() -> int:
+        from jaxsr._files import atomic_write_text, check_writable
+
+        check_writable(target)
+        import jaxsr
+        from jaxsr.models import simulate_to_csv
+
+        simulator = jaxsr.Simulator.from_file(model)
+        recording = None
+        if data is not None:
+            given = simulator.model
+            recording = jaxsr.read_recording(
+                data, time=given.columns.get(given.time), sample_time=given.sample_time
+            )
+        table = simulate_to_csv(simulator, recording, duration, dt)
+        atomic_write_text(target, table.to_csv(index=False, lineterminator="\n"))
+        print(f"{len(table)} rows in {target}")
+        return OK
+
+    return job
+
+
+@app.command()
+def demo(out: Out = "jaxsr-demo") -> Job:
+    """Diagnose the bundled recordings of a two-link arm, offline."""
+    folder = results_folder(out, {}, ())
+    limit = _budget(None)
+
+    def job() -> int:
+        model, train, held_out = _demo_files()
+        with _session(limit) as progress:
+            import jaxsr
+
+            simulator = jaxsr.Simulator.from_file(model)
+            diagnosis = jaxsr.diagnose(
+                simulator, train, held_out=held_out, budget=limit, progress=progress
+            )
+            diagnosis.save(folder)
+        _tell(diagnosis, folder)
+        return _finish(limit, folder)
+
+    return job
+
+
+@datasets_app.command("list")
+def list_command() -> Job:
+    """List the recordings that can be fetched."""
+
+    def job() -> int:
+        from jaxsr.datasets import list_datasets
+
+        for dataset in list_datasets():
+            print(f"{dataset.name:16} {dataset.title} ({dataset.licence})")
+        return OK
+
+    return job
+
+
+@datasets_app.command("fetch")
+def fetch_command(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A name that `list` shows.")],
+    out: Annotated[
+        str | None, typer.Option(metavar="DIR", help="Directory, ./NAME by default.")
+    ] = None,
+) -> Job:
+    """Write one CSV per experiment, with the model file beside."""
+
+    def job() -> int:
+        from jaxsr.datasets import fetch
+
+        for path in fetch(name, out):
+            print(path)
+        return OK
+
+    return job
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit status.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments after the program's name; those of the process by default.
+
+    Returns
+    -------
+    int
+        0 the job ran, 2 wrong use or unreadable input, 130 interrupted, 1 a defect of jaxsr.
+    """
+    try:
+        arguments = expand_file_lists(sys.argv[1:] if argv is None else argv)
+        command = typer.main.get_command(app)
+        outcome = command.main(args=arguments, prog_name="jaxsr", standalone_mode=False)
+        job: Job = outcome if callable(outcome) else lambda: int(outcome or OK)
+        return job()
+    except InputError as error:
+        return _wrong_use(str(error))
+    except KeyboardInterrupt:
+        print("jaxsr: interrupted; nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output left, as in `jaxsr datasets list | head -1`
+        with contextlib.suppress(OSError):
+            sys.stdout.close()
+        return OK
+    except Exception as error:
+        # typer's usage errors; older releases take their classes from click, newer from inside.
+        message = getattr(error, "format_message", None)
+        if callable(message):
+            return _wrong_use(str(message()))
+        traceback.print_exc()
+        print("jaxsr: this is a defect of jaxsr, please report it", file=sys.stderr)
+        return DEFECT
+
+
+def _demo_files() -> tuple[Path, list[Path], list[Path]]:
+    """Return the bundled model, recordings to learn from and held-out ones."""
+    bundled = importlib.resources.files("jaxsr") / "datasets" / "demo"
+    with importlib.resources.as_file(bundled) as folder:
+        return folder / "arm.toml", [folder / "set1_train.csv"], [folder / "set1_validation.csv"]
+
+
+def _wrong_use(message: str) -> int:
+    print(f"jaxsr: error: {' '.join(message.split())}", file=sys.stderr)
+    return WRONG_USE
+
+
+def _budget(seconds: float | None) -> Budget:
+    from jaxsr._progress import as_budget
+
+    return as_budget(seconds)
+
+
+@contextlib.contextmanager
+def _session(budget: Budget) -> Iterator[Progress]:
+    """Show progress, and let the first Ctrl-C ask for an early end."""
+    from jaxsr._progress import graceful_interrupt, progress_on
+
+    with graceful_interrupt(budget), progress_on() as progress:
+        yield progress
+
+
+def _tell(diagnosis: Any, folder: Path) -> None:
+    """Print the verdict and where the report is."""
+    print(f"Verdict: {diagnosis.verdict}.")
+    for finding in diagnosis.findings:
+        print(finding.explanation)
+    print(f"Report: {folder / 'report.html'}")
+
+
+def _finish(budget: Budget, folder: Path) -> int:
+    if not budget.interrupted:
+        return OK
+    print(f"jaxsr: interrupted; the best so far is in {folder}", file=sys.stderr)
+    return INTERRUPTED
