@@ -7,7 +7,6 @@ what it needs: ``jaxsr --help`` loads no numerical library.
 from __future__ import annotations
 
 import contextlib
-import importlib.resources
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -290,9 +289,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments = expand_file_lists(sys.argv[1:] if argv is None else argv)
         command = typer.main.get_command(app)
-        outcome = command.main(args=arguments, prog_name="jaxsr", standalone_mode=False)
-        job: Job = outcome if callable(outcome) else lambda: int(outcome or OK)
-        return job()
+        outcome: Any = command.main(args=arguments, prog_name="jaxsr", standalone_mode=False)
+        return outcome() if callable(outcome) else int(outcome or OK)
     except InputError as error:
         return _wrong_use(str(error))
     except KeyboardInterrupt:
@@ -314,9 +312,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _demo_files() -> tuple[Path, list[Path], list[Path]]:
     """Return the bundled model, recordings to learn from and held-out ones."""
-    bundled = importlib.resources.files("jaxsr") / "datasets" / "demo"
-    with importlib.resources.as_file(bundled) as folder:
-        return folder / "arm.toml", [folder / "set1_train.csv"], [folder / "set1_validation.csv"]
+    folder = Path(__file__).parent / "datasets" / "demo"
+    return folder / "arm.toml", [folder / "set1_train.csv"], [folder / "set1_validation.csv"]
 
 
 def _wrong_use(message: str) -> int:

@@ -1,0 +1,26 @@
+"""Shared by all tests: where real recordings are, figures without a display, seeded draws."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+# Compilation makes first examples slow; the same draws everywhere make failures repeatable.
+hypothesis.settings.register_profile("jaxsr", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("jaxsr")
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def recordings() -> Path:
+    """Folder of real recordings beside the repository; the test is skipped without it."""
+    folder = ROOT.parent / "shared" / "recordings"
+    if not folder.is_dir():
+        pytest.skip("real recordings are absent: ../shared/recordings")
+    return folder

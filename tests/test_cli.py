@@ -1,0 +1,237 @@
+"""The commands' exit statuses, one-line errors, start-up time and Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+import jaxsr
+from jaxsr import cli
+from jaxsr._progress import Budget
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+class Recorded:
+    """Stand in for the library's calls and keep what they were given."""
+
+    def __init__(self) -> None:
+        self.calls: list[dict[str, Any]] = []
+        self.during: Any = lambda budget: None
+
+    def __call__(self, *args: Any, **options: Any) -> SimpleNamespace:
+        self.calls.append({"args": args, **options})
+        self.during(options["budget"])
+        options["progress"].stage("working")
+        return SimpleNamespace(verdict="nothing", findings=[], equations=[], save=self.save)
+
+    def save(self, directory: Path) -> None:
+        directory.mkdir()
+        (directory / "report.html").write_text("whole")
+
+
+@pytest.fixture
+def library(monkeypatch: pytest.MonkeyPatch) -> Recorded:
+    recorded = Recorded()
+    reader = SimpleNamespace(from_file=lambda path: ("simulator", path))
+    monkeypatch.setitem(jaxsr.__dict__, "Simulator", reader)
+    monkeypatch.setitem(jaxsr.__dict__, "diagnose", recorded)
+    monkeypatch.setitem(jaxsr.__dict__, "discover", recorded)
+    monkeypatch.setitem(jaxsr.__dict__, "read_recording", lambda path, time=None: ("read", path))
+    return recorded
+
+
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    for name in ("m.toml", "a.csv", "b.csv", "v0.csv", "v1.csv", "w.csv"):
+        (tmp_path / name).write_text("t,x\n0,0\n")
+    return tmp_path
+
+
+def test_diagnose_passes_each_file_in_its_role(files: Path, library: Recorded, capsys: Any) -> None:
+    argv = "diagnose m.toml a.csv b.csv --held-out v0.csv v1.csv --seed 3 --out d".split()
+    assert cli.main(argv) == 0
+    (call,) = library.calls
+    assert call["args"] == (("simulator", "m.toml"), ["a.csv", "b.csv"])
+    assert call["held_out"] == ["v0.csv", "v1.csv"] and call["seed"] == 3
+    captured = capsys.readouterr()
+    assert "Verdict: nothing." in captured.out and "d/report.html" in captured.out
+    assert captured.err == "jaxsr: working\n"
+
+
+def test_discover_passes_its_options(files: Path, library: Recorded) -> None:
+    argv = (
+        "discover a.csv --states z1,z2 --derivatives dz1,dz2 --inputs u --validation b.csv w.csv "
+        "--held-out v0.csv --modes auto --budget 9 --out d"
+    )
+    assert cli.main(argv.split()) == 0
+    (call,) = library.calls
+    assert call["args"] == ([("read", "a.csv")],)
+    assert call["states"] == ("z1", "z2") and call["derivatives"] == ("dz1", "dz2")
+    assert call["inputs"] == ("u",) and call["modes"] == "auto" and call["order"] == 1
+    assert call["validation"] == [("read", "b.csv"), ("read", "w.csv")]
+    assert call["held_out"] == ["v0.csv"], "held-out files are not opened by the command"
+    assert call["budget"].seconds == 9
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "nonsense",
+        "datasets",
+        "diagnose",
+        "diagnose m.toml a.csv",
+        "diagnose m.toml --out d",
+        "diagnose a.csv --out d",
+        "diagnose m.toml a.csv --out d --nonsense",
+        "diagnose m.toml absent.csv --out d",
+        "diagnose absent.toml a.csv --out d",
+        "diagnose m.toml a.csv --held-out absent.csv --out d",
+        "diagnose m.toml a.csv --held-out --out d",
+        "diagnose m.toml a.csv --held-out v0.csv a.csv --out d",
+        "diagnose m.toml a.csv ./a.csv --out d",
+        "diagnose m.toml a.csv --out b.csv",
+        "diagnose m.toml a.csv --out b.csv/d",
+        "diagnose m.toml a.csv --out d --seed -1",
+        "diagnose m.toml a.csv --out d --seed x",
+        "diagnose m.toml a.csv --out d --budget 0",
+        "diagnose m.toml a.csv --out d --budget nan",
+        "diagnose a.csv --simulated b.csv w.csv --out d",
+        "diagnose m.toml a.csv --simulated b.csv --out d",
+        "discover a.csv --out d",
+        "discover a.csv --states z1, --out d",
+        "discover a.csv --states z1,z2 --derivatives dz1 --out d",
+        "discover a.csv --states z1 --order 3 --out d",
+        "discover a.csv --states z1 --modes many --out d",
+        "discover a.csv --states z1 --validation a.csv --out d",
+        "simulate a.csv --out f.csv",
+        "simulate m.toml --out f.csv",
+        "simulate m.toml a.csv --dt 1 --out f.csv",
+        "simulate m.toml --duration 1 --dt 0 --out f.csv",
+        "simulate m.toml a.csv --out a.csv",
+        "simulate m.toml a.csv --out .",
+        "simulate m.toml a.csv --out a.csv/f.csv",
+        "demo --out a.csv",
+        "datasets fetch nonsense",
+    ],
+)
+def test_wrong_use_is_one_line_and_status_2(
+    line: str, files: Path, library: Recorded, capsys: Any
+) -> None:
+    before = {path.name: path.read_text() for path in files.iterdir()}
+    assert cli.main(line.split()) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("jaxsr: error: ")
+    assert captured.err.count("\n") == 1 and "Traceback" not in captured.err
+    assert not library.calls
+    assert {path.name: path.read_text() for path in files.iterdir()} == before
+
+
+def test_a_defect_of_ours_shows_its_traceback(files: Path, library: Recorded, capsys: Any) -> None:
+    library.during = lambda budget: 1 / 0
+    assert cli.main("diagnose m.toml a.csv --out d".split()) == 1
+    assert "ZeroDivisionError" in capsys.readouterr().err
+    assert not Path("d").exists()
+
+
+def test_first_interrupt_keeps_the_best_so_far(files: Path, library: Recorded, capsys: Any) -> None:
+    def during(budget: Budget) -> None:
+        signal.raise_signal(signal.SIGINT)
+        assert budget.interrupted and budget.exhausted
+
+    library.during = during
+    assert cli.main("diagnose m.toml a.csv --out d".split()) == 130
+    assert Path("d/report.html").read_text() == "whole"
+    assert "best so far is in d" in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_second_interrupt_ends_at_once(files: Path, library: Recorded, capsys: Any) -> None:
+    def during(budget: Budget) -> None:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    library.during = during
+    assert cli.main("diagnose m.toml a.csv --out d".split()) == 130
+    assert not Path("d").exists()
+    assert "nothing was written" in capsys.readouterr().err
+
+
+def test_outside_the_main_thread_no_handler_is_set(files: Path, library: Recorded) -> None:
+    status: list[int] = []
+    argv = "diagnose m.toml a.csv --out d".split()
+    thread = threading.Thread(target=lambda: status.append(cli.main(argv)))
+    thread.start()
+    thread.join()
+    assert status == [0]
+
+
+def test_demo_knows_its_files() -> None:
+    model, train, held_out = cli._demo_files()
+    assert all(path.is_file() for path in (model, *train, *held_out))
+
+
+def run_python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, timeout=60
+    )
+
+
+def test_help_is_quick_and_loads_no_numerical_library() -> None:
+    code = (
+        "import sys; from jaxsr.cli import main; status = main(['--help']);"
+        "print(sorted({'jax', 'numpy', 'scipy', 'pandas', 'sympy'} & set(sys.modules)));"
+        "sys.exit(status)"
+    )
+    seconds = []
+    for _ in range(3):
+        begin = time.perf_counter()
+        done = run_python(code)
+        seconds.append(time.perf_counter() - begin)
+        assert done.returncode == 0
+        assert done.stdout.splitlines()[-1] == "[]"
+        for command in ("discover", "diagnose", "simulate", "demo", "datasets"):
+            assert command in done.stdout
+    # The best of three: what the machine does besides is not the program's doing.
+    assert min(seconds) < 1.0
+
+
+def test_module_runs_as_a_program_and_quiet_pipe_close_is_no_error() -> None:
+    command = [sys.executable, "-m", "jaxsr", "datasets", "list"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert done.returncode == 0 and "emps" in done.stdout
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, cwd=ROOT, timeout=60)
+    os.close(writer)
+    assert done.stderr == b"" and done.returncode == 0
+
+
+def test_namesake_is_named_once(tmp_path: Path) -> None:
+    info = tmp_path / "jaxsr-0.3.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: jaxsr\nVersion: 0.3.0\n")
+    code = f"import sys; sys.path.append({str(tmp_path)!r}); import jaxsr; import jaxsr.cli"
+    done = run_python(code)
+    assert done.returncode == 0
+    assert done.stderr.count("another project") == 1 and "0.3.0" in done.stderr
+    assert run_python("import jaxsr").stderr == ""
+
+
+def test_importing_changes_nothing_of_jax() -> None:
+    assert run_python("import sys, jaxsr; sys.exit('jax' in sys.modules)").returncode == 0
+    assert set(jaxsr.__all__) <= set(dir(jaxsr))
+    with pytest.raises(AttributeError, match="nonsense"):
+        jaxsr.__getattr__("nonsense")
