@@ -105,7 +105,7 @@ def atomic_directory(out: Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        Directory to write into; flat, as sub-directories are not carried over.
+        Directory to write into. Files only: sub-directories are refused.
 
     Raises
     ------
@@ -122,6 +122,8 @@ def atomic_directory(out: Path) -> Iterator[Path]:
     try:
         yield staging
         names = sorted({entry.name for entry in staging.iterdir()} - {_MANIFEST})
+        if any((staging / name).is_dir() for name in names):
+            raise ValueError(f"results are files in a flat directory, got folders in {names}")
         (staging / _MANIFEST).write_text("\n".join(names) + "\n", encoding="utf-8")
         if existed:
             _replace_files(out, staging, [*names, _MANIFEST])

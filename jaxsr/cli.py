@@ -7,6 +7,7 @@ what it needs: ``jaxsr --help`` loads no numerical library.
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -290,15 +291,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = expand_file_lists(sys.argv[1:] if argv is None else argv)
         command = typer.main.get_command(app)
         outcome: Any = command.main(args=arguments, prog_name="jaxsr", standalone_mode=False)
-        return outcome() if callable(outcome) else int(outcome or OK)
+        status = outcome() if callable(outcome) else int(outcome or OK)
+        sys.stdout.flush()  # a closed pipe is noticed here, not at exit
+        return status
     except InputError as error:
         return _wrong_use(str(error))
     except KeyboardInterrupt:
         print("jaxsr: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output left, as in `jaxsr datasets list | head -1`
-        with contextlib.suppress(OSError):
-            sys.stdout.close()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
     except Exception as error:
         # typer's usage errors; older releases take their classes from click, newer from inside.

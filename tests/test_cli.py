@@ -214,9 +214,13 @@ def test_module_runs_as_a_program_and_quiet_pipe_close_is_no_error() -> None:
     assert done.returncode == 0 and "emps" in done.stdout
     reader, writer = os.pipe()
     os.close(reader)
-    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, cwd=ROOT, timeout=60)
+    for unbuffered in ("", "1"):
+        environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
+        done = subprocess.run(
+            command, stdout=writer, stderr=subprocess.PIPE, cwd=ROOT, timeout=60, env=environment
+        )
+        assert done.stderr == b"" and done.returncode == 0
     os.close(writer)
-    assert done.stderr == b"" and done.returncode == 0
 
 
 def test_namesake_is_named_once(tmp_path: Path) -> None:

@@ -1,0 +1,89 @@
+"""Progress in a pipe and in a terminal, and time budgets."""
+
+from __future__ import annotations
+
+import io
+import math
+import threading
+
+import pytest
+
+from jaxsr._progress import Budget, Progress, Silent, as_budget, progress_on
+from jaxsr._result import InputError, StoppedBy
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def work(progress: Progress) -> None:
+    for text in ("reading", "searching"):
+        progress.stage(text)
+        for step in range(50):
+            progress.update(step / 50, f"generation {step}")
+
+
+def test_a_pipe_gets_one_plain_line_per_stage() -> None:
+    stream = io.StringIO()
+    with progress_on(stream) as progress:
+        work(progress)
+    assert stream.getvalue() == "jaxsr: reading\njaxsr: searching\n"
+
+
+def test_a_terminal_gets_a_live_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    stream = Terminal()
+    with progress_on(stream) as progress:
+        work(progress)
+    assert "searching: generation 49" in stream.getvalue()
+    assert "\x1b[" in stream.getvalue()
+
+
+def test_the_default_is_silent_and_a_closed_stream_ends_no_job(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    work(Silent())
+    assert capsys.readouterr() == ("", "")
+    stream = io.StringIO()
+    with progress_on(stream) as progress:
+        stream.close()
+        work(progress)
+
+
+def test_budget_runs_out() -> None:
+    budget = Budget(0.02)
+    assert not budget.exhausted and 0 < budget.remaining <= 0.02
+    threading.Event().wait(0.03)
+    assert budget.exhausted and budget.remaining == 0.0
+    assert budget.stopped_by is StoppedBy.BUDGET
+    assert budget.elapsed >= 0.03
+
+
+def test_an_unlimited_budget_ends_by_interrupt_alone() -> None:
+    budget = Budget()
+    assert budget.remaining == math.inf and not budget.exhausted
+    assert budget.stopped_by is StoppedBy.CONVERGED
+    share = budget.share(0.5)
+    assert share.remaining == math.inf
+    budget.interrupt()
+    assert budget.exhausted and share.exhausted and share.interrupted
+    assert budget.stopped_by is StoppedBy.INTERRUPTED
+
+
+def test_shares_of_a_budget() -> None:
+    budget = Budget(100.0)
+    assert budget.share(0.25).remaining == pytest.approx(25.0, rel=1e-3)
+    assert not Budget(1e-9).share(0.5).interrupted
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, math.nan])
+def test_a_budget_is_positive(seconds: float) -> None:
+    with pytest.raises(InputError, match="budget must be positive"):
+        as_budget(seconds)
+
+
+def test_as_budget() -> None:
+    budget = Budget(3.0)
+    assert as_budget(budget) is budget
+    assert as_budget(None).seconds == math.inf and as_budget(2).seconds == 2.0
