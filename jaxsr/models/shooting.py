@@ -65,6 +65,12 @@ class Fit:
     by_start: np.ndarray
     converged: bool
 
+    @property
+    def usable(self) -> bool:
+        """Whether the derivatives are numbers; at an unstable point they overflow."""
+        largest = max(np.abs(self.jacobian).max(initial=0.0), np.abs(self.by_start).max(initial=0.0))
+        return bool(np.isfinite(largest) and largest < 1e60 and np.isfinite(self.cost))
+
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
         """Per segment: the starts projected out of J^T J and J^T r.
 
@@ -113,7 +119,7 @@ def fit(
     x0 = np.array(problem.segments.guess if x0 is None else x0, dtype=float)
     damping, best = 1e-3, _linearised(problem, theta, x0, active)
     for _ in range(max_iterations):
-        if stop() or not np.isfinite(best.cost):
+        if stop() or not np.isfinite(best.cost) or not best.usable:
             break
         improved = False
         for _ in range(8):
@@ -133,7 +139,11 @@ def fit(
             best = replace(best, converged=True)
             break
         gain = (best.cost - cost) / max(best.cost, 1e-300)
-        best = _linearised(problem, trial_theta, trial_x0, active)
+        linearised = _linearised(problem, trial_theta, trial_x0, active)
+        if not linearised.usable:
+            best = replace(best, converged=False)
+            break
+        best = linearised
         damping = max(damping / 8.0, 1e-12)
         if gain < _RELATIVE_GAIN:
             best = replace(best, converged=True)

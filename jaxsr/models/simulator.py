@@ -165,11 +165,11 @@ class Simulator(eqx.Module):
         args = tuple(self._smooth(arg) for arg in term.args)
         if term.op in SMOOTHED and term.args[0] in self.smoothed_arguments:
             width = Term.variable(f"width {self.smoothed_arguments.index(term.args[0])}")
-            tanh = Term.apply("tanh", Term.apply("div", args[0], width))
+            sign = Term.apply("tanh", Term.apply("div", args[0], width))
             if term.op == "sign":
-                return tanh
+                return sign
             half = Term.constant(0.5)
-            return Term.apply("add", half, Term.apply("mul", half, tanh))
+            return Term.apply("add", half, Term.apply("mul", half, sign))
         return Term(term.op, args)
 
     def _accelerations(self, rates: dict, env: dict, shared: dict) -> dict:

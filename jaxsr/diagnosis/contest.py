@@ -1,0 +1,325 @@
+"""The contest: sets of candidates estimated in free run and compared on held-back blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.stats
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.models.rollout import Stepping, outputs
+from jaxsr.models.segments import Prepared, build_segments, cut
+from jaxsr.models.shooting import Fit, Problem, fit
+from jaxsr.models.simulator import Simulator, width_scales
+
+BLOCKS = 12
+STEP_ERROR = 1e-3
+"""Integration error allowed over 400 samples, in standard deviations of an output."""
+STABLE = 2.5
+"""Product of step and fastest rate up to which RK4 is stable (its limit is 2.78)."""
+MOST_SUBSTEPS = 16
+MIN_GAIN = 0.05
+"""Smallest gain in log held-back mean square that counts, whatever its significance: smoothing
+sign() alone can move the error of a friction model by half of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One set of candidates after estimation in free run.
+
+    Attributes
+    ----------
+    members : tuple of int
+    fit : Fit
+    errors : ndarray, shape (blocks,)
+        Mean squared scaled residual of each block, estimated without it.
+    """
+
+    members: tuple[int, ...]
+    fit: Fit
+    errors: np.ndarray
+
+    @property
+    def error(self) -> float:
+        """Geometric mean over the blocks."""
+        return float(np.exp(np.mean(np.log(self.errors + 1e-300))))
+
+
+@dataclass(frozen=True, eq=False)
+class Arena:
+    """What all entries share: the super-model, its segments, and the blocks held back in turn."""
+
+    super_model: SuperModel
+    problem: Problem
+    prepared: tuple[Prepared, ...]
+    bounds: tuple[np.ndarray, np.ndarray]
+    pieces: tuple[tuple[int, int, int, int], ...]  # (block, segment, from sample, to sample)
+
+    @property
+    def horizon_samples(self) -> int:
+        """Samples of the longest segment."""
+        return int(self.problem.segments.count.max())
+
+
+def parameter_bounds(super_model: SuperModel) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of every parameter of the super-model."""
+    order = list(super_model.model.parameters.items())
+    low = np.array([p.bounds[0] if p.bounds else -np.inf for _, p in order])
+    high = np.array([p.bounds[1] if p.bounds else np.inf for _, p in order])
+    names = [n for n, _ in order]
+    for candidate in super_model.candidates:
+        if candidate.fixed_parameter is not None:
+            at, spec = names.index(candidate.fixed_parameter), candidate.parameters[0]
+            low[at], high[at] = spec.low, spec.high
+    return low, high
+
+
+def neutral_values(super_model: SuperModel) -> np.ndarray:
+    """Parameter values at which the super-model is the given model."""
+    return np.array([p.value for p in super_model.model.parameters.values()], dtype=float)
+
+
+def build_arena(
+    super_model: SuperModel,
+    prepared: Sequence[Prepared],
+    stepping: Stepping,
+    horizon: float | None,
+    scale: np.ndarray,
+) -> Arena:
+    """Cut the recordings and lay out the blocks."""
+    rows = cut(prepared, horizon)
+    segments = build_segments(super_model.model, prepared, rows, stepping.substeps)
+    problem = Problem(Simulator(super_model.model), stepping, segments, scale)
+    return Arena(
+        super_model, problem, tuple(prepared), parameter_bounds(super_model), _pieces(segments.count)
+    )
+
+
+def _pieces(counts: np.ndarray) -> tuple[tuple[int, int, int, int], ...]:
+    """Assign segments, or stretches of them where they are few, to blocks."""
+    if counts.size >= 8:
+        block = np.minimum(np.arange(counts.size) * BLOCKS // counts.size, BLOCKS - 1)
+        return tuple((int(block[s]), s, 0, int(n)) for s, n in enumerate(counts))
+    each = int(np.ceil(BLOCKS / counts.size))
+    pieces, number = [], 0
+    for s, count in enumerate(counts):
+        edges = np.linspace(0, count, each + 1).astype(int)
+        for a, b in zip(edges[:-1], edges[1:], strict=True):
+            if b - a >= 2:
+                pieces.append((number, s, int(a), int(b)))
+                number += 1
+    return tuple(pieces)
+
+
+def enter(
+    arena: Arena,
+    members: tuple[int, ...],
+    start: np.ndarray,
+    x0: np.ndarray | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> Entry:
+    """Estimate one set jointly with the free parameters and the starts, and hold blocks back."""
+    active = active_parameters(arena.super_model, members)
+    result = fit(arena.problem, start, active, arena.bounds, x0=x0, stop=stop)
+    return Entry(members, result, held_back(arena, result))
+
+
+def active_parameters(super_model: SuperModel, members: tuple[int, ...]) -> np.ndarray:
+    """Free parameters of the given model and all parameters of the members."""
+    index = [*super_model.base_index(), *(j for i in members for j in super_model.index(i))]
+    return np.array(sorted(set(index)), dtype=int)
+
+
+def held_back(arena: Arena, result: Fit) -> np.ndarray:
+    """Mean squared residual of every block when parameters and starts are estimated without it.
+
+    To first order around the estimate: leaving block b out moves (theta, x0) by the Gauss-Newton
+    step of the remaining residuals. A block that is a whole segment has no other data for its
+    own start, which is then estimated on it, as in any free run.
+    """
+    if not result.usable:
+        return np.full(1 + max(b for b, *_ in arena.pieces), np.inf)
+    states, parameters = result.by_start.shape[0], result.active.size
+    segments = result.residual.shape[-1]
+    whole = arena.problem.segments.count
+    products: dict[int, list[tuple[int, bool, np.ndarray, np.ndarray, float, int]]] = {}
+    gram = np.zeros((segments, parameters + states, parameters + states))
+    moment = np.zeros((segments, parameters + states))
+    for block, s, a, b in arena.pieces:
+        columns = np.concatenate(
+            [result.jacobian[:, :, a:b, s], result.by_start[:, :, a:b, s]]
+        ).reshape(parameters + states, -1)
+        r = result.residual[:, a:b, s].ravel()
+        g, m = columns @ columns.T, columns @ r
+        used = int(arena.problem.segments.weights[:, a:b, s].sum())
+        alone = a == 0 and b == whole[s]
+        products.setdefault(block, []).append((s, alone, g, m, float(r @ r), used))
+        gram[s] += g
+        moment[s] += m
+    errors = []
+    for block in sorted(products):
+        rest_gram, rest_moment = gram.copy(), moment.copy()
+        for s, _, g, m, _, _ in products[block]:
+            rest_gram[s] -= g
+            rest_moment[s] -= m
+        theta_step, start_steps = _solve(rest_gram, rest_moment, parameters)
+        sse = used_total = 0.0
+        for s, alone, g, m, power, used in products[block]:
+            if alone:
+                own = m[parameters:] - g[parameters:, :parameters] @ theta_step
+                start = np.linalg.lstsq(g[parameters:, parameters:], own, rcond=1e-10)[0]
+            else:
+                start = start_steps[s]
+            step = np.concatenate([theta_step, start])
+            sse += max(power - 2 * m @ step + step @ g @ step, 0.0)
+            used_total += used
+        if used_total:
+            errors.append(sse / used_total)
+    return np.array(errors)
+
+
+def _solve(
+    gram: np.ndarray, moment: np.ndarray, parameters: int
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Solve for the common parameters and every segment's start (arrow-shaped equations)."""
+    total, right, inverses = np.zeros((parameters, parameters)), np.zeros(parameters), []
+    for g, m in zip(gram, moment, strict=True):
+        inverse = np.linalg.pinv(g[parameters:, parameters:], rcond=1e-10, hermitian=True)
+        cross = g[:parameters, parameters:]
+        total += g[:parameters, :parameters] - cross @ inverse @ cross.T
+        right += m[:parameters] - cross @ inverse @ m[parameters:]
+        inverses.append(inverse)
+    if parameters:
+        size = _column_sizes(total)
+        step = np.linalg.lstsq(total / size / size[:, None], right / size, rcond=1e-10)[0] / size
+    else:
+        step = np.zeros(0)
+    starts = [
+        inverse @ (m[parameters:] - g[parameters:, :parameters] @ step)
+        for g, m, inverse in zip(gram, moment, inverses, strict=True)
+    ]
+    return step, starts
+
+
+def _column_sizes(gram: np.ndarray) -> np.ndarray:
+    """Square roots of the diagonal, 1 for columns without effect."""
+    diagonal = np.diag(gram)
+    return np.sqrt(np.where(diagonal > 1e-200, diagonal, 1.0))
+
+
+def gain(worse: np.ndarray, better: np.ndarray) -> tuple[float, float, float]:
+    """Compare two entries block by block.
+
+    Returns
+    -------
+    mean : float
+        Mean of log(worse / better) over the blocks.
+    error : float
+        Its standard error.
+    p : float
+        One-sided p-value of Student's t-test that the mean is above zero.
+    """
+    difference = np.log(worse + 1e-300) - np.log(better + 1e-300)
+    mean, count = float(np.mean(difference)), difference.size
+    error = float(np.std(difference, ddof=1) / np.sqrt(count)) if count > 1 else np.inf
+    if error == 0.0:
+        return mean, 0.0, 0.5 if mean == 0.0 else float(mean < 0)
+    return mean, error, float(scipy.stats.t.sf(mean / error, count - 1))
+
+
+def correlation_length(residual: np.ndarray) -> float:
+    """Return how many neighbouring samples carry one independent residual."""
+    total, power = 0.0, 0.0
+    lags = min(residual.shape[1] - 1, 400)
+    r = residual.transpose(0, 2, 1).reshape(-1, residual.shape[1])
+    power = float(np.mean(r**2)) + 1e-300
+    for lag in range(1, lags):
+        rho = float(np.mean(r[:, :-lag] * r[:, lag:])) / power
+        if rho < 0.05:
+            break
+        total += rho
+    return 1.0 + 2.0 * total
+
+
+def weights(entries: Sequence[Entry], effective: float, rng: np.random.Generator) -> np.ndarray:
+    """Probabilities of the entries.
+
+    Pseudo-Bayesian model averaging with the Bayesian bootstrap over blocks: the held-back log
+    score of a block is -(n/2) log(error), n independent residuals per block.
+
+    References
+    ----------
+    Yao, Vehtari, Simpson & Gelman, Bayesian Analysis 13 (2018), section 3.4.
+    """
+    score = -0.5 * effective * np.log(np.stack([e.errors for e in entries]) + 1e-300)
+    blocks = score.shape[1]
+    draws = rng.dirichlet(np.ones(blocks), size=2000) * blocks
+    total = draws @ score.T
+    total -= total.max(axis=1, keepdims=True)
+    share = np.exp(total)
+    return (share / share.sum(axis=1, keepdims=True)).mean(axis=0)
+
+
+def choose_stepping(
+    super_model: SuperModel, prepared: Sequence[Prepared], theta: np.ndarray
+) -> Stepping:
+    """Choose method and substeps so that the integration error stays far below the mismatch.
+
+    Steep friction is resolved by substeps up to `MOST_SUBSTEPS`; stiffer models go to the
+    L-stable method. Two runs, one with four times the substeps, tell the error, and the
+    method's order how it falls.
+    """
+    import jax
+
+    simulator = Simulator(super_model.model)
+    model = super_model.model
+    x = np.concatenate([p.states.values for p in prepared])
+    u = np.concatenate([p.inputs for p in prepared])
+    env = simulator.environment(0.0, tuple(x.T), tuple(u.T), tuple(theta))
+    widths = width_scales(simulator, env)
+    pick = np.linspace(0, len(x) - 1, min(200, len(x))).astype(int)
+    # The steepest place of friction is standstill: look there as well.
+    at = np.concatenate([x[pick], np.zeros((1, x.shape[1]))])
+    ut = np.concatenate([u[pick], u[:1]])
+    with jax.enable_x64(True):
+
+        def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
+            return jax.numpy.stack(
+                simulator.rates(0.0, tuple(state), tuple(inputs), tuple(theta), widths)
+            )
+
+        jacobian = np.asarray(jax.vmap(jax.jacfwd(rates))(at, ut))
+    jacobian = jacobian[np.isfinite(jacobian).all((1, 2))]
+    fastest = float(np.abs(np.linalg.eigvals(jacobian)).max()) if jacobian.size else 0.0
+    step = min(p.recording.sample_time for p in prepared)
+    needed = int(2 ** np.ceil(np.log2(max(fastest * step / STABLE, 1.0))))
+    if needed > MOST_SUBSTEPS:
+        return Stepping("rodas3", 4, widths)
+    method, order = "rk4", 4
+    rows = [(0, 0, min(len(prepared[0].time), 400))]
+    deviation = np.nanstd(prepared[0].outputs, axis=0) + 1e-300
+    coarse, fine = (
+        _trial(simulator, prepared, rows, Stepping(method, n, widths), theta)
+        for n in (needed, 4 * needed)
+    )
+    change = float(np.max(np.nanmax(np.abs(fine - coarse), axis=(1, 2)) / deviation))
+    if not np.isfinite(change):
+        return Stepping("rodas3", 4, widths)
+    # The error falls with the method's order: the fewest substeps that leave STEP_ERROR.
+    for factor in (1, 2, 4):
+        if change / factor**order < STEP_ERROR:
+            return Stepping(method, factor * needed, widths)
+    return Stepping(method, 4 * needed, widths)
+
+
+def _trial(
+    simulator: Simulator,
+    prepared: Sequence[Prepared],
+    rows: list[tuple[int, int, int]],
+    stepping: Stepping,
+    theta: np.ndarray,
+) -> np.ndarray:
+    segments = build_segments(simulator.model, prepared, rows, stepping.substeps)
+    return outputs(simulator, stepping, segments, theta, segments.guess)

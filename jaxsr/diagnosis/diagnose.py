@@ -1,0 +1,304 @@
+"""The diagnosis: calibrate, screen, contest, decide, refine, report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from jaxsr._progress import Budget, Progress, Silent, as_budget
+from jaxsr.diagnosis.candidates import Candidate, SuperModel
+from jaxsr.diagnosis.contest import (
+    Arena,
+    Entry,
+    build_arena,
+    choose_stepping,
+    enter,
+    neutral_values,
+)
+from jaxsr.diagnosis.decide import detect, plausible, simplest_adequate
+from jaxsr.diagnosis.document import Ingredients, assemble
+from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
+from jaxsr.diagnosis.result import Diagnosis
+from jaxsr.diagnosis.scoring import free_run, horizons
+from jaxsr.diagnosis.screening import ScreenedSet
+from jaxsr.diagnosis.setup import Screened, prepare, screen_all, state_scale
+from jaxsr.models import Simulator
+from jaxsr.models.rollout import Stepping
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording
+
+SINGLES, PAIRS, LARGER = 5, 4, 3
+MAX_SAMPLES = 1000
+"""Longest segment of the contest, in samples."""
+SMALL, SATURATED = 0.1, 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One diagnosis on its way: the given simulator, its data and the course of the work."""
+
+    simulator: Simulator
+    prepared: tuple[Prepared, ...]
+    screened: Screened | None
+    budget: Budget
+    progress: Progress = field(default_factory=Silent)
+
+
+def diagnose(
+    simulator: Simulator,
+    data: Sequence[str | Path | Recording],
+    *,
+    held_out: Sequence[str | Path | Recording] = (),
+    seed: int = 0,
+    budget: float | Budget | None = None,
+    progress: Progress | None = None,
+    command: str | None = None,
+) -> Diagnosis:
+    """Find what a simulator leaves out.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        The given model.
+    data : sequence of path or Recording
+        Recordings that every choice rests on.
+    held_out : sequence of path or Recording
+        Opened once, after the explained model is final, to report the fit.
+    seed : int
+        Of the bootstrap behind the probabilities and of the evolutionary search.
+    budget : float, optional
+        Seconds; the best so far is reported when they are spent.
+    progress : Progress, optional
+    command : str, optional
+        Kept in the provenance.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    InputError
+        A recording cannot be read or lacks a column of the model.
+
+    Notes
+    -----
+    Sets of mechanisms are screened in the weak view together with the free parameters, the
+    leading sets are estimated in free run by multiple shooting, and compared on blocks held
+    back in turn. DESIGN.md, sections 1.2 and 1.3, gives the reasons.
+    """
+    progress = progress or Silent()
+    budget = as_budget(budget)
+    rng = np.random.default_rng(seed)
+    progress.stage("reading recordings")
+    prepared = prepare(simulator.model, data)
+    progress.stage("screening mechanisms in the weak view")
+    case = Case(simulator, prepared, screen_all(simulator, prepared), budget, progress)
+    arena, entries, headline = contest(case)
+    progress.stage("deciding")
+    null = next(e for e in entries if not e.members)
+    good = [e for e in entries if not e.members or plausible(arena.super_model, e)]
+    chosen = simplest_adequate(good)
+    screened_count = len(case.screened.super_model.candidates) if case.screened else 10
+    detection = detect(null, chosen, screened_count)
+    if not detection.detected:
+        chosen = null
+    else:
+        chosen, extra = ablate(arena, chosen, good, case)
+        good += extra
+    ingredients = Ingredients(
+        case=case,
+        arena=arena,
+        entries=good,
+        null=null,
+        chosen=chosen,
+        detection=detection,
+        headline=headline,
+        horizons=horizons(prepared),
+        held_out=held_out,
+        rng=rng,
+        seed=seed,
+        command=command,
+    )
+    return assemble(ingredients)
+
+
+def contest(case: Case) -> tuple[Arena, list[Entry], float]:
+    """Estimate the leading sets in free run and hold blocks back."""
+    sets = leading_sets(case)
+    super_model, starts = contenders(case, sets)
+    best = max(starts, key=lambda s: len(s[0]))[1] if case.screened is None else starts[1][1]
+    case.progress.stage("choosing integration steps")
+    stepping = choose_stepping(super_model, case.prepared, best)
+    deviation = np.nanstd(np.concatenate([p.outputs for p in case.prepared]), axis=0)
+    scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
+    headline, samples = headline_horizon(case, super_model, stepping, starts[0][1])
+    arena = build_arena(super_model, case.prepared, stepping, samples, scale)
+    case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
+    entries: list[Entry] = []
+    for number, (members, start) in enumerate(starts):
+        if entries and case.budget.exhausted:
+            break
+        case.progress.update(number / len(starts), _label(super_model, members))
+        entry = enter(arena, members, start, stop=lambda: case.budget.exhausted)
+        entries.append(entry)
+        if number == 1:
+            arena, entries = _rescaled(arena, entries, starts)
+    return arena, entries, headline
+
+
+def _rescaled(
+    arena: Arena, entries: list[Entry], starts: list[tuple[tuple[int, ...], np.ndarray]]
+) -> tuple[Arena, list[Entry]]:
+    """Weigh the outputs by the residual that the leading set leaves on each."""
+    count = arena.problem.segments.weights.sum((1, 2))
+    power = (entries[-1].fit.residual ** 2).sum((1, 2)) / np.maximum(count, 1.0)
+    if not np.isfinite(power).all():
+        return arena, entries
+    problem = replace(arena.problem, scale=arena.problem.scale * np.sqrt(power + 1e-12))
+    arena = replace(arena, problem=problem)
+    again = [
+        enter(arena, e.members, e.fit.theta, x0=e.fit.x0) if e.fit.usable else e for e in entries
+    ]
+    return arena, again
+
+
+def _label(super_model: SuperModel, members: tuple[int, ...]) -> str:
+    return " + ".join(super_model.candidates[i].label for i in members) or "re-calibration"
+
+
+def leading_sets(case: Case) -> list[ScreenedSet]:
+    """Pick the sets that enter the contest: the best of each size, distinct mechanisms first."""
+    if case.screened is None:
+        return []
+    screening, super_model = case.screened.screening, case.screened.super_model
+    chosen: list[ScreenedSet] = []
+    for size, number in ((1, SINGLES), (2, PAIRS), (3, LARGER)):
+        seen: set[frozenset[str]] = set()
+        for item in (s for s in screening.sets if len(s.members) == size):
+            labels = frozenset(super_model.candidates[i].label for i in item.members)
+            if labels in seen or not screened_plausible(super_model, item):
+                continue
+            seen.add(labels)
+            chosen.append(item)
+            if len(seen) == number:
+                break
+    # A larger set is worth a contest only where it gains clearly in the weak view.
+    best = {n: min((s.error for s in chosen if len(s.members) == n), default=np.inf) for n in (1, 2)}
+    limit = 0.98
+    keep = [s for s in chosen if len(s.members) == 1]
+    keep += [s for s in chosen if len(s.members) == 2 and best[2] < limit * best[1]]
+    below = min(best.values())
+    keep += [s for s in chosen if len(s.members) == 3 and s.error < limit * below]
+    return sorted(keep, key=lambda s: s.error)
+
+
+def screened_plausible(super_model: SuperModel, item: ScreenedSet) -> bool:
+    """Whether a screened set obeys the order Fs >= Fc and names asymmetry beside friction only."""
+    chosen = [super_model.candidates[i] for i in item.members]
+    order = list(super_model.model.parameters)
+    for number, candidate in zip(item.members, chosen, strict=True):
+        names = super_model.names[number]
+        if candidate.mechanism == "stribeck_friction":
+            fc, fs = (item.values[order.index(names[n])] for n in ("Fc", "Fs"))
+            if not fc <= fs <= 3.0 * fc:
+                return False
+        if candidate.mechanism == "asymmetric_friction" and not _has_friction(
+            super_model.given, candidate, chosen
+        ):
+            return False
+    return True
+
+
+def _has_friction(given: object, candidate: Candidate, chosen: list[Candidate]) -> bool:
+    """Whether friction in the set or a velocity term in the model stands beside the asymmetry."""
+    beside = {"viscous_damping", "coulomb_friction", "stribeck_friction"}
+    if any(c.site == candidate.site and c.mechanism in beside for c in chosen):
+        return True
+    state = candidate.site.partition(":")[2]
+    term = given.equation_terms[state]  # type: ignore[attr-defined]  # a Model
+    return state in term.variables
+
+
+def contenders(
+    case: Case, sets: list[ScreenedSet]
+) -> tuple[SuperModel, list[tuple[tuple[int, ...], np.ndarray]]]:
+    """Build the super-model of the leading candidates, and where each set's estimation starts.
+
+    The first entry is re-calibration alone, the second the leading set; single sensor faults
+    come last.
+    """
+    given = case.simulator.model
+    sensors = sensor_candidates(given)
+    if case.screened is None:
+        forces = force_candidates(given, state_scale(given, case.prepared))
+        used = list(range(len(forces)))
+        super_model = SuperModel.build(given, [*forces, *sensors])
+        neutral = neutral_values(super_model)
+        starts = [((), neutral), *(((i,), neutral) for i in used)]
+        starts += [((len(used) + k,), neutral) for k in range(len(sensors))]
+        return super_model, starts
+    screened = case.screened
+    used = sorted({i for s in sets for i in s.members})
+    chosen = [screened.super_model.candidates[i] for i in used]
+    super_model = SuperModel.build(given, [*chosen, *sensors])
+    order, full = list(super_model.model.parameters), list(screened.super_model.model.parameters)
+
+    def carried(item: ScreenedSet) -> np.ndarray:
+        theta = neutral_values(super_model)
+        for j in screened.super_model.base_index():
+            theta[order.index(full[j])] = item.values[j]
+        for i in item.members:
+            for own, name in screened.super_model.names[i].items():
+                target = super_model.names[used.index(i)][own]
+                theta[order.index(target)] = item.values[full.index(name)]
+        return theta
+
+    empty = carried(screened.screening.empty)
+    starts = [((), empty)]
+    starts += [(tuple(used.index(i) for i in s.members), carried(s)) for s in sets]
+    starts += [((len(used) + k,), empty) for k in range(len(sensors))]
+    return super_model, starts
+
+
+def headline_horizon(
+    case: Case, super_model: SuperModel, stepping: Stepping, start: np.ndarray
+) -> tuple[float, float]:
+    """Choose the horizon the verdict rests on, and the contest's segment length, in seconds.
+
+    The longest horizon up to which the re-calibrated model's error stays small, or no longer
+    grows: errors of a drifting, unstable or chaotic system grow with the horizon, and judging
+    it by its full length compares how errors happen to add up.
+    """
+    simulator = Simulator(super_model.model, case.simulator.function)
+    options = horizons(case.prepared)
+    headline, previous = options[0], None
+    for horizon in options:
+        score = free_run(simulator, stepping, case.prepared, start, horizon).nrmse
+        if previous is not None and not (score <= SMALL or score <= SATURATED * previous):
+            break
+        headline, previous = horizon, score
+    step = float(np.median([p.recording.sample_time for p in case.prepared]))
+    fitting = [h for h in options if h <= headline and h / step <= MAX_SAMPLES]
+    return headline, max(fitting, default=options[0])
+
+
+def ablate(
+    arena: Arena, chosen: Entry, entries: list[Entry], case: Case
+) -> tuple[Entry, list[Entry]]:
+    """Enter the chosen set without each member, where the contest has not done so yet."""
+    have = {e.members for e in entries}
+    extra = []
+    for number in chosen.members:
+        rest = tuple(i for i in chosen.members if i != number)
+        if rest in have or case.budget.exhausted:
+            continue
+        start = chosen.fit.theta.copy()
+        neutral = neutral_values(arena.super_model)
+        for j in arena.super_model.index(number):
+            start[j] = neutral[j]
+        extra.append(enter(arena, rest, start, x0=chosen.fit.x0))
+    return chosen, extra

@@ -1,0 +1,73 @@
+"""The diagnosis as a value, and its files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from jaxsr._files import atomic_directory, dump_json
+from jaxsr.models import Model, model_text
+
+SCHEMA = "jaxsr.diagnosis/1"
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What a diagnosis found.
+
+    Attributes
+    ----------
+    verdict : str
+        nothing, parameter, structure, measurement, external_input or undecided.
+    findings : list of dict
+        Sorted by share; the form is that of ``diagnosis.json`` (CONTRACT.md, section 4).
+    model : Model
+        The explained model.
+    given : Model
+    fit : dict
+        Free-run and force errors of the given, re-calibrated and explained model.
+    document : dict
+        All of ``diagnosis.json``.
+    evidence : object
+        Data of the figures, for the report.
+    """
+
+    verdict: str
+    findings: list[dict[str, Any]]
+    model: Model
+    given: Model
+    fit: dict[str, Any]
+    document: dict[str, Any]
+    evidence: Any = field(repr=False, default=None)
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in a sentence."""
+        return verdict_sentence(self.verdict, self.findings)
+
+    def save(self, directory: str | Path) -> Path:
+        """Write diagnosis.json, explained.toml, report.html and figures, all or nothing."""
+        from jaxsr.report import write_diagnosis_report
+
+        directory = Path(directory)
+        with atomic_directory(directory) as out:
+            (out / "diagnosis.json").write_text(dump_json(self.document), encoding="utf-8")
+            (out / "explained.toml").write_text(model_text(self.model), encoding="utf-8")
+            write_diagnosis_report(self.document, self.evidence, out)
+        return directory
+
+
+def verdict_sentence(verdict: str, findings: list[dict[str, Any]]) -> str:
+    """Say the verdict in one plain sentence."""
+    named = " and ".join(
+        f"{f['mechanism'].replace('_', ' ')} at {f['site']}" for f in findings
+    )
+    return {
+        "nothing": "No mismatch above the noise.",
+        "parameter": f"The structure is right, a value is wrong: {named}.",
+        "structure": f"Physics is missing: {named}.",
+        "measurement": f"A sensor is wrong: {named}.",
+        "external_input": f"Something acted that no column records: {named}.",
+        "undecided": f"There is a mismatch, but these data cannot tell its cause; leading: {named}.",
+    }[verdict]

@@ -1,0 +1,101 @@
+"""Free-run scores as CONTRACT.md, section 4, defines them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxsr.models.rollout import Stepping, outputs
+from jaxsr.models.segments import Prepared, build_segments, cut
+from jaxsr.models.shooting import Problem, fit
+from jaxsr.models.simulator import Simulator
+
+DIVERGED = 10.0
+START_SHARE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRun:
+    """Segmented free runs of all recordings at one horizon.
+
+    Attributes
+    ----------
+    simulated : list of ndarray, shape (samples, outputs)
+        One per recording; NaN where no segment lies.
+    nrmse : float
+        Mean over recordings.
+    rmse : ndarray, shape (recordings, outputs)
+    """
+
+    simulated: list[np.ndarray]
+    nrmse: float
+    rmse: np.ndarray
+
+
+def horizons(prepared: Sequence[Prepared]) -> list[float]:
+    """Choose at least three horizons; the last one is the whole recording.
+
+    1/100, 1/25 and 1/5 of the recordings' length, each at least 20 samples.
+    """
+    length = float(np.median([p.time[-1] - p.time[0] for p in prepared]))
+    shortest = 20 * float(np.median([p.recording.sample_time for p in prepared]))
+    chosen = sorted({max(length / n, shortest) for n in (100, 25, 5)} | {length})
+    chosen = [h for h in chosen if h <= 0.7 * length] + [length]
+    return chosen if len(chosen) >= 3 else [length / 4, length / 2, length]
+
+
+def free_run(
+    simulator: Simulator,
+    stepping: Stepping,
+    prepared: Sequence[Prepared],
+    theta: np.ndarray,
+    horizon: float | None,
+) -> FreeRun:
+    """Simulate consecutive segments, each from a start estimated on its first 5 % only.
+
+    At least 3 samples serve for the start, on a whole recording at least 50.
+    """
+    model = simulator.model
+    longest = max(float(p.time[-1] - p.time[0]) for p in prepared)
+    whole = horizon is None or horizon >= longest * (1 - 1e-9)
+    rows = cut(prepared, None if whole else horizon)
+    segments = build_segments(model, prepared, rows, stepping.substeps)
+    least = 50 if whole else 3
+    first = [
+        (r, a, a + min(b - a, max(least, int(np.ceil(START_SHARE * (b - a)))))) for r, a, b in rows
+    ]
+    begin = build_segments(model, prepared, first, stepping.substeps)
+    scale = _scales(prepared).mean(0)
+    problem = Problem(simulator, stepping, begin, scale)
+    none = np.zeros(0, dtype=int)
+    start = fit(problem, theta, none, (theta, theta), max_iterations=10)
+    y = outputs(simulator, stepping, segments, theta, start.x0)
+    simulated = [np.full_like(p.outputs, np.nan) for p in prepared]
+    for s, (r, a, b) in enumerate(rows):
+        simulated[r][a:b] = y[:, : b - a, s].T
+    covered = [np.zeros(p.time.size, bool) for p in prepared]
+    for r, a, b in rows:
+        covered[r][a:b] = True
+    return _scored(prepared, simulated, covered)
+
+
+def _scales(prepared: Sequence[Prepared]) -> np.ndarray:
+    deviation = np.stack([np.nanstd(p.outputs, axis=0) for p in prepared])
+    return np.where(deviation > 0, deviation, 1.0)
+
+
+def _scored(
+    prepared: Sequence[Prepared], simulated: list[np.ndarray], covered: list[np.ndarray]
+) -> FreeRun:
+    scale, rmse, scores = _scales(prepared), [], []
+    for r, item in enumerate(prepared):
+        measured = np.isfinite(item.outputs) & covered[r][:, None]
+        error = np.where(measured, item.outputs - simulated[r], np.nan)
+        diverged = (measured & ~np.isfinite(simulated[r])).any(0)
+        mse = np.nanmean(np.where(np.isfinite(error), error**2, np.nan), axis=0)
+        relative = np.where(diverged, DIVERGED**2, np.minimum(mse / scale[r] ** 2, DIVERGED**2))
+        rmse.append(np.where(diverged, np.inf, np.sqrt(mse)))
+        scores.append(float(np.sqrt(np.mean(relative))))
+    return FreeRun(simulated, float(np.mean(scores)), np.array(rmse))

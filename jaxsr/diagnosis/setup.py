@@ -1,0 +1,73 @@
+"""From files and a simulator to everything a diagnosis works on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.screening import Screening, screen
+from jaxsr.diagnosis.weak_system import WeakSystem, observable_states, weak_system
+from jaxsr.models import Model, Simulator
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording, read_recording
+from jaxsr.views import choose_half_width
+
+QUANTILES = np.linspace(0.0, 1.0, 21)
+
+
+def open_recording(model: Model, item: str | Path | Recording) -> Recording:
+    """Read a file with the model's time column; recordings pass through."""
+    if isinstance(item, Recording):
+        return item
+    return read_recording(item, time=model.columns.get(model.time), sample_time=model.sample_time)
+
+
+def prepare(model: Model, items: Sequence[str | Path | Recording]) -> tuple[Prepared, ...]:
+    """Read recordings and estimate their states."""
+    return tuple(Prepared.build(model, open_recording(model, item)) for item in items)
+
+
+def state_scale(model: Model, prepared: Sequence[Prepared]) -> dict[str, np.ndarray]:
+    """Quantiles of every state over all recordings."""
+    values = np.concatenate([p.states.values for p in prepared])
+    return {s: np.nanquantile(values[:, i], QUANTILES) for i, s in enumerate(model.states)}
+
+
+def half_width_of(prepared: Sequence[Prepared]) -> float:
+    """Half-width of the test functions: the shortest that any output asks for."""
+    found = []
+    for item in prepared:
+        for column in item.outputs.T:
+            good = np.isfinite(column)
+            found.append(choose_half_width(item.time[good], column[good]))
+    shortest = min(p.time[-1] - p.time[0] for p in prepared)
+    return float(min(min(found), shortest / 4.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """The weak view of all candidates and the sets it suggests; absent where a state hides."""
+
+    super_model: SuperModel
+    system: WeakSystem
+    screening: Screening
+    half_width: float
+
+
+def screen_all(simulator: Simulator, prepared: Sequence[Prepared]) -> Screened | None:
+    """Screen every force mechanism, where the equations can be read off the sensors."""
+    model = simulator.model
+    if not observable_states(simulator, prepared):
+        return None
+    candidates = force_candidates(model, state_scale(model, prepared))
+    super_model = SuperModel.build(model, candidates)
+    theta = np.array([p.value for p in super_model.model.parameters.values()])
+    half_width = half_width_of(prepared)
+    full = Simulator(super_model.model, simulator.function)
+    system = weak_system(full, prepared, theta, half_width)
+    return Screened(super_model, system, screen(system, super_model), half_width)
