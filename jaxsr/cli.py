@@ -75,7 +75,7 @@ def discover(
         list[str] | None, typer.Option(metavar="FILE...", help="Recordings to choose a model by.")
     ] = None,
     held_out: HeldOut = None,
-    modes: Annotated[str, typer.Option(metavar="auto|N", help="Number of modes.")] = "1",
+    modes: Annotated[str, typer.Option(metavar="auto|N", help="Number of modes.")] = "auto",
     seed: Seed = 0,
     budget: Seconds = None,
 ) -> Job:
@@ -104,9 +104,9 @@ def discover(
             import jaxsr
 
             found = jaxsr.discover(
-                [jaxsr.read_recording(path, time=time) for path in data],
+                data,
                 states=names,
-                validation=[jaxsr.read_recording(path, time=time) for path in validation or []],
+                validation=validation or [],
                 budget=limit,
                 progress=progress,
                 **options,

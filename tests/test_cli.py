@@ -46,7 +46,6 @@ def library(monkeypatch: pytest.MonkeyPatch) -> Recorded:
     monkeypatch.setitem(jaxsr.__dict__, "Simulator", reader)
     monkeypatch.setitem(jaxsr.__dict__, "diagnose", recorded)
     monkeypatch.setitem(jaxsr.__dict__, "discover", recorded)
-    monkeypatch.setitem(jaxsr.__dict__, "read_recording", lambda path, time=None: ("read", path))
     return recorded
 
 
@@ -72,15 +71,15 @@ def test_diagnose_passes_each_file_in_its_role(files: Path, library: Recorded, c
 def test_discover_passes_its_options(files: Path, library: Recorded) -> None:
     argv = (
         "discover a.csv --states z1,z2 --derivatives dz1,dz2 --inputs u --validation b.csv w.csv "
-        "--held-out v0.csv --modes auto --budget 9 --out d"
+        "--held-out v0.csv --modes 2 --budget 9 --out d"
     )
     assert cli.main(argv.split()) == 0
     (call,) = library.calls
-    assert call["args"] == ([("read", "a.csv")],)
+    assert call["args"] == (["a.csv"],)
     assert call["states"] == ("z1", "z2") and call["derivatives"] == ("dz1", "dz2")
-    assert call["inputs"] == ("u",) and call["modes"] == "auto" and call["order"] == 1
-    assert call["validation"] == [("read", "b.csv"), ("read", "w.csv")]
-    assert call["held_out"] == ["v0.csv"], "held-out files are not opened by the command"
+    assert call["inputs"] == ("u",) and call["modes"] == "2" and call["order"] == 1
+    assert call["validation"] == ["b.csv", "w.csv"]
+    assert call["held_out"] == ["v0.csv"]
     assert call["budget"].seconds == 9
 
 
