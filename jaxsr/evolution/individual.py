@@ -48,6 +48,7 @@ class Problem(Protocol):
     variables: dict[str, np.ndarray]
     rows: int
     total: float
+    time: str
 
     def solve(self, individuals: Sequence[Sequence[Term]]) -> tuple[list[Any], np.ndarray]:
         """Return coefficients of unit-norm columns, and relative losses (inf if unusable)."""

@@ -6,12 +6,12 @@ constants of the most promising, and updates the Pareto front.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr._progress import Budget, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.evolution.breed import breed
 from jaxsr.evolution.config import SearchConfig
@@ -170,22 +170,22 @@ def search(
     config: SearchConfig | None = None,
     *,
     guesses: Iterable[Sequence[Term]] = (),
-    budget: float | None = None,
+    budget: float | Budget | None = None,
     progress: Callable[[SearchInfo], None] | None = None,
 ) -> tuple[SearchState, StoppedBy]:
     """Run generations until the search is over, the budget (seconds) spent, or interrupted.
 
     An interrupt returns the best so far, marked as such.
     """
-    began = time.monotonic()
+    limit = as_budget(budget)
     state = init(rng, problem, config or SearchConfig(), guesses)
     try:
         while True:
             reason = stopped(state)
             if reason is not None:
                 return state, reason
-            if budget is not None and time.monotonic() - began > budget:
-                return state, StoppedBy.BUDGET
+            if limit.exhausted:
+                return state, limit.stopped_by
             state, info = step(rng, state, problem)
             if progress is not None:
                 progress(info)

@@ -49,8 +49,8 @@ def with_frequencies(
     """
     if "sin" not in config.primitives.functions:
         return []
-    names = [n for n in problem.variables if n == "t"]
-    others = [n for n in problem.variables if n != "t"]
+    names = [n for n in problem.variables if n == problem.time]
+    others = [n for n in problem.variables if n != problem.time]
     if others and generation % 3 == 0:
         names.append(others[(generation // 3) % len(others)])
     members = [m for m in front.members if len(m.terms) < config.sizes.terms]

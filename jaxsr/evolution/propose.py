@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxsr._progress import Budget
 from jaxsr.evolution.config import SearchConfig
 from jaxsr.evolution.loop import SearchInfo, search
 from jaxsr.expressions.term import Term
@@ -48,7 +49,7 @@ def propose(
     fixed: np.ndarray | None = None,
     config: SearchConfig | None = None,
     guesses: Sequence[Sequence[Term]] = (),
-    budget: float | None = None,
+    budget: float | Budget | None = None,
     progress: Callable[[SearchInfo], None] | None = None,
 ) -> list[Proposal]:
     """Search for terms that explain what the fixed columns do not.

@@ -1,6 +1,12 @@
 """Weigh candidate terms: ridge, hard threshold, constants, intervals, criteria."""
 
-from jaxsr.regression.constants import Refinement, constants_of, refine, with_constants
+from jaxsr.regression.constants import (
+    Refinement,
+    constant_slopes,
+    constants_of,
+    refine,
+    with_constants,
+)
 from jaxsr.regression.criteria import aic, bic
 from jaxsr.regression.gram import GramBatch, gather_gram, scale_columns
 from jaxsr.regression.intervals import coefficient_ci95
@@ -18,6 +24,7 @@ __all__ = [
     "aic",
     "bic",
     "coefficient_ci95",
+    "constant_slopes",
     "constants_of",
     "gather_gram",
     "least_squares",

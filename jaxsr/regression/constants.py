@@ -113,7 +113,7 @@ def refine(
         if point.loss <= limits.floor * total:
             break
         if gradient is None:
-            gradient = _jacobian(problem, point, c)
+            gradient = _jacobian(problem, point)
         moved = _step(problem, point, gradient, c, damping)
         if moved is None:
             damping *= 8.0
@@ -147,21 +147,30 @@ def _point(problem: RegressionProblem, terms: tuple[Term, ...]) -> _Point | None
     return _Point(terms, basis, xi, residual, float(residual @ residual))
 
 
-def _jacobian(problem: RegressionProblem, point: _Point, c: Array) -> Array:
-    """Return dresidual/dc by central differences of the terms that hold each constant."""
-    owner = [j for j, term in enumerate(point.terms) for _ in constants_of(term)]
+def constant_slopes(problem: RegressionProblem, terms: Sequence[Term], xi: Array) -> Array:
+    """Return d(theta xi)/dc (rows, constants) by central differences, in preorder of constants."""
+    owner = [j for j, term in enumerate(terms) for _ in constants_of(term)]
+    if not owner:
+        return np.zeros((problem.rows, 0))
     shifted: list[Term] = []
-    steps = _STEP * np.maximum(np.abs(c), 1e-2)
-    first = {j: owner.index(j) for j in set(owner)}
-    for k, j in enumerate(owner):
-        own = constants_of(point.terms[j])
-        for sign in (1.0, -1.0):
-            values = list(own)
-            values[k - first[j]] += sign * steps[k]
-            shifted.append(with_constants(point.terms[j], iter(values)))
+    steps: list[float] = []
+    for term in terms:
+        own = constants_of(term)
+        for k, value in enumerate(own):
+            steps.append(_STEP * max(abs(value), 1e-2))
+            for sign in (1.0, -1.0):
+                values = list(own)
+                values[k] += sign * steps[-1]
+                shifted.append(with_constants(term, iter(values)))
     columns = problem.projected(shifted)
-    slope = (columns[:, 0::2] - columns[:, 1::2]) / (2.0 * steps) * point.xi[owner]
-    slope = np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        slope = (columns[:, 0::2] - columns[:, 1::2]) / (2.0 * np.array(steps)) * xi[owner]
+    return np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def _jacobian(problem: RegressionProblem, point: _Point) -> Array:
+    """Return dresidual/dc, Kaufman's form."""
+    slope = constant_slopes(problem, point.terms, point.xi)
     return -(slope - point.basis @ (point.basis.T @ slope))
 
 

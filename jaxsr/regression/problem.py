@@ -61,6 +61,8 @@ class RegressionProblem:
     ridge, threshold, refinement
         Damping of unit-norm columns; the rule that removes negligible terms; the limits of the
         search over inner constants.
+    time : str
+        Name of the variable that is time, if it is among the variables.
     limit_bytes : int
         Memory for stored columns.
     """
@@ -75,6 +77,7 @@ class RegressionProblem:
         ridge: float = 1e-10,
         threshold: HardThreshold | None = None,
         refinement: Refinement | None = None,
+        time: str = "t",
         limit_bytes: int = 192 * 2**20,
     ) -> None:
         self.y = np.asarray(y, dtype=np.float64)
@@ -85,6 +88,7 @@ class RegressionProblem:
         self.variables = {k: np.asarray(v, dtype=np.float64) for k, v in variables.items()}
         self.view = view
         self.ridge = ridge
+        self.time = time
         self.threshold = threshold or HardThreshold()
         self.refinement = refinement or Refinement()
         self.rows = len(self.y)
