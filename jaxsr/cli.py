@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shlex
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 OK, DEFECT, WRONG_USE, INTERRUPTED = 0, 1, 2, 130
 
-Job = Callable[[], int]
+Job = Callable[[str], int]  # of the command line, for the provenance; returns the exit status
 
 app = typer.Typer(
     add_completion=False,
@@ -99,7 +100,7 @@ def discover(
         )
     limit = _budget(budget)
 
-    def job() -> int:
+    def job(command: str) -> int:
         with _session(limit) as progress:
             import jaxsr
 
@@ -149,10 +150,10 @@ def diagnose(
     folder = results_folder(out, roles, ("explained.toml", "diagnosis.json", "report.html"))
     limit = _budget(budget)
 
-    def job() -> int:
+    def job(command: str) -> int:
         with _session(limit) as progress:
             common: dict[str, Any] = {"held_out": held_out or [], "seed": seed}
-            common |= {"budget": limit, "progress": progress}
+            common |= {"budget": limit, "progress": progress, "command": command}
             if model is None:
                 from jaxsr.diagnosis import diagnose_simulated
 
@@ -197,7 +198,7 @@ def simulate(
     if target.is_dir():
         raise InputError("is a directory", f"--out {out}", "Name a file, such as run.csv")
 
-    def job() -> int:
+    def job(command: str) -> int:
         from jaxsr._files import atomic_write_text, check_writable
 
         check_writable(target)
@@ -225,14 +226,19 @@ def demo(out: Out = "jaxsr-demo") -> Job:
     folder = results_folder(out, {}, ())
     limit = _budget(None)
 
-    def job() -> int:
+    def job(command: str) -> int:
         model, train, held_out = _demo_files()
         with _session(limit) as progress:
             import jaxsr
 
             simulator = jaxsr.Simulator.from_file(model)
             diagnosis = jaxsr.diagnose(
-                simulator, train, held_out=held_out, budget=limit, progress=progress
+                simulator,
+                train,
+                held_out=held_out,
+                budget=limit,
+                progress=progress,
+                command=command,
             )
             diagnosis.save(folder)
         _tell(diagnosis, folder)
@@ -245,7 +251,7 @@ def demo(out: Out = "jaxsr-demo") -> Job:
 def list_command() -> Job:
     """List the recordings that can be fetched."""
 
-    def job() -> int:
+    def job(command: str) -> int:
         from jaxsr.datasets import list_datasets
 
         for dataset in list_datasets():
@@ -264,7 +270,7 @@ def fetch_command(
 ) -> Job:
     """Write one CSV per experiment, with the model file beside."""
 
-    def job() -> int:
+    def job(command: str) -> int:
         from jaxsr.datasets import fetch
 
         for path in fetch(name, out):
@@ -288,10 +294,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 the job ran, 2 wrong use or unreadable input, 130 interrupted, 1 a defect of jaxsr.
     """
     try:
-        arguments = expand_file_lists(sys.argv[1:] if argv is None else argv)
+        given = sys.argv[1:] if argv is None else list(argv)
+        arguments = expand_file_lists(given)
         command = typer.main.get_command(app)
         outcome: Any = command.main(args=arguments, prog_name="jaxsr", standalone_mode=False)
-        status = outcome() if callable(outcome) else int(outcome or OK)
+        if callable(outcome):
+            status = outcome(shlex.join(["jaxsr", *given]))
+        else:  # --help
+            status = int(outcome or OK)
         sys.stdout.flush()  # a closed pipe is noticed here, not at exit
         return status
     except InputError as error:
@@ -340,9 +350,7 @@ def _session(budget: Budget) -> Iterator[Progress]:
 
 def _tell(diagnosis: Any, folder: Path) -> None:
     """Print the verdict and where the report is."""
-    print(f"Verdict: {diagnosis.verdict}.")
-    for finding in diagnosis.findings:
-        print(finding.explanation)
+    print(f"Verdict: {diagnosis.verdict}. {diagnosis.sentence}")
     print(f"Report: {folder / 'report.html'}")
 
 

@@ -32,7 +32,9 @@ class Recorded:
         self.calls.append({"args": args, **options})
         self.during(options["budget"])
         options["progress"].stage("working")
-        return SimpleNamespace(verdict="nothing", findings=[], equations=[], save=self.save)
+        return SimpleNamespace(
+            verdict="nothing", sentence="No mismatch.", equations=[], save=self.save
+        )
 
     def save(self, directory: Path) -> None:
         directory.mkdir()
@@ -63,8 +65,9 @@ def test_diagnose_passes_each_file_in_its_role(files: Path, library: Recorded, c
     (call,) = library.calls
     assert call["args"] == (("simulator", "m.toml"), ["a.csv", "b.csv"])
     assert call["held_out"] == ["v0.csv", "v1.csv"] and call["seed"] == 3
+    assert call["command"] == "jaxsr " + " ".join(argv)
     captured = capsys.readouterr()
-    assert "Verdict: nothing." in captured.out and "d/report.html" in captured.out
+    assert "Verdict: nothing. No mismatch." in captured.out and "d/report.html" in captured.out
     assert captured.err == "jaxsr: working\n"
 
 
