@@ -116,10 +116,10 @@ class SymbolicSparseRegressor(RegressorMixin, BaseEstimator):
         X = validate_data(self, X, reset=False, dtype=np.float64)
         return predict(self.terms_, self.coef_, dict(zip(self.names_, X.T, strict=True)))
 
-    def sympy(self) -> sympy.Expr:
+    def sympy(self) -> sympy.Basic:
         """Return the fitted expression as a SymPy one."""
         check_is_fitted(self, "terms_")
-        return sympy.sympify(to_sympy(weighted_sum(self.terms_, list(self.coef_))))
+        return to_sympy(weighted_sum(self.terms_, list(self.coef_)))
 
     def latex(self, digits: int = 4) -> str:
         """Return the fitted expression in LaTeX, its numbers to ``digits`` significant ones."""

@@ -61,15 +61,16 @@ class Discovery:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the contents of ``discovery.json``."""
-        table = self.pareto
+        keys = ("complexity", "mse", "expression")
+        rows = self.pareto.to_dict("records")
         fronts = {
-            e.state: table[table.state == e.state][["complexity", "mse", "expression"]]
+            e.state: [{k: row[k] for k in keys} for row in rows if row["state"] == e.state]
             for e in self.equations
         }
         return {
             "schema": "jaxsr.discovery/1",
             "equations": [_equation_dict(equation) for equation in self.equations],
-            "pareto": {state: front.to_dict("records") for state, front in fronts.items()},
+            "pareto": fronts,
             "modes": [],
             "switching": {},
             "provenance": {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from jaxsr._result import InputError
 from jaxsr.expressions.primitives import PRIMITIVES
 from jaxsr.expressions.term import BOOLEAN, Term
 
-Array = NDArray[np.floating]
+Array = NDArray[Any]
 
 
 class ColumnCache:

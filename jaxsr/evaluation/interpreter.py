@@ -40,6 +40,7 @@ def _branches(dtype: Any) -> list[Any]:
 
 def run_term(opcode: jax.Array, operand: jax.Array, constants: jax.Array, data: jax.Array) -> Any:
     """Run one term's code (slots,) on data (variables, samples); differentiable in constants."""
+    data = jnp.asarray(data)
     samples = data.shape[1]
     depth = opcode.shape[0] // 2 + 2
     branches = _branches(data.dtype)

@@ -23,15 +23,18 @@ def random_term(
     rng: np.random.Generator, names: list[str], primitives: PrimitiveSet, size: int
 ) -> Term:
     """Return a random term of at most ``size`` nodes."""
-    if size <= 1 or not primitives.functions:
+    if size <= 1:
         return random_leaf(rng, names, primitives)
-    op = primitives.functions[rng.integers(len(primitives.functions))]
+    fitting = [f for f in primitives.functions if size > 2 or PRIMITIVES[f].arity == 1]
+    if not fitting:
+        return random_leaf(rng, names, primitives)
+    op = fitting[rng.integers(len(fitting))]
     if op == "pow":
         exponent = Term.constant(float(rng.integers(2, 4)))
         return Term.apply(op, random_term(rng, names, primitives, size - 2), exponent)
     if PRIMITIVES[op].arity == 1:
         return Term.apply(op, random_term(rng, names, primitives, size - 1))
-    left = int(rng.integers(1, max(2, size - 1)))
+    left = int(rng.integers(1, size - 1))
     return Term.apply(
         op,
         random_term(rng, names, primitives, left),

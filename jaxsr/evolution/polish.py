@@ -125,7 +125,7 @@ def _simplified(problem: Problem, member: Individual, seen: set[Terms]) -> list[
             moved, loss = problem.refine(options[k])
             moved = edit(moved)
         else:
-            moved, loss = options[k], losses[k]
+            moved, loss = options[k], float(losses[k])
         if moved and np.isfinite(loss):
             out.append(Individual.of(moved, loss))
     return out

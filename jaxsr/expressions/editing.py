@@ -20,6 +20,7 @@ ONE = Term.constant(1.0)
 _ODD = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "sign"})
 _EVEN = frozenset({"cos", "cosh", "abs"})
 _NEVER_NEGATIVE = frozenset({"abs", "exp", "sqrt", "cosh", "heaviside"})
+_OFTEN_ZERO = frozenset({"heaviside", "max", "min"})
 _MOST_EXPANDED = 6  # a product of sums that expands to more parts stays a product
 
 Sum = dict[Term, float]
@@ -66,10 +67,27 @@ def split(term: Term) -> list[tuple[float, Term]]:
     return out
 
 
+def shorten(term: Term) -> Term:
+    """Return the term with chains of one function cut to two links; this changes its value.
+
+    sin(sin(sin(sin(x)))) becomes sin(sin(x)): the repetition adds nodes, not physics (paper,
+    section 4.2.1, a).
+    """
+    if not term.args:
+        return term
+    if len(term.args) == 1 and term.args[0].op == term.op == _inner(term.args[0]):
+        return shorten(term.args[0])
+    return Term.apply(term.op, *map(shorten, term.args))
+
+
+def _inner(term: Term) -> str:
+    return term.args[0].op if len(term.args) == 1 else ""
+
+
 def edit(terms: Iterable[Term]) -> tuple[Term, ...]:
     """Return an individual's terms in canonical form, without repeats and hopeless terms."""
     parts = dict.fromkeys(
-        part for term in terms for scale, part in split(term) if math.isfinite(scale)
+        part for term in terms for scale, part in split(shorten(term)) if math.isfinite(scale)
     )
     return tuple(part for part in parts if not any(_is_nan(node) for node in part.walk()))
 
@@ -241,8 +259,10 @@ def _function(op: str, args: tuple[Term, ...]) -> Term:
 
 
 def _plain(op: str, arg: Term) -> Term:
-    if op in ("abs", "sign") and _never_negative(arg):
-        return arg if op == "abs" else ONE
+    if op == "abs" and _never_negative(arg):
+        return arg
+    if op == "sign" and _never_negative(arg) and not arg.uses(_OFTEN_ZERO):
+        return ONE
     if op == "log" and arg.op == "exp":
         return arg.args[0]
     if op == "sqrt" and arg.op == "pow" and arg.args[1] == Term.constant(2.0):
@@ -250,9 +270,6 @@ def _plain(op: str, arg: Term) -> Term:
     if op == "sqrt" and arg.op in ("add", "mul"):
         scale, rest = _scale_apart(arg)
         return _times(math.sqrt(scale), Term.apply("sqrt", rest))
-    # sin(sin(sin(x))) says no more than sin(sin(x)); paper, section 4.2.1
-    if arg.op == op and arg.args[0].op == op:
-        return arg
     return Term.apply(op, arg)
 
 

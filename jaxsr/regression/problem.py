@@ -64,7 +64,7 @@ class RegressionProblem:
     time : str
         Name of the variable that is time, if it is among the variables.
     limit_bytes : int
-        Memory for stored columns.
+        Memory for stored columns; what one call needs is held in any case.
     """
 
     def __init__(

@@ -87,5 +87,5 @@ def _solve(
 ) -> tuple[Array, float]:
     block = matrix[np.ix_(kept, kept)]
     b = moment[kept]
-    xi = np.linalg.solve(block + ridge * np.eye(len(kept)), b)
+    xi = np.asarray(np.linalg.solve(block + ridge * np.eye(len(kept)), b), np.float64)
     return xi, max(float(total - 2.0 * xi @ b + xi @ block @ xi), 0.0)
