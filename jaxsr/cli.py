@@ -203,7 +203,7 @@ def simulate(
 
         check_writable(target)
         import jaxsr
-        from jaxsr.models import simulate_to_csv
+        from jaxsr.models.simulation import simulate_to_csv
 
         simulator = jaxsr.Simulator.from_file(model)
         recording = None
@@ -298,10 +298,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = expand_file_lists(given)
         command = typer.main.get_command(app)
         outcome: Any = command.main(args=arguments, prog_name="jaxsr", standalone_mode=False)
-        if callable(outcome):
-            status = outcome(shlex.join(["jaxsr", *given]))
-        else:  # --help
-            status = int(outcome or OK)
+        if outcome is None or isinstance(outcome, int):  # --help
+            status = outcome or OK
+        else:
+            job: Job = outcome
+            status = job(shlex.join(["jaxsr", *given]))
         sys.stdout.flush()  # a closed pipe is noticed here, not at exit
         return status
     except InputError as error:

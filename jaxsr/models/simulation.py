@@ -1,0 +1,192 @@
+"""One free run of a model as a table, integrated finely enough to be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from jaxsr._result import InputError
+from jaxsr.models.model import FREE, Model
+from jaxsr.models.rollout import Stepping, outputs, states
+from jaxsr.models.segments import Prepared, Segments, build_segments
+from jaxsr.models.shooting import Problem, fit
+from jaxsr.models.simulator import Simulator, width_scales
+from jaxsr.models.states import StateEstimate, estimate_states, input_table
+from jaxsr.recordings import Recording
+
+# Tried in turn: the cheap method first, the L-stable one where steps cannot resolve the model.
+ATTEMPTS = (
+    *(Stepping("rk4", n) for n in (1, 4, 16, 64)),
+    *(Stepping("rodas3", n) for n in (4, 16, 64, 256)),
+)
+REFINEMENT, ORDERS = 4, {"rk4": 4, "rodas3": 3}
+TOLERANCE = 1e-6
+"""Largest estimated error, relative to the size of an output."""
+START_SHARE, START_SAMPLES = 0.05, 50  # as in the free runs that a diagnosis reports
+MOST_SAMPLES = 5_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """States (states, samples) and outputs (outputs, samples) of one run."""
+
+    states: np.ndarray
+    outputs: np.ndarray
+
+
+def simulate_to_csv(
+    simulator: Simulator,
+    recording: Recording | None = None,
+    duration: float | None = None,
+    dt: float | None = None,
+) -> pd.DataFrame:
+    """Run a model freely and return the table that ``jaxsr simulate`` writes.
+
+    Each sample interval is cut into finer and finer steps until the error of an output,
+    estimated from two runs (Richardson), is below `TOLERANCE` of its size.
+    A start that [initial] leaves free is estimated on the first 5 % of the recording, at least
+    50 samples; parameters stay as they are.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    recording : Recording, optional
+        Time and inputs; its outputs serve for free starts alone.
+    duration, dt : float, optional
+        Length and interval of the rows in seconds, where there is no recording.
+
+    Returns
+    -------
+    DataFrame
+        Time, inputs and outputs under the names of [columns], then the states not among them.
+
+    Raises
+    ------
+    InputError
+        Inputs or starts are unknown, or no step resolves the model: it diverges, or is chaotic
+        over this length.
+    """
+    model = simulator.model
+    item = _grid(model, duration, dt) if recording is None else _prepared(model, recording)
+    theta = np.array(simulator.values(), dtype=float)
+    start = _start(simulator, item, theta)
+    run = _resolved(simulator, item, theta, start)
+    table = {model.column(model.time): item.time}
+    table |= {model.column(u): item.inputs[:, k] for k, u in enumerate(model.inputs)}
+    table |= {model.column(y): run.outputs[k] for k, y in enumerate(model.outputs)}
+    for k, state in enumerate(model.states):
+        table.setdefault(state, run.states[k])
+    return pd.DataFrame(table)
+
+
+def _grid(model: Model, duration: float | None, dt: float | None) -> Prepared:
+    """Return empty samples for a run without a recording."""
+    if duration is None or dt is None:
+        raise InputError("no recording to follow", model.name, "Give one, or duration and dt")
+    if model.inputs:
+        raise InputError(
+            f"the inputs {', '.join(model.inputs)} are unknown", model.name, "Give a recording"
+        )
+    free = [s for s in model.states if model.initial.get(s, FREE) == FREE]
+    if free:
+        raise InputError(
+            f"the start of {', '.join(free)} is free",
+            f"{model.name} [initial]",
+            "Give a number in [initial], or a recording to estimate it on",
+        )
+    if not (dt > 0 and duration >= 2 * dt and duration / dt <= MOST_SAMPLES):
+        raise InputError(
+            f"duration {duration:g} s and dt {dt:g} s", model.name, "Give 3 to 5,000,000 rows"
+        )
+    time = np.arange(int(np.floor(duration / dt * (1 + 1e-12))) + 1) * dt
+    recording = Recording("simulation", time, {})
+    return _without_sensors(model, recording, np.full((time.size, len(model.outputs)), np.nan))
+
+
+def _prepared(model: Model, recording: Recording) -> Prepared:
+    """Read the inputs, and the outputs as far as free starts need them."""
+    columns = [model.column(y) for y in model.outputs]
+    if all(model.initial.get(s, FREE) != FREE for s in model.states):
+        nothing = np.full(len(recording), np.nan)
+        measured = [recording.channels.get(column, nothing) for column in columns]
+        return _without_sensors(model, recording, np.stack(measured, axis=1))
+    measured = np.stack([recording.channel(column) for column in columns], axis=1)
+    inputs = input_table(model, recording)
+    return Prepared(recording, recording.time, inputs, measured, estimate_states(model, recording))
+
+
+def _without_sensors(model: Model, recording: Recording, measured: np.ndarray) -> Prepared:
+    values = np.tile([float(model.initial[s]) for s in model.states], (len(recording), 1))
+    estimate = StateEstimate(values, {}, frozenset(model.states))
+    return Prepared(recording, recording.time, input_table(model, recording), measured, estimate)
+
+
+def _start(simulator: Simulator, item: Prepared, theta: np.ndarray) -> np.ndarray:
+    """Return the states at the first sample, shape (states, 1)."""
+    model = simulator.model
+    free = np.array([model.initial.get(s, FREE) == FREE for s in model.states])
+    given = [0.0 if f else float(model.initial[s]) for s, f in zip(model.states, free, strict=True)]
+    guess = np.where(free, item.states.values[0], given)[:, None]
+    if not free.any():
+        return guess
+    count = min(item.time.size, max(START_SAMPLES, int(np.ceil(START_SHARE * item.time.size))))
+    deviation = np.nanstd(item.outputs, axis=0)
+    widths = _widths(simulator, item, item.states.values.T, theta)
+    stepping = Stepping("rodas3", 4, widths)
+    segments = build_segments(model, [item], [(0, 0, count)], stepping.substeps)
+    problem = Problem(simulator, stepping, segments, np.where(deviation > 0, deviation, 1.0))
+    nothing = np.zeros(0, dtype=int)
+    return fit(problem, theta, nothing, (theta, theta), x0=guess).x0
+
+
+def _resolved(simulator: Simulator, item: Prepared, theta: np.ndarray, start: np.ndarray) -> Run:
+    """Refine the steps until two runs agree, see `simulate_to_csv`."""
+    widths = _widths(simulator, item, item.states.values.T, theta)
+    previous: tuple[str, Run] | None = None
+    finite = False
+    for attempt in ATTEMPTS:
+        run = _run(simulator, item, replace(attempt, widths=widths), theta, start)
+        if not np.isfinite(run.outputs).all():
+            previous = None
+            continue
+        if not finite:
+            # Now it is known how far the states go, and how sharp a smoothed sign must be.
+            finite, widths = True, _widths(simulator, item, run.states, theta)
+            run = _run(simulator, item, replace(attempt, widths=widths), theta, start)
+        if previous is not None and previous[0] == attempt.method:
+            size = np.maximum(np.abs(run.outputs).max(1), 1e-300)
+            difference = (np.abs(run.outputs - previous[1].outputs).max(1) / size).max()
+            if difference / (REFINEMENT ** ORDERS[attempt.method] - 1) <= TOLERANCE:
+                return run
+        previous = (attempt.method, run)
+    length = item.time[-1] - item.time[0]
+    what = "two runs with finer steps do not agree" if finite else "the simulation diverges"
+    raise InputError(
+        f"{what} over {length:g} s",
+        simulator.model.name,
+        "Simulate a shorter time, or check the equations and parameters",
+    )
+
+
+def _run(
+    simulator: Simulator,
+    item: Prepared,
+    stepping: Stepping,
+    theta: np.ndarray,
+    start: np.ndarray,
+) -> Run:
+    whole: Segments = build_segments(
+        simulator.model, [item], [(0, 0, item.time.size)], stepping.substeps
+    )
+    x = states(simulator, stepping, whole, theta, start)
+    y = outputs(simulator, stepping, whole, theta, start)
+    return Run(x[..., 0], y[..., 0])
+
+
+def _widths(
+    simulator: Simulator, item: Prepared, x: np.ndarray, theta: np.ndarray
+) -> tuple[float, ...]:
+    environment = simulator.environment(item.time, tuple(x), tuple(item.inputs.T), tuple(theta))
+    return width_scales(simulator, environment)
