@@ -142,9 +142,15 @@ def diagnose(
 ) -> Job:
     """Find where a simulator differs from recordings, and name what was left out."""
     model, data = model_and_data(arguments, simulated, states)
+    if model is None:
+        raise InputError(
+            "a diagnosis from simulated files alone is not available in this version",
+            "--simulated",
+            "Give the model itself: jaxsr diagnose MODEL DATA...",
+        )
     roles = {
-        "MODEL": [model] if model and ".py:" not in model else [],
-        **{"DATA": data, "--simulated": simulated or [], "--held-out": held_out or []},
+        "MODEL": [model] if ".py:" not in model else [],
+        **{"DATA": data, "--held-out": held_out or []},
     }
     check_roles(roles)
     folder = results_folder(out, roles, ("explained.toml", "diagnosis.json", "report.html"))
@@ -154,15 +160,9 @@ def diagnose(
         with _session(limit) as progress:
             common: dict[str, Any] = {"held_out": held_out or [], "seed": seed}
             common |= {"budget": limit, "progress": progress, "command": command}
-            if model is None:
-                from jaxsr.diagnosis import diagnose_simulated
+            import jaxsr
 
-                names = split_names(states, "--states") or None
-                diagnosis = diagnose_simulated(data, simulated, states=names, **common)
-            else:
-                import jaxsr
-
-                diagnosis = jaxsr.diagnose(jaxsr.Simulator.from_file(model), data, **common)
+            diagnosis = jaxsr.diagnose(jaxsr.Simulator.from_file(model), data, **common)
             diagnosis.save(folder)
         _tell(diagnosis, folder)
         return _finish(limit, folder)

@@ -110,6 +110,7 @@ def test_discover_passes_its_options(files: Path, library: Recorded) -> None:
         "diagnose m.toml a.csv --out d --budget 0",
         "diagnose m.toml a.csv --out d --budget nan",
         "diagnose a.csv --simulated b.csv w.csv --out d",
+        "diagnose a.csv --simulated b.csv --out d",
         "diagnose m.toml a.csv --simulated b.csv --out d",
         "discover a.csv --out d",
         "discover a.csv --states z1, --out d",
