@@ -158,11 +158,17 @@ def diagnose(
 
     def job(command: str) -> int:
         with _session(limit) as progress:
-            common: dict[str, Any] = {"held_out": held_out or [], "seed": seed}
-            common |= {"budget": limit, "progress": progress, "command": command}
             import jaxsr
 
-            diagnosis = jaxsr.diagnose(jaxsr.Simulator.from_file(model), data, **common)
+            diagnosis = jaxsr.diagnose(
+                jaxsr.Simulator.from_file(model),
+                data,
+                held_out=held_out or [],
+                seed=seed,
+                budget=limit,
+                progress=progress,
+                command=command,
+            )
             diagnosis.save(folder)
         _tell(diagnosis, folder)
         return _finish(limit, folder)
