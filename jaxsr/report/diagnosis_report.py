@@ -1,0 +1,202 @@
+"""The report of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jaxsr.report.diff import diff_tables, given_values
+from jaxsr.report.evidence import Considered, Evidence
+from jaxsr.report.fit_tables import figures_at_a_glance, fit_groups, force_rows
+from jaxsr.report.formatting import (
+    estimate,
+    is_number,
+    listing,
+    number,
+    percent,
+    seconds,
+    unit_text,
+)
+from jaxsr.report.mismatch import mismatches
+from jaxsr.report.page import write_page
+from jaxsr.report.trajectories import free_runs
+from jaxsr.report.words import (
+    capital,
+    fit_sentence,
+    mechanism_at,
+    mechanism_words,
+    region_words,
+    site_words,
+    verdict_sentence,
+    verdict_title,
+)
+
+_FIRST_CONSIDERED = 8  # rows that stand open; the rest unfolds
+_INDISTINGUISHABLE, _HARD = 10.0, 30.0  # degrees
+
+
+def write_diagnosis_report(
+    document: Mapping[str, Any], evidence: Evidence, directory: Path
+) -> None:
+    """Write ``report.html``, one file with its figures inside, and the figures as PNG.
+
+    Parameters
+    ----------
+    document : mapping
+        What ``diagnosis.json`` holds.
+    evidence : Evidence
+        What is drawn and listed beside it.
+    directory : Path
+        Where to write; made when absent.
+
+    Raises
+    ------
+    InputError
+        If `directory` cannot be written.
+    ValueError
+        If the verdict is unknown.
+    """
+    fit = document.get("fit") or {}
+    findings = document.get("findings") or []
+    runs = free_runs(evidence.trajectories, fit.get("headline_s"))
+    sites = mismatches(evidence.residuals, findings)
+    units = _units(evidence)
+    considered = [_considered(row) for row in evidence.considered]
+    context = {
+        "title": f"Diagnosis of {evidence.model_name}",
+        "model_name": evidence.model_name,
+        "verdict": str(document.get("verdict")),
+        "verdict_title": verdict_title(document.get("verdict")),
+        "verdict_sentence": verdict_sentence(document),
+        "fit_sentence": fit_sentence(fit),
+        "glance": figures_at_a_glance(fit),
+        "cards": [_card(finding, units) for finding in findings],
+        "diff": diff_tables(evidence.diff),
+        "fit": fit,
+        "fit_groups": fit_groups(fit),
+        "force_rows": force_rows(fit),
+        "free_runs": runs,
+        "undrawn": len(evidence.trajectories) - len(runs),
+        "mismatches": sites,
+        "considered": considered[:_FIRST_CONSIDERED],
+        "considered_rest": considered[_FIRST_CONSIDERED:],
+        "calibration": _calibration(document, evidence),
+        "confusable": [_confusable(row) for row in document.get("confusable") or []],
+        "detectable": _detectable(document),
+        "next_experiment": document.get("next_experiment"),
+        "data_checks": document.get("data_checks") or [],
+        "provenance": document.get("provenance") or {},
+    }
+    write_page(Path(directory), "diagnosis.html.j2", context, [*runs, *sites])
+
+
+def _card(finding: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any]:
+    """Return what a finding's card shows, in words and printed numbers."""
+    where = finding.get("where") or {}
+    regions = where.get("region") or []
+    alternatives = finding.get("alternatives") or []
+    return {
+        "name": capital(mechanism_words(finding.get("mechanism"))),
+        "mechanism": finding.get("mechanism"),
+        "family": finding.get("family"),
+        "site": site_words(finding.get("site")),
+        "explanation": finding.get("explanation"),
+        "term": finding.get("term"),
+        "parameters": [
+            parameter_row(name, entry) for name, entry in _items(finding.get("parameters"))
+        ],
+        "probability": finding.get("probability"),
+        "share": finding.get("share"),
+        "alternatives": [
+            {
+                "name": mechanism_words(other.get("mechanism")),
+                "site": site_words(other.get("site")),
+                "probability": other.get("probability"),
+            }
+            for other in alternatives
+        ],
+        "regions": [region_words(r, units.get(str(r.get("variable")), "")) for r in regions],
+        "recordings": listing(where.get("recordings") or []),
+        "times": listing(
+            [
+                f"{number(t[0], 3)} to {seconds(t[1])}"
+                for t in where.get("times") or []
+                if len(t) > 1
+            ]
+        ),
+    }
+
+
+def parameter_row(name: str, entry: object) -> dict[str, str]:
+    """Return a parameter's name, value, interval and unit, printed."""
+    fields = entry if isinstance(entry, Mapping) else {"value": entry}
+    value, interval = estimate(fields.get("value"), fields.get("ci95"))
+    return {
+        "name": name,
+        "value": value,
+        "interval": interval,
+        "unit": unit_text(fields.get("unit")),
+    }
+
+
+def _units(evidence: Evidence) -> dict[str, str]:
+    """Return the units that the evidence knows, by state and output."""
+    known = {t.output: unit_text(t.unit) for t in evidence.trajectories}
+    return known | {r.state_name: unit_text(r.state_unit) for r in evidence.residuals}
+
+
+def _items(table: object) -> list[tuple[str, Any]]:
+    return list(table.items()) if isinstance(table, Mapping) else []
+
+
+def _considered(row: Considered) -> dict[str, Any]:
+    names = [mechanism_at(mechanism) for mechanism in row.mechanisms]
+    return {
+        "names": [capital(name) for name in names] or ["Nothing added (re-calibrated only)"],
+        "error": number(row.error, 3),
+        "relative": percent(row.relative, 3),
+        # Bars end at the re-calibrated model's error, which is 100 %.
+        "bar": round(100 * min(max(row.relative, 0.0), 1.0), 1) if is_number(row.relative) else 0,
+        "chosen": row.chosen,
+        "reason": row.reason,
+    }
+
+
+def _calibration(document: Mapping[str, Any], evidence: Evidence) -> list[dict[str, str]]:
+    given = given_values(evidence.diff)
+    return [
+        parameter_row(name, entry) | {"given": number(given.get(name))}
+        for name, entry in _items(document.get("calibration"))
+    ]
+
+
+def _confusable(row: list[Any]) -> dict[str, str]:
+    first, second, angle = (*row, None)[:3]
+    words = "told apart"
+    if not is_number(angle):
+        words = ""
+    elif angle < _INDISTINGUISHABLE:
+        words = "cannot be told apart by these recordings"
+    elif angle < _HARD:
+        words = "hard to tell apart"
+    return {
+        "pair": f"{capital(mechanism_at(str(first)))} and {mechanism_at(str(second))}",
+        "angle": f"{number(angle, 3)}°" if is_number(angle) else "",
+        "words": words,
+    }
+
+
+def _detectable(document: Mapping[str, Any]) -> list[dict[str, str]]:
+    rows = []
+    for effect, entry in _items(document.get("smallest_detectable")):
+        fields = entry if isinstance(entry, Mapping) else {"value": entry}
+        rows.append(
+            {
+                "effect": capital(mechanism_at(effect)),
+                "parameter": str(fields.get("parameter") or ""),
+                "value": number(fields.get("value"), 3),
+                "unit": unit_text(fields.get("unit")),
+            }
+        )
+    return rows

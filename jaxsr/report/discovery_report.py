@@ -1,0 +1,109 @@
+"""The report of a discovery."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from jaxsr.report.equation_figures import fit_figures, is_pick, mode_figure, pareto_figure
+from jaxsr.report.evidence import EquationFit
+from jaxsr.report.formatting import estimate, listing, number
+from jaxsr.report.page import write_page
+
+
+def write_discovery_report(
+    document: Mapping[str, Any], fits: Sequence[EquationFit], directory: Path
+) -> None:
+    """Write ``report.html``, one file with its figures inside, and the figures as PNG.
+
+    Parameters
+    ----------
+    document : mapping
+        What ``discovery.json`` holds.
+    fits : sequence of EquationFit
+        Derivatives and predictions to draw; may be empty.
+    directory : Path
+        Where to write; made when absent.
+
+    Raises
+    ------
+    InputError
+        If `directory` cannot be written.
+    """
+    equations = document.get("equations") or []
+    fronts, fitted = pareto_figure(document), fit_figures(fits)
+    switching = mode_figure(document)
+    context = {
+        "title": "Discovered equations",
+        "sentence": _sentence(document),
+        "equations": [_equation(equation) for equation in equations],
+        "modes": [
+            {
+                "number": index,
+                "guard": mode.get("guard"),
+                "equations": [_equation(equation) for equation in mode.get("equations") or []],
+            }
+            for index, mode in enumerate(document.get("modes") or [])
+        ],
+        "mode_figures": switching,
+        "pareto_figures": fronts,
+        "pareto": _fronts(document),
+        "fits": fitted,
+        "undrawn": len({fit.state for fit in fits}) - len(fitted),
+        "provenance": document.get("provenance") or {},
+    }
+    drawings = [*fronts, *fitted, *switching]
+    write_page(Path(directory), "discovery.html.j2", context, drawings)
+
+
+def _sentence(document: Mapping[str, Any]) -> str:
+    equations = document.get("equations") or []
+    if not equations:
+        return "No equation was found."
+    states = listing([str(equation.get("state")) for equation in equations], most=8)
+    terms = sum(int(equation.get("complexity") or 0) for equation in equations)
+    count = "One equation" if len(equations) == 1 else f"{len(equations)} equations"
+    modes = len(document.get("modes") or [])
+    tail = f", in {modes} modes" if modes > 1 else ""
+    return f"{count} for {states}: {terms} {'term' if terms == 1 else 'terms'}{tail}."
+
+
+def _equation(equation: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an equation with its terms and errors printed."""
+    terms = []
+    for term in equation.get("terms") or []:
+        value, interval = estimate(term.get("coefficient"), term.get("ci95"))
+        row = {"expression": term.get("expression"), "value": value, "interval": interval}
+        terms.append(row)
+    errors = (("Training", "train_mse"), ("Validation", "validation_mse"))
+    facts = [(words, number(equation.get(key), 3)) for words, key in errors]
+    facts.append(("Held out", number(equation.get("held_out_mse"), 3)))
+    return {
+        "state": str(equation.get("state")),
+        "expression": equation.get("expression"),
+        "terms": terms,
+        "errors": facts,
+        "complexity": number(equation.get("complexity")),
+        "operators": number(equation.get("operators")),
+    }
+
+
+def _fronts(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return each state's Pareto front as rows, the pick marked."""
+    equations = {str(e.get("state")): e for e in document.get("equations") or []}
+    return [
+        {
+            "state": state,
+            "rows": [
+                {
+                    "complexity": number(point.get("complexity")),
+                    "mse": number(point.get("mse"), 3),
+                    "expression": point.get("expression"),
+                    "pick": is_pick(point, equations.get(state, {})),
+                }
+                for point in points
+            ],
+        }
+        for state, points in (document.get("pareto") or {}).items()
+    ]

@@ -1,0 +1,160 @@
+"""What a report draws and lists beside the document: plain data, no models, no recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+ModelValue = str | float | Mapping[str, object]  # an entry of a model file
+
+
+@dataclass(frozen=True)
+class DiffRow:
+    """One entry of the model file that the edit adds, changes or removes.
+
+    Parameters
+    ----------
+    key : str
+        Table and name, e.g. ``equations.v`` or ``parameters.Fc``.
+    before, after : str, float, mapping or None
+        The entry in the given and in the explained model; None where there is none.
+    """
+
+    key: str
+    before: ModelValue | None
+    after: ModelValue | None
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """One output of one recording with its free runs, cut into segments of `horizon_s`.
+
+    Parameters
+    ----------
+    recording, output : str
+        File and reading.
+    role : {"train", "held_out"}
+        Whether the recording was used to estimate.
+    unit : str or None
+        Unit of the output.
+    horizon_s : float
+        Length of a segment in seconds.
+    time, measured, recalibrated, explained : ndarray, shape (samples,)
+        Time in seconds and the output; NaN where missing.
+    given : ndarray, shape (samples,), or None
+        Free run with the parameters of the file.
+    """
+
+    recording: str
+    role: Literal["train", "held_out"]
+    output: str
+    unit: str | None
+    horizon_s: float
+    time: np.ndarray
+    measured: np.ndarray
+    given: np.ndarray | None
+    recalibrated: np.ndarray
+    explained: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ForceResidual:
+    """What the equation at `site` leaves unexplained, at the centres of the test functions.
+
+    Parameters
+    ----------
+    site : str
+        E.g. ``equation:v``.
+    recording : str
+        File.
+    unit : str or None
+        Unit of the residual.
+    time, recalibrated, explained, state : ndarray, shape (test functions,)
+        Centre in seconds, residual before and after, and the state it is drawn over.
+    state_name : str
+        Name of that state.
+    state_unit : str or None
+        Its unit.
+    """
+
+    site: str
+    recording: str
+    unit: str | None
+    time: np.ndarray
+    recalibrated: np.ndarray
+    explained: np.ndarray
+    state_name: str
+    state: np.ndarray
+    state_unit: str | None
+
+
+@dataclass(frozen=True)
+class Considered:
+    """A set of mechanisms that was tried, and why it was taken or lost.
+
+    Parameters
+    ----------
+    mechanisms : tuple of str
+        E.g. ``("coulomb_friction@equation:v",)``; empty for the re-calibrated model as it is.
+    error : float
+        Error on the data held back inside the training recordings.
+    relative : float
+        `error` / error of the re-calibrated model.
+    chosen : bool
+        Whether it stands in the explained model.
+    reason : str
+        One plain sentence.
+    """
+
+    mechanisms: tuple[str, ...]
+    error: float
+    relative: float
+    chosen: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What `write_diagnosis_report` needs beside ``diagnosis.json``.
+
+    Parameters
+    ----------
+    model_name : str
+        Name of the given model.
+    diff : list of DiffRow
+        The explained model against the given one.
+    trajectories : list of Trajectory
+        Free runs, any number; the report chooses what to draw.
+    residuals : list of ForceResidual
+        Force residuals by site and recording.
+    considered : list of Considered
+        Sorted best first.
+    """
+
+    model_name: str
+    diff: list[DiffRow] = field(default_factory=list)
+    trajectories: list[Trajectory] = field(default_factory=list)
+    residuals: list[ForceResidual] = field(default_factory=list)
+    considered: list[Considered] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class EquationFit:
+    """The derivative of one state in one recording and what its found equation predicts.
+
+    Parameters
+    ----------
+    state, recording : str
+        State and file.
+    time, target, predicted : ndarray, shape (samples,)
+        Time in seconds; NaN where missing.
+    """
+
+    state: str
+    time: np.ndarray
+    target: np.ndarray
+    predicted: np.ndarray
+    recording: str

@@ -1,0 +1,104 @@
+"""Numbers, units and names as a reader wants them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+DASH = "–"
+_POWERS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+def is_number(value: object) -> bool:
+    """Whether `value` is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def number(value: object, digits: int = 4) -> str:
+    """Print a number with `digits` significant digits; a dash when there is none."""
+    if not is_number(value):
+        return DASH
+    assert isinstance(value, int | float)
+    if value == 0:
+        return "0"
+    magnitude = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if -4 < magnitude < max(digits, 6):
+        return _minus(f"{value:.{max(0, digits - 1 - magnitude)}f}", trim=True)
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{_minus(mantissa, trim=True)}×10{str(int(exponent)).translate(_POWERS)}"
+
+
+def _minus(text: str, trim: bool) -> str:
+    if trim and "." in text:
+        text = text.rstrip("0").rstrip(".")
+    return text.replace("-", "−")
+
+
+def percent(value: object, digits: int = 2) -> str:
+    """Print a share as a percentage: two digits, never 100 % for something less."""
+    if not is_number(value):
+        return DASH
+    assert isinstance(value, int | float)
+    if 0.995 <= value < 1:
+        return "> 99 %"
+    if 0 < value < 1e-5:
+        return "< 0.001 %"
+    return f"{number(100 * value, 3 if value >= 1 else digits)} %"
+
+
+def estimate(value: object, ci95: Sequence[float] | None) -> tuple[str, str]:
+    """Print a value and its 95 % interval with the digits that the interval resolves.
+
+    Parameters
+    ----------
+    value : float or None
+    ci95 : sequence of two floats, or None
+
+    Returns
+    -------
+    tuple of str
+        The value, and ``low … high`` or a dash.
+    """
+    if not is_number(value) or not ci95 or not all(is_number(end) for end in ci95):
+        return number(value), DASH
+    assert isinstance(value, int | float)
+    low, high = ci95
+    width = abs(high - low)
+    largest = max(abs(low), abs(high), abs(value))
+    if width == 0 or largest == 0:
+        return number(value), f"{number(low)} … {number(high)}"
+    # Two digits of the interval's width, at most eight of the value.
+    digits = min(8, max(2, math.floor(math.log10(largest)) - math.floor(math.log10(width)) + 2))
+    return number(value, digits), f"{number(low, digits)} … {number(high, digits)}"
+
+
+def unit_text(unit: object) -> str:
+    """Print a unit of a model file, ``N*s/m`` or ``m/s**2``, as N·s/m or m/s²."""
+    if not isinstance(unit, str) or unit.strip() in ("", "1"):
+        return ""
+    text = re.sub(r"(?:\*\*|\^)\(?(-?\d+)\)?", lambda m: m[1].translate(_POWERS), unit.strip())
+    return text.replace("*", "·")
+
+
+def seconds(value: object) -> str:
+    """Print a duration in seconds."""
+    return f"{number(value, 3)} s" if is_number(value) else DASH
+
+
+def shorten(text: str, longest: int = 44) -> str:
+    """Cut the middle out of a long name."""
+    if len(text) <= longest:
+        return text
+    half = (longest - 1) // 2
+    return f"{text[:half]}…{text[-half:]}"
+
+
+def listing(items: Sequence[str], most: int = 4, last: str = "and") -> str:
+    """Join names as in a sentence, the rest counted."""
+    shown = [str(item) for item in items[:most]]
+    if len(items) > most:
+        shown.append(f"{len(items) - most} more")
+    if len(shown) < 2:
+        return "".join(shown)
+    return f"{', '.join(shown[:-1])} {last} {shown[-1]}"

@@ -1,0 +1,143 @@
+"""Expressions of the model grammar as MathML, which browsers draw without scripts or fonts."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+
+from markupsafe import Markup
+
+from jaxsr._result import InputError
+from jaxsr.expressions import Term, parse
+from jaxsr.expressions.term import BOOLEAN
+from jaxsr.report.formatting import number
+
+_GREEK = dict(
+    zip(
+        "alpha beta gamma delta epsilon zeta eta theta kappa lambda mu nu xi rho sigma tau phi chi "
+        "psi omega Gamma Delta Theta Lambda Sigma Phi Psi Omega pi".split(),
+        "αβγδεζηθκλμνξρστφχψωΓΔΘΛΣΦΨΩπ",
+        strict=True,
+    )
+)
+_COMPARE = {"lt": "<", "le": "≤", "gt": ">", "ge": "≥", "eq": "=", "ne": "≠"}
+_LOGIC = {"and": "and", "or": "or"}
+_RANK = {"add": 1, "sub": 1, "neg": 2, "mul": 3, "div": 5, "pow": 4}
+_ATOM = 6
+_LONGEST = 1500  # characters; a longer expression is easier to read as code
+
+
+def expression(text: object, digits: int = 4) -> Markup:
+    """Return an expression as MathML, or as code where it cannot be read or is very long.
+
+    Parameters
+    ----------
+    text : str or None
+        In the model grammar.
+    digits : int
+        Significant digits of its constants.
+    """
+    if not isinstance(text, str) or not text.strip():
+        return Markup("")
+    if len(text) <= _LONGEST:
+        try:
+            return Markup(f"<math>{_math(parse(text), digits)}</math>")
+        except InputError:
+            pass
+    return Markup("<code>{}</code>").format(text)
+
+
+def equation(state: str, text: object, digits: int = 4) -> Markup:
+    """Return ``d(state)/dt = text`` as MathML, the rate with a dot."""
+    right = expression(text, digits)
+    left = f"<mover><mrow>{name_markup(state)}</mrow><mo>˙</mo></mover><mo>=</mo>"
+    if right.startswith("<math>"):
+        return Markup(f"<math>{left}{right[len('<math>') :]}")
+    return Markup(f"<math>{left}</math> ") + right
+
+
+def name_markup(name: str) -> str:
+    """Return a name with its index below: z1, Fc and d_q get subscripts, greek names letters."""
+    head, _, tail = name.partition("_")
+    if not tail:
+        stem = head.rstrip("0123456789")
+        head, tail = (stem, head[len(stem) :]) if stem else (head, "")
+    base = f"<mi>{escape(_GREEK.get(head, head))}</mi>"
+    return f"<msub>{base}<mi>{escape(tail)}</mi></msub>" if head and tail else base
+
+
+def _math(term: Term, digits: int) -> str:
+    return f"<mrow>{_node(term, digits)[0]}</mrow>"
+
+
+def _node(term: Term, digits: int) -> tuple[str, int]:
+    """Return the markup and its rank: what binds less tightly than its place gets brackets."""
+    if term.is_constant:
+        if term.value == math.pi:
+            return "<mi>π</mi>", _ATOM
+        rank = _RANK["neg"] if term.value < 0 else _ATOM
+        return f"<mn>{number(term.value, digits)}</mn>", rank
+    if term.is_variable:
+        return name_markup(term.name), _ATOM
+    if term.op in ("add", "sub"):
+        return _sum(term, digits), _RANK["add"]
+    if term.op == "mul":
+        left, right = (_within(arg, digits, 3) for arg in term.args)
+        dot = "<mo>·</mo>" if term.args[1].is_constant else '<mspace width="0.17em"/>'
+        return f"{left}{dot}{right}", _RANK["mul"]
+    if term.op == "div":
+        top, bottom = (_math(arg, digits) for arg in term.args)
+        return f"<mfrac>{top}{bottom}</mfrac>", _RANK["div"]
+    if term.op == "pow":
+        base = _within(term.args[0], digits, _ATOM)
+        return f"<msup><mrow>{base}</mrow>{_math(term.args[1], digits)}</msup>", _RANK["pow"]
+    if term.op == "neg":
+        return f"<mo>−</mo>{_within(term.args[0], digits, 3)}", _RANK["neg"]
+    if term.op in _COMPARE:
+        left, right = (_within(arg, digits, 1) for arg in term.args)
+        return f"{left}<mo>{escape(_COMPARE[term.op])}</mo>{right}", 0
+    return _call(term, digits), _ATOM
+
+
+def _sum(term: Term, digits: int) -> str:
+    left = _within(term.args[0], digits, 1)
+    right, sign = term.args[1], "+" if term.op == "add" else "−"
+    if right.is_constant and right.value < 0:
+        right, sign = Term.constant(-right.value), "−" if sign == "+" else "+"
+    return f"{left}<mo>{sign}</mo>{_within(right, digits, 3)}"
+
+
+def _within(term: Term, digits: int, least: int) -> str:
+    markup, rank = _node(term, digits)
+    return markup if rank >= least else _brackets(markup)
+
+
+def _brackets(markup: str, left: str = "(", right: str = ")") -> str:
+    return f"<mrow><mo>{left}</mo>{markup}<mo>{right}</mo></mrow>"
+
+
+def _condition(when: Term, digits: int) -> str:
+    if when.op == BOOLEAN and when.value:
+        return "<mtext>otherwise</mtext>"
+    return f"<mtext>if&#160;</mtext>{_math(when, digits)}"
+
+
+def _call(term: Term, digits: int) -> str:
+    args = [_math(arg, digits) for arg in term.args]
+    if term.op == "piecewise":
+        rows = "".join(
+            f"<mtr><mtd>{value}</mtd><mtd>{_condition(when, digits)}</mtd></mtr>"
+            for value, when in zip(args[::2], term.args[1::2], strict=True)
+        )
+        return f'<mrow><mo>{{</mo><mtable columnalign="left">{rows}</mtable></mrow>'
+    if term.op == BOOLEAN:
+        return f"<mtext>{'always' if term.value else 'never'}</mtext>"
+    if term.op == "abs":
+        return _brackets(args[0], "|", "|")
+    if term.op == "sqrt":
+        return f"<msqrt>{args[0]}</msqrt>"
+    if term.op == "exp":
+        return f"<msup><mi>e</mi>{args[0]}</msup>"
+    if term.op in _LOGIC:
+        return _brackets(f"<mtext>&#160;{_LOGIC[term.op]}&#160;</mtext>".join(args))
+    return f"<mi>{escape(term.op)}</mi>{_brackets('<mo>,</mo>'.join(args))}"

@@ -1,0 +1,212 @@
+"""Verdicts, mechanisms and sites in plain words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from jaxsr._result import Verdict
+from jaxsr.report.formatting import (
+    estimate,
+    is_number,
+    listing,
+    number,
+    percent,
+    seconds,
+    unit_text,
+)
+
+VERDICT_TITLES = {
+    Verdict.NOTHING: "Nothing is missing",
+    Verdict.PARAMETER: "A parameter is wrong",
+    Verdict.STRUCTURE: "Physics is missing",
+    Verdict.MEASUREMENT: "The measurement is at fault",
+    Verdict.EXTERNAL_INPUT: "Something unrecorded acted",
+    Verdict.UNDECIDED: "The cause is undecided",
+}
+
+_MECHANISMS = {
+    "wrong_value": "wrong value",
+    "viscous_damping": "viscous damping",
+    "coulomb_friction": "Coulomb friction",
+    "asymmetric_friction": "friction that depends on the direction",
+    "stribeck_friction": "Stribeck friction",
+    "position_dependent_friction": "friction that depends on the position",
+    "quadratic_drag": "quadratic drag",
+    "power_law_drag": "power-law drag",
+    "linear_stiffness": "a linear spring",
+    "quadratic_stiffness": "quadratic stiffness",
+    "cubic_stiffness": "cubic stiffness",
+    "piecewise_stiffness": "a spring that engages past a point",
+    "end_stop": "an end stop",
+    "backlash": "backlash",
+    "added_mass": "added mass or inertia",
+    "gravity": "gravity",
+    "constant_force": "a constant force",
+    "centrifugal_coupling": "centrifugal coupling",
+    "coupling_stiffness": "a spring between coordinates",
+    "coupling_damping": "a damper between coordinates",
+    "harmonic_force": "a harmonic force",
+    "position_ripple": "a ripple over the position",
+    "parametric_excitation": "a stiffness that varies in time",
+    "hysteresis": "hysteresis",
+    "actuator_lag": "a lag of the actuator",
+    "hidden_mode": "an unmodelled resonance",
+    "drift": "a slow drift",
+    "overflow": "overflow",
+    "input_saturation": "saturation of the input",
+    "input_deadzone": "a dead zone of the input",
+    "input_gain": "wrong gain of the input",
+    "input_delay": "a delay of the input",
+    "sensor_gain": "wrong gain of the sensor",
+    "sensor_bias": "an offset of the sensor",
+    "sensor_delay": "a delay of the sensor",
+    "clipping": "clipping of the sensor",
+    "quantisation": "quantisation of the sensor",
+    "clock_skew": "a clock that runs wrong",
+    "transient_force": "a transient force",
+    "unnamed": "an effect without a name",
+}
+
+_SITES = {
+    "equation": "equation of {}",
+    "input": "input {}",
+    "output": "sensor {}",
+    "parameter": "parameter {}",
+    "external": "force on {}",
+}
+
+
+def mechanism_words(mechanism: object) -> str:
+    """Return a mechanism in plain words; an unknown name without its underscores."""
+    name = str(mechanism)
+    return _MECHANISMS.get(name, name.replace("_", " "))
+
+
+def site_words(site: object) -> str:
+    """Return a site in plain words, ``equation:v`` as "equation of v"."""
+    kind, _, name = str(site or "").partition(":")
+    return _SITES[kind].format(name) if kind in _SITES and name else str(site or "")
+
+
+def mechanism_at(text: str) -> str:
+    """Return ``coulomb_friction@equation:v`` in plain words."""
+    mechanism, _, site = text.partition("@")
+    return f"{mechanism_words(mechanism)}, {site_words(site)}" if site else mechanism_words(text)
+
+
+def capital(text: str) -> str:
+    """Raise the first letter; the rest stays."""
+    return text[:1].upper() + text[1:]
+
+
+def verdict_title(verdict: object) -> str:
+    """Return the verdict in a few words."""
+    return VERDICT_TITLES.get(Verdict(str(verdict)), str(verdict))
+
+
+def verdict_sentence(document: Mapping[str, Any]) -> str:
+    """Return the sentence at the top: what is wrong, and where."""
+    findings = document.get("findings") or []
+    verdict = Verdict(str(document.get("verdict")))
+    if verdict == Verdict.NOTHING:
+        return "The model agrees with the recordings: no mismatch stands above the noise."
+    if verdict == Verdict.UNDECIDED:
+        if not findings:
+            return "A mismatch is there, but these recordings cannot tell its cause."
+        names = list(dict.fromkeys(_place(finding) for finding in findings))
+        leading = listing(names, last="or")
+        return (
+            f"A mismatch is there, but these recordings cannot tell its cause. Leading: {leading}."
+        )
+    named = listing(list(dict.fromkeys(_place(finding) for finding in findings)))
+    opening = {
+        Verdict.PARAMETER: "The structure is right, a value is not",
+        Verdict.STRUCTURE: "The model leaves out physics",
+        Verdict.MEASUREMENT: "The physics is right, a sensor or its timing is not",
+        Verdict.EXTERNAL_INPUT: "Something acted on the system that no column records",
+    }[verdict]
+    return f"{opening}: {named}." if named else f"{opening}."
+
+
+def _place(finding: Mapping[str, Any]) -> str:
+    site = str(finding.get("site") or "")
+    if finding.get("mechanism") == "wrong_value":
+        return _wrong_value(finding, site.partition(":")[2])
+    words = mechanism_words(finding.get("mechanism"))
+    if words.endswith("of the sensor") or words.endswith("of the input"):
+        # "a delay of the sensor" + "sensor y" -> "a delay of sensor y"
+        return f"{words.rpartition(' of the ')[0]} of {site_words(site)}"
+    joint = "as a" if site.startswith("external:") else "in the"
+    return f"{words} {joint} {site_words(site)}" if site else words
+
+
+def _wrong_value(finding: Mapping[str, Any], name: str) -> str:
+    fitted = (finding.get("parameters") or {}).get(name) or {}
+    value, interval = estimate(fitted.get("value"), fitted.get("ci95"))
+    unit = unit_text(fitted.get("unit"))
+    if not fitted:
+        return f"the value of {name}"
+    shown = f"{name} is {value}{' ' + unit if unit else ''}"
+    return f"{shown} ({interval})" if fitted.get("ci95") else shown
+
+
+def fit_sentence(fit: Mapping[str, Any] | None) -> str:
+    """Return what the edit gains at the headline horizon, held-out recordings first."""
+    pairs = headline(fit)
+    if not pairs:
+        return ""
+    assert fit is not None
+    parts = []
+    for role, before, after in pairs:
+        parts.append(f"{percent(before)} to {percent(after)} on {role}")
+    horizon = seconds(fit.get("headline_s"))
+    return f"Free-run error over {horizon}, re-calibrated to explained: {'; '.join(parts)}."
+
+
+def headline(fit: Mapping[str, Any] | None) -> list[tuple[str, float | None, float | None]]:
+    """Return (recordings, re-calibrated, explained) at the headline horizon."""
+    index = headline_index(fit)
+    if fit is None or index is None:
+        return []
+    pairs = []
+    for key, words in (("held_out", "held-out recordings"), ("train", "training recordings")):
+        rows = fit.get(key) or {}
+        before, after = (_entry(rows.get(name), index) for name in ("recalibrated", "explained"))
+        if before is not None or after is not None:
+            pairs.append((words, before, after))
+    return pairs
+
+
+def headline_index(fit: Mapping[str, Any] | None) -> int | None:
+    """Return the position of the headline horizon among the horizons."""
+    horizons = (fit or {}).get("horizons_s") or []
+    wanted = (fit or {}).get("headline_s")
+    return horizons.index(wanted) if wanted in horizons else None
+
+
+def _entry(values: Any, index: int) -> float | None:
+    return values[index] if values and index < len(values) else None
+
+
+def region_words(region: Mapping[str, Any], unit: str = "") -> str:
+    """Return a region of ``where`` as an inequality."""
+    ends = [region.get("from"), region.get("to")]
+    low, high = (_bound(end) for end in ends)
+    name = str(region.get("variable", "?"))
+    tail = f" {unit}" if unit else ""
+    if low and high:
+        return f"{low} < {name} < {high}{tail}"
+    if low or high:
+        return f"{name} > {low}{tail}" if low else f"{name} < {high}{tail}"
+    return f"all {name}"
+
+
+def _bound(value: object) -> str:
+    return number(value, 3) if is_number(value) else ""
+
+
+def slug(text: str) -> str:
+    """Return `text` as a piece of a file name."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_")[:40] or "figure"
