@@ -14,6 +14,9 @@ from jaxsr.regression import Fit, RegressionProblem
 # Relative mean square below which two fits are both exact: a millionth of the target's rms.
 _EXACT = 1e-12
 _BLOCKS = 20
+# A tenth of the rms error does not pay for another term: recordings are never quite of the
+# class of models searched, and with thousands of samples any term becomes significant.
+_WORTH = 1.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +46,12 @@ def choose(
     variables: Mapping[str, np.ndarray],
     y: np.ndarray,
 ) -> tuple[list[Candidate], int]:
-    """Fit every set on ``problem``, judge it on other rows, pick by the one-standard-error rule.
+    """Fit every set on ``problem``, judge it on other rows, pick the least that is as good.
 
-    The pick is the smallest set whose squared errors exceed those of the best one by no more than
-    one standard error of the difference, taken over consecutive blocks of rows: neighbours in
-    time are not independent, and pairing removes what all candidates share.
+    Fewest terms come first, then the smallest size. As good as the best means: a mean square within a quarter of its own, or squared errors that
+    exceed its own by no more than one standard error of the difference, taken over consecutive
+    blocks of rows: neighbours in time are not independent, and pairing removes what all
+    candidates share. Between sets of equally many terms only the standard error counts.
 
     Returns
     -------
@@ -65,15 +69,24 @@ def choose(
         squares.append(error)
     order = sorted(range(len(candidates)), key=lambda k: candidates[k].size)
     candidates, squares = [candidates[k] for k in order], [squares[k] for k in order]
-    best = int(np.argmin([c.validation_mse for c in candidates]))
+    errors = np.array([c.validation_mse for c in candidates])
+    terms = np.array([len(c.fit.terms) for c in candidates])
     floor = _EXACT * float(np.mean(y**2))
-    for k, candidate in enumerate(candidates):
-        if candidate.validation_mse <= max(floor, candidates[best].validation_mse):
-            return candidates, k
-        if not np.isfinite(candidate.validation_mse):
-            continue
-        blocks = np.array_split(squares[k] - squares[best], min(_BLOCKS, len(y)))
-        means = np.array([np.mean(block) for block in blocks])
-        if len(means) > 1 and np.mean(means) <= np.std(means, ddof=1) / np.sqrt(len(means)):
-            return candidates, k
-    return candidates, best
+    good = _as_good(squares, errors, floor) | (errors <= _WORTH * np.min(errors))
+    fewest = terms == np.min(terms[good])
+    # among sets of that many terms size decides only where the errors do not
+    rivals = np.flatnonzero(fewest)
+    tied = _as_good([squares[k] for k in rivals], errors[rivals], floor)
+    return candidates, int(rivals[np.argmax(tied)])
+
+
+def _as_good(squares: Sequence[np.ndarray], errors: np.ndarray, floor: float) -> np.ndarray:
+    """Tell which sets err no more than the best, within one standard error of the difference."""
+    best = int(np.argmin(errors))
+    good = errors <= max(floor, errors[best])
+    for k in np.flatnonzero(np.isfinite(errors) & ~good):
+        parts = np.array_split(squares[k] - squares[best], min(_BLOCKS, len(squares[k])))
+        means = np.array([np.mean(part) for part in parts])
+        error = np.std(means, ddof=1) / np.sqrt(len(means)) if len(means) > 1 else 0.0
+        good[k] = np.mean(means) <= error
+    return good

@@ -43,6 +43,7 @@ def discover(
     budget: float | Budget | None = None,
     progress: Progress | None = None,
     config: SearchConfig | None = None,
+    command: str = "jaxsr.discover",
 ) -> Discovery:
     """Find an equation of motion for every state.
 
@@ -78,6 +79,8 @@ def discover(
         Seconds.
     progress : Progress, optional
     config : SearchConfig, optional
+    command : str
+        What was typed, for the provenance.
 
     Returns
     -------
@@ -131,6 +134,7 @@ def discover(
     stopped = next((r for r in reasons if r in (StoppedBy.INTERRUPTED, StoppedBy.BUDGET)), None)
     provenance: dict[str, Any] = {
         "seed": seed,
+        "command": command,
         "seconds": clock.monotonic() - began,
         "stopped_by": stopped or StoppedBy.CONVERGED,
         "estimated_derivatives": sorted(data.estimated),

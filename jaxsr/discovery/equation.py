@@ -15,11 +15,13 @@ from jaxsr.discovery.choose import Candidate, choose, predict
 from jaxsr.discovery.samples import Samples, thinned
 from jaxsr.evolution import SearchConfig, SearchInfo, search
 from jaxsr.expressions import to_text
-from jaxsr.expressions.editing import ONE, split
+from jaxsr.expressions.editing import ONE, edit, split
 from jaxsr.expressions.term import Term
+from jaxsr.recordings import noise_level
 from jaxsr.regression import RegressionProblem, coefficient_ci95, constant_slopes
 
-MOST_ROWS = 2000  # rows the search looks at; the final estimate uses all of them
+MOST_ROWS = 2000  # rows the search looks at,
+MOST_JUDGED = 8000  # rows on which the front is weighed; the final estimate uses all of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,25 +109,28 @@ def recognised(samples: Samples, state: str, states: Sequence[str]) -> str | Non
     """Return the state whose integral over time is ``state``, if there is one.
 
     The integral is compared and not the derivative: it needs no differentiation and averages
-    noise. The slope must be 1 within 1 %, and what is left over at most 2 % of the motion.
+    noise. The slope must be 1 within 1 %, and what is left over at most 2 % of the motion, or
+    twice the sensor's noise.
     """
     time = samples.variables[next(iter(samples.variables))]
     x = samples.variables[state]
     for other in states:
         if other == state:
             continue
-        columns, parts = [], []
+        columns, parts, noise = [], [], []
         for number in np.unique(samples.group):
             rows = samples.group == number
             integral = cumulative_trapezoid(samples.variables[other][rows], time[rows], initial=0.0)
             columns.append(integral - np.mean(integral))
             parts.append(x[rows] - np.mean(x[rows]))
+            noise.append(noise_level(time[rows], x[rows]) ** 2 * np.count_nonzero(rows))
         area, motion = np.concatenate(columns), np.concatenate(parts)
         if not area @ area > 0.0 or not motion @ motion > 0.0:
             continue
         slope = float(area @ motion / (area @ area))
         left = motion - slope * area
-        if abs(slope - 1.0) < 0.01 and left @ left < 4e-4 * (motion @ motion):
+        allowed = max(4e-4 * float(motion @ motion), 4.0 * float(np.sum(noise)))
+        if abs(slope - 1.0) < 0.01 and left @ left < min(allowed, 0.04 * (motion @ motion)):
             return other
     return None
 
@@ -161,9 +166,9 @@ def find_equation(
     scale = float(np.mean(train.targets[state] ** 2))
     if problem.total <= 1e-24 * scale * len(few):
         return _final(state, (), every, known, time, shift)
-    runner = search(rng, problem, config, budget=budget, progress=progress)
-    found, reason = runner
-    whole = RegressionProblem(shift(train), train.variables, time=time)
+    found, reason = search(rng, problem, config, budget=budget, progress=progress)
+    judged = train.take(thinned(np.arange(len(train)), MOST_JUDGED))
+    whole = RegressionProblem(shift(judged), judged.variables, time=time)
     sets = [(), *(member.terms for member in found.front.members)]
     usable = [s for s in sets if -1 not in whole.index(s)]
     candidates, pick = choose(whole, usable, validation.variables, shift(validation))
@@ -194,7 +199,7 @@ def _final(
 ) -> Equation:
     """Estimate the chosen terms on all rows, with intervals."""
     problem = RegressionProblem(shift(samples), samples.variables, time=time)
-    terms, _ = problem.refine(terms) if terms else ((), 0.0)
+    terms = edit(problem.refine(terms)[0]) if terms else ()
     fit = problem.fit(terms)
     theta = problem.projected(terms)
     residual = problem.y - theta @ fit.coefficients

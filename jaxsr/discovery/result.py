@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -73,13 +71,7 @@ class Discovery:
             "pareto": fronts,
             "modes": [],
             "switching": {},
-            "provenance": {
-                "version": jaxsr.__version__,
-                "command": " ".join(
-                    shlex.quote(a) for a in [Path(sys.argv[0]).name, *sys.argv[1:]]
-                ),
-                **self.provenance,
-            },
+            "provenance": {"version": jaxsr.__version__, **self.provenance},
         }
 
     def save(self, directory: str | Path) -> None:

@@ -43,20 +43,23 @@ class Refinement:
 
 
 def constants_of(term: Term) -> list[float]:
-    """Return the inner constants that may move, in preorder; whole exponents stay whole."""
-    return [leaf.value for leaf in _free(term)]
+    """Return the inner constants that may move, in preorder; whole exponents stay whole.
+
+    A term that is itself a constant has none: its coefficient says it all.
+    """
+    return [leaf.value for leaf in _free(term)] if term.args else []
 
 
 def with_constants(term: Term, values: Iterator[float]) -> Term:
     """Return the term with its movable constants taken from ``values``, in preorder."""
-    if term.op == "constant":
-        return Term.constant(next(values))
     if not term.args:
         return term
-    args = [
-        arg if _is_whole_exponent(term, place) else with_constants(arg, values)
-        for place, arg in enumerate(term.args)
-    ]
+    args = []
+    for place, arg in enumerate(term.args):
+        if arg.is_constant and not _is_whole_exponent(term, place):
+            args.append(Term.constant(next(values)))
+        else:
+            args.append(with_constants(arg, values))
     return Term.apply(term.op, *args)
 
 
@@ -130,10 +133,10 @@ def refine(
 
 def _point(problem: RegressionProblem, terms: tuple[Term, ...]) -> _Point | None:
     theta = problem.projected(terms)
-    if not np.all(np.isfinite(theta)):
+    if not np.all(np.abs(theta) < 1e100):  # also where not finite
         return None
     norms = np.linalg.norm(theta, axis=0)
-    if not np.all((norms > 1e-100) & (norms < 1e100)):
+    if not np.all(norms > 1e-100):
         return None
     basis, upper = np.linalg.qr(theta / norms)
     diagonal = np.abs(np.diag(upper))

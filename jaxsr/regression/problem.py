@@ -13,7 +13,7 @@ from jaxsr.expressions.term import Term
 from jaxsr.regression.constants import Refinement, refine
 from jaxsr.regression.gram import Array, gather_gram, scale_columns
 from jaxsr.regression.ridge import least_squares, solve_ridge
-from jaxsr.regression.spectrum import residual_frequencies
+from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies
 from jaxsr.regression.threshold import HardThreshold
 
 View = Callable[[Array], Array]
@@ -102,6 +102,7 @@ class RegressionProblem:
         self._scale = np.sqrt(self.total) or 1.0
         self.cache = ColumnCache(self.variables, limit_bytes // 2)
         self._capacity = max(256, limit_bytes // (16 * self.rows))
+        self._waves: dict[str, Waves | None] = {}
         self._forget()
 
     def _check_shapes(self) -> None:
@@ -236,6 +237,14 @@ class RegressionProblem:
     def frequencies(self, terms: Sequence[Term], variable: str, count: int) -> list[float]:
         """Return frequencies in the residual; see :func:`residual_frequencies`."""
         return residual_frequencies(self, terms, variable, count)
+
+    def waves(self, variable: str) -> Waves | None:
+        """Return the sines and cosines of a variable that the spectrum is taken with."""
+        if variable not in self._waves:
+            values = self.variables[variable]
+            is_time = variable == self.time
+            self._waves[variable] = make_waves(values, self.view, is_time=is_time)
+        return self._waves[variable]
 
     def fit(self, terms: Sequence[Term]) -> Fit:
         """Solve one set of terms by QR, fixed columns included."""
