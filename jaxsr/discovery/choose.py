@@ -17,6 +17,7 @@ _BLOCKS = 20
 # A tenth of the rms error does not pay for another term: recordings are never quite of the
 # class of models searched, and with thousands of samples any term becomes significant.
 _WORTH = 1.25
+_TIE = 1.02  # one per cent of the rms does not pay for a phase or another inner constant
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +49,11 @@ def choose(
 ) -> tuple[list[Candidate], int]:
     """Fit every set on ``problem``, judge it on other rows, pick the least that is as good.
 
-    Fewest terms come first, then the smallest size. As good as the best means: a mean square within a quarter of its own, or squared errors that
-    exceed its own by no more than one standard error of the difference, taken over consecutive
-    blocks of rows: neighbours in time are not independent, and pairing removes what all
-    candidates share. Between sets of equally many terms only the standard error counts.
+    As good as the best means: a mean square within a quarter of the best one's, or squared
+    errors above its own by no more than one standard error of the difference, taken over
+    consecutive blocks of rows: neighbours in time are not independent, and pairing removes what
+    all candidates share. The fewest terms come first; between sets of equally many terms the
+    smaller wins if it is as good by the standard error, or within 2 %.
 
     Returns
     -------
@@ -77,6 +79,7 @@ def choose(
     # among sets of that many terms size decides only where the errors do not
     rivals = np.flatnonzero(fewest)
     tied = _as_good([squares[k] for k in rivals], errors[rivals], floor)
+    tied |= errors[rivals] <= _TIE * np.min(errors[rivals])
     return candidates, int(rivals[np.argmax(tied)])
 
 
@@ -84,7 +87,7 @@ def _as_good(squares: Sequence[np.ndarray], errors: np.ndarray, floor: float) ->
     """Tell which sets err no more than the best, within one standard error of the difference."""
     best = int(np.argmin(errors))
     good = errors <= max(floor, errors[best])
-    for k in np.flatnonzero(np.isfinite(errors) & ~good):
+    for k in np.flatnonzero(np.isfinite(errors) & ~good).tolist():
         parts = np.array_split(squares[k] - squares[best], min(_BLOCKS, len(squares[k])))
         means = np.array([np.mean(part) for part in parts])
         error = np.std(means, ddof=1) / np.sqrt(len(means)) if len(means) > 1 else 0.0
