@@ -11,6 +11,10 @@ from jaxsr.models import Edit, Model, Parameter, apply_edit
 from jaxsr.models.edits import add_to_equation
 
 
+UNLIMITED = 1e12
+"""Stands for no limit: bounds of a model file are numbers."""
+
+
 @dataclass(frozen=True)
 class ParameterSpec:
     """A constant of a mechanism.
@@ -31,8 +35,8 @@ class ParameterSpec:
 
     name: str
     unit: str | None = None
-    low: float = -1e12
-    high: float = 1e12
+    low: float = -UNLIMITED
+    high: float = UNLIMITED
     neutral: float = 0.0
     coefficient: bool = True
 
@@ -131,7 +135,7 @@ class Candidate:
             changes[f"readings.{output}"] = template.format(old=model.readings[output], **names)
         for spec in self.parameters:
             value = values.get(spec.name, spec.neutral)
-            bounds = (min(spec.low, value), max(spec.high, value))
+            bounds = _readable(spec, value) if values else (spec.low, spec.high)
             changes[f"parameters.{names[spec.name]}"] = Parameter(value, spec.unit, bounds)
         return Edit(changes)
 
@@ -144,6 +148,14 @@ class Candidate:
         parts += [t.format(old="reading", **names) for _, t in self.readings[:1]]
         text = parts[0] if parts else ""
         return text.removeprefix("+ ").replace("- ", "-", 1) if text.startswith(("+ ", "- ")) else text
+
+
+def _readable(spec: ParameterSpec, value: float) -> tuple[float, float]:
+    """Bounds for a model file: the physical ones, or ten times the value where there are none."""
+    reach = float(f"{10.0 * abs(value):.1g}") or 1.0
+    low = spec.low if spec.low > -UNLIMITED else -reach
+    high = spec.high if spec.high < UNLIMITED else reach
+    return min(low, value), max(high, value)
 
 
 @dataclass(frozen=True)

@@ -56,11 +56,7 @@ class Arena:
     prepared: tuple[Prepared, ...]
     bounds: tuple[np.ndarray, np.ndarray]
     pieces: tuple[tuple[int, int, int, int], ...]  # (block, segment, from sample, to sample)
-
-    @property
-    def horizon_samples(self) -> int:
-        """Samples of the longest segment."""
-        return int(self.problem.segments.count.max())
+    seconds: float  # length of the segments
 
 
 def parameter_bounds(super_model: SuperModel) -> tuple[np.ndarray, np.ndarray]:
@@ -87,14 +83,15 @@ def build_arena(
     stepping: Stepping,
     horizon: float | None,
     scale: np.ndarray,
+    simulator: Simulator,
 ) -> Arena:
-    """Cut the recordings and lay out the blocks."""
+    """Cut the recordings into segments of `horizon` seconds and lay out the blocks."""
     rows = cut(prepared, horizon)
     segments = build_segments(super_model.model, prepared, rows, stepping.substeps)
-    problem = Problem(Simulator(super_model.model), stepping, segments, scale)
-    return Arena(
-        super_model, problem, tuple(prepared), parameter_bounds(super_model), _pieces(segments.count)
-    )
+    problem = Problem(simulator, stepping, segments, scale)
+    pieces = _pieces(segments.count)
+    bounds = parameter_bounds(super_model)
+    return Arena(super_model, problem, tuple(prepared), bounds, pieces, horizon or np.inf)
 
 
 def _pieces(counts: np.ndarray) -> tuple[tuple[int, int, int, int], ...]:
@@ -119,10 +116,11 @@ def enter(
     start: np.ndarray,
     x0: np.ndarray | None = None,
     stop: Callable[[], bool] = lambda: False,
+    max_iterations: int = 25,
 ) -> Entry:
     """Estimate one set jointly with the free parameters and the starts, and hold blocks back."""
     active = active_parameters(arena.super_model, members)
-    result = fit(arena.problem, start, active, arena.bounds, x0=x0, stop=stop)
+    result = fit(arena.problem, start, active, arena.bounds, x0, max_iterations, stop)
     return Entry(members, result, held_back(arena, result))
 
 
@@ -263,7 +261,7 @@ def weights(entries: Sequence[Entry], effective: float, rng: np.random.Generator
 
 
 def choose_stepping(
-    super_model: SuperModel, prepared: Sequence[Prepared], theta: np.ndarray
+    simulator: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
 ) -> Stepping:
     """Choose method and substeps so that the integration error stays far below the mismatch.
 
@@ -273,8 +271,6 @@ def choose_stepping(
     """
     import jax
 
-    simulator = Simulator(super_model.model)
-    model = super_model.model
     x = np.concatenate([p.states.values for p in prepared])
     u = np.concatenate([p.inputs for p in prepared])
     env = simulator.environment(0.0, tuple(x.T), tuple(u.T), tuple(theta))

@@ -26,7 +26,7 @@ from jaxsr.diagnosis.scoring import free_run, horizons
 from jaxsr.diagnosis.screening import ScreenedSet
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all, state_scale
 from jaxsr.models import Simulator
-from jaxsr.models.rollout import Stepping
+from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
 
@@ -34,6 +34,8 @@ SINGLES, PAIRS, LARGER = 5, 4, 3
 MAX_SAMPLES = 1000
 """Longest segment of the contest, in samples."""
 SMALL, SATURATED = 0.1, 1.3
+Start = tuple[tuple[int, ...], np.ndarray]
+"""Members of a set and the parameter values its estimation starts from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,13 +132,14 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     """Estimate the leading sets in free run and hold blocks back."""
     sets = leading_sets(case)
     super_model, starts = contenders(case, sets)
-    best = max(starts, key=lambda s: len(s[0]))[1] if case.screened is None else starts[1][1]
-    case.progress.stage("choosing integration steps")
-    stepping = choose_stepping(super_model, case.prepared, best)
+    simulator = Simulator(super_model.model, case.simulator.function)
+    case.progress.stage("choosing integration steps and the horizon")
+    stepping = choose_stepping(simulator, case.prepared, starts[min(1, len(starts) - 1)][1])
     deviation = np.nanstd(np.concatenate([p.outputs for p in case.prepared]), axis=0)
     scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
-    headline, samples = headline_horizon(case, super_model, stepping, starts[0][1])
-    arena = build_arena(super_model, case.prepared, stepping, samples, scale)
+    starts = _usable_starts(case, super_model, stepping, scale, simulator, starts)
+    headline, lengths = headline_horizon(case, simulator, stepping, starts[0][1])
+    arena = _first_usable(case, super_model, stepping, lengths, scale, simulator, starts[0][1])
     case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
     entries: list[Entry] = []
     for number, (members, start) in enumerate(starts):
@@ -150,8 +153,59 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     return arena, entries, headline
 
 
+def _usable_starts(
+    case: Case,
+    super_model: SuperModel,
+    stepping: Stepping,
+    scale: np.ndarray,
+    simulator: Simulator,
+    starts: list[Start],
+) -> list[Start]:
+    """Start from the given free parameters where those of the weak view simulate worse.
+
+    Without the missing physics the weak view can ask for impossible values, such as a mass
+    matrix that is not positive.
+    """
+    shortest = horizons(case.prepared)[0]
+    arena = build_arena(super_model, case.prepared, stepping, shortest, scale, simulator)
+    base, neutral = super_model.base_index(), neutral_values(super_model)
+    better: list[Start] = []
+    for members, start in starts:
+        given = start.copy()
+        given[base] = neutral[base]
+        costs = []
+        for theta in (start, given):
+            y = outputs(simulator, stepping, arena.problem.segments, theta, arena.problem.segments.guess)
+            with np.errstate(all="ignore"):
+                cost = float(np.sum(arena.problem.residual(y) ** 2))
+            costs.append(cost if np.isfinite(cost) else np.inf)
+        better.append((members, start if costs[0] <= costs[1] else given))
+    # Re-calibrated over the shortest horizon, the given structure tells how its errors grow.
+    calibrated = enter(arena, (), better[0][1]).fit
+    if calibrated.usable:
+        better[0] = ((), calibrated.theta)
+    return better
+
+
+def _first_usable(
+    case: Case,
+    super_model: SuperModel,
+    stepping: Stepping,
+    lengths: list[float],
+    scale: np.ndarray,
+    simulator: Simulator,
+    start: np.ndarray,
+) -> Arena:
+    """Take the longest segments over which the re-calibrated model can be simulated."""
+    for seconds in lengths:
+        arena = build_arena(super_model, case.prepared, stepping, seconds, scale, simulator)
+        if enter(arena, (), start, max_iterations=4).fit.usable:
+            break
+    return arena
+
+
 def _rescaled(
-    arena: Arena, entries: list[Entry], starts: list[tuple[tuple[int, ...], np.ndarray]]
+    arena: Arena, entries: list[Entry], starts: list[Start]
 ) -> tuple[Arena, list[Entry]]:
     """Weigh the outputs by the residual that the leading set leaves on each."""
     count = arena.problem.segments.weights.sum((1, 2))
@@ -225,7 +279,7 @@ def _has_friction(given: object, candidate: Candidate, chosen: list[Candidate]) 
 
 def contenders(
     case: Case, sets: list[ScreenedSet]
-) -> tuple[SuperModel, list[tuple[tuple[int, ...], np.ndarray]]]:
+) -> tuple[SuperModel, list[Start]]:
     """Build the super-model of the leading candidates, and where each set's estimation starts.
 
     The first entry is re-calibration alone, the second the leading set; single sensor faults
@@ -265,15 +319,14 @@ def contenders(
 
 
 def headline_horizon(
-    case: Case, super_model: SuperModel, stepping: Stepping, start: np.ndarray
-) -> tuple[float, float]:
-    """Choose the horizon the verdict rests on, and the contest's segment length, in seconds.
+    case: Case, simulator: Simulator, stepping: Stepping, start: np.ndarray
+) -> tuple[float, list[float]]:
+    """Choose the horizon the verdict rests on, and segment lengths for the contest, in seconds.
 
     The longest horizon up to which the re-calibrated model's error stays small, or no longer
     grows: errors of a drifting, unstable or chaotic system grow with the horizon, and judging
     it by its full length compares how errors happen to add up.
     """
-    simulator = Simulator(super_model.model, case.simulator.function)
     options = horizons(case.prepared)
     headline, previous = options[0], None
     for horizon in options:
@@ -283,7 +336,7 @@ def headline_horizon(
         headline, previous = horizon, score
     step = float(np.median([p.recording.sample_time for p in case.prepared]))
     fitting = [h for h in options if h <= headline and h / step <= MAX_SAMPLES]
-    return headline, max(fitting, default=options[0])
+    return headline, sorted(fitting, reverse=True) or options[:1]
 
 
 def ablate(

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr.models.model import Model
 from jaxsr.models.rollout import Stepping, outputs
-from jaxsr.models.segments import Prepared, build_segments, cut
+from jaxsr.models.segments import Prepared, Segments, build_segments, cut
 from jaxsr.models.shooting import Problem, fit
 from jaxsr.models.simulator import Simulator
 
 DIVERGED = 10.0
 START_SHARE = 0.05
+LONG = 3000
+"""Samples from which only the beginning of a segment is simulated to estimate its start."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,25 +55,26 @@ def free_run(
     prepared: Sequence[Prepared],
     theta: np.ndarray,
     horizon: float | None,
+    like: Sequence[Prepared] = (),
 ) -> FreeRun:
     """Simulate consecutive segments, each from a start estimated on its first 5 % only.
 
-    At least 3 samples serve for the start, on a whole recording at least 50.
+    At least 3 samples serve for the start, on a whole recording at least 50. The segments are
+    padded to the shape of those of `like`, whose compiled simulation then serves here as well.
     """
     model = simulator.model
     longest = max(float(p.time[-1] - p.time[0]) for p in prepared)
     whole = horizon is None or horizon >= longest * (1 - 1e-9)
     rows = cut(prepared, None if whole else horizon)
-    segments = build_segments(model, prepared, rows, stepping.substeps)
+    others = cut(like, None if whole else horizon) if like else []
+    shape = (max((b - a for _, a, b in others), default=0), len(others))
+    segments = build_segments(model, prepared, rows, stepping.substeps, shape)
     least = 50 if whole else 3
-    first = [
-        (r, a, a + min(b - a, max(least, int(np.ceil(START_SHARE * (b - a)))))) for r, a, b in rows
-    ]
-    begin = build_segments(model, prepared, first, stepping.substeps)
-    scale = _scales(prepared).mean(0)
-    problem = Problem(simulator, stepping, begin, scale)
+    first = [min(b - a, max(least, int(np.ceil(START_SHARE * (b - a))))) for _, a, b in rows]
+    begin = _beginnings(model, prepared, rows, first, segments, stepping)
+    problem = Problem(simulator, stepping, begin, _scales(prepared).mean(0))
     none = np.zeros(0, dtype=int)
-    start = fit(problem, theta, none, (theta, theta), max_iterations=10)
+    start = fit(problem, theta, none, (theta, theta), max_iterations=8, tolerance=1e-3)
     y = outputs(simulator, stepping, segments, theta, start.x0)
     simulated = [np.full_like(p.outputs, np.nan) for p in prepared]
     for s, (r, a, b) in enumerate(rows):
@@ -79,6 +83,30 @@ def free_run(
     for r, a, b in rows:
         covered[r][a:b] = True
     return _scored(prepared, simulated, covered)
+
+
+def _beginnings(
+    model: Model,
+    prepared: Sequence[Prepared],
+    rows: list[tuple[int, int, int]],
+    first: list[int],
+    segments: Segments,
+    stepping: Stepping,
+) -> Segments:
+    """Return the segments with the outputs of all but their first samples left out.
+
+    Long segments are cut short instead: simulating them only to look at their start is dear.
+    """
+    if segments.time.shape[0] > LONG:
+        short = [(r, a, a + n) for (r, a, _), n in zip(rows, first, strict=True)]
+        size = max(n for n in first)
+        return build_segments(
+            model, prepared, short, stepping.substeps, (size, segments.number)
+        )
+    measured = segments.outputs.copy()
+    for s, n in enumerate(first):
+        measured[:, n:, s] = np.nan
+    return replace(segments, outputs=measured)
 
 
 def _scales(prepared: Sequence[Prepared]) -> np.ndarray:

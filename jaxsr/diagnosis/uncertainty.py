@@ -27,6 +27,8 @@ def covariance(arena: Arena, result: Fit) -> np.ndarray:
     count = result.active.size
     if count == 0:
         return np.zeros((0, 0))
+    if not np.isfinite(total).all():
+        return np.diag(np.full(count, np.inf))
     diagonal = np.diag(total)
     size = np.sqrt(np.where(diagonal > 1e-200, diagonal, 1.0))
     inverse = np.linalg.pinv(total / size / size[:, None], rcond=1e-10, hermitian=True)

@@ -16,7 +16,7 @@ from jaxsr.models.simulator import Simulator
 from jaxsr.models.stepping import METHODS, Step
 
 Array = Any
-TANGENT_BUCKETS = (12, 24, 48, 96)
+TANGENT_BUCKETS = (0, 12, 24, 48, 96)
 
 
 @dataclass(frozen=True)

@@ -110,16 +110,20 @@ def build_segments(
     prepared: Sequence[Prepared],
     rows: Sequence[tuple[int, int, int]],
     substeps: int,
-    samples: int | None = None,
+    shape: tuple[int, int] = (0, 0),
 ) -> Segments:
-    """Collect the arrays of the segments `rows`, padded to `samples`."""
-    longest = max(stop - start for _, start, stop in rows)
-    size = max(longest, samples or 0)
+    """Collect the arrays of the segments `rows`.
+
+    `shape` is the least number of samples and of segments: padding recordings of another length
+    to one shape lets them share a compiled simulation.
+    """
+    size = max(max(stop - start for _, start, stop in rows), shape[0])
+    spare = max(shape[1] - len(rows), 0)
     stages = [_stage_table(model, item, substeps) for item in prepared]
     parts: dict[str, list[np.ndarray]] = {
         k: [] for k in ("time", "length", "stages", "inputs", "outputs", "guess", "free", "over")
     }
-    for r, start, stop in rows:
+    for number, (r, start, stop) in enumerate([*rows, *[rows[-1]] * spare]):
         item, count = prepared[r], stop - start
         pick = np.minimum(np.arange(start, start + size), stop - 1)
         parts["time"].append(item.time[pick])
@@ -129,14 +133,14 @@ def build_segments(
         parts["stages"].append(stages[r][:, :, gaps])
         parts["inputs"].append(item.inputs[pick].T)
         measured = item.outputs[pick].T.copy()
-        measured[:, count:] = np.nan
+        measured[:, count if number < len(rows) else 0 :] = np.nan
         parts["outputs"].append(measured)
         parts["guess"].append(item.states.values[start])
         fixed = [start == 0 and model.initial.get(s, FREE) != FREE for s in model.states]
         parts["free"].append(~np.array(fixed))
         parts["over"].append(_override(model, item.recording.name))
     array = {key: np.stack(values, axis=-1) for key, values in parts.items()}
-    index = np.array(rows, dtype=int).reshape(-1, 3)
+    index = np.array([*rows, *[(*rows[-1][:2], rows[-1][1])] * spare], dtype=int).reshape(-1, 3)
     return Segments(
         recording=index[:, 0],
         start=index[:, 1],

@@ -12,7 +12,8 @@ from jaxsr.models.segments import Segments
 from jaxsr.models.simulator import Simulator
 
 MAX_ITERATIONS = 25
-_RELATIVE_GAIN = 1e-6
+RELATIVE_GAIN = 1e-5
+"""Gain in cost below which an estimation has converged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +92,7 @@ def fit(
     x0: np.ndarray | None = None,
     max_iterations: int = MAX_ITERATIONS,
     stop: Callable[[], bool] = lambda: False,
+    tolerance: float = RELATIVE_GAIN,
 ) -> Fit:
     """Minimise the squared residuals over parameters and segment starts.
 
@@ -113,6 +115,23 @@ def fit(
     -------
     Fit
     """
+    with np.errstate(all="ignore"):
+        # A trial far off may overflow; its cost is then infinite and it is turned down.
+        return _levenberg_marquardt(
+            problem, theta, active, bounds, x0, max_iterations, stop, tolerance
+        )
+
+
+def _levenberg_marquardt(
+    problem: Problem,
+    theta: np.ndarray,
+    active: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    x0: np.ndarray | None,
+    max_iterations: int,
+    stop: Callable[[], bool],
+    tolerance: float,
+) -> Fit:
     low, high = bounds
     theta = np.array(theta, dtype=float)
     theta[active] = np.clip(theta[active], low[active], high[active])
@@ -129,8 +148,7 @@ def fit(
                 best.theta[active] + step_theta, low[active], high[active]
             )
             trial_x0 = best.x0 + step_x0
-            y = outputs(problem.simulator, problem.stepping, problem.segments, trial_theta, trial_x0)
-            cost = _cost(problem.residual(y))
+            cost = _cost(problem.residual(_simulate(problem, trial_theta, trial_x0, active)))
             if cost < best.cost:
                 improved = True
                 break
@@ -145,10 +163,18 @@ def fit(
             break
         best = linearised
         damping = max(damping / 8.0, 1e-12)
-        if gain < _RELATIVE_GAIN:
+        if gain < tolerance:
             best = replace(best, converged=True)
             break
     return best
+
+
+def _simulate(
+    problem: Problem, theta: np.ndarray, x0: np.ndarray, active: np.ndarray
+) -> np.ndarray:
+    """Simulate; with starts alone to estimate, through the program that also differentiates."""
+    arguments = problem.simulator, problem.stepping, problem.segments, theta, x0
+    return outputs(*arguments) if active.size else linearise(*arguments, active)[0]
 
 
 def _cost(residual: np.ndarray) -> float:
@@ -180,8 +206,9 @@ def _blocks(
 ) -> tuple[np.ndarray, ...]:
     """Products per segment: Jt J, Jt X, Xt X, Jt r, Xt r."""
     segments = residual.shape[-1]
-    j = jacobian.reshape(jacobian.shape[0], -1, segments).transpose(2, 1, 0)
-    x = by_start.reshape(by_start.shape[0], -1, segments).transpose(2, 1, 0)
+    rows = residual.size // segments
+    j = jacobian.reshape(jacobian.shape[0], rows, segments).transpose(2, 1, 0)
+    x = by_start.reshape(by_start.shape[0], rows, segments).transpose(2, 1, 0)
     r = residual.reshape(-1, segments).T[:, :, None]
     jt, xt = j.transpose(0, 2, 1), x.transpose(0, 2, 1)
     return jt @ j, jt @ x, xt @ x, (jt @ r)[..., 0], (xt @ r)[..., 0]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import pint
 
 from jaxsr.models import Model
 from jaxsr.models.units import dimension, unit_of
@@ -55,17 +55,28 @@ class Site:
         return compose(self.force_unit, [units[s] for s in symbols])
 
 
+_FACTOR = re.compile(r"([*/]?)([A-Za-zµΩ°%]+)(?:(?:\^|\*\*)(-?\d+))?")
+
+
 def compose(numerator: str, denominators: list[str]) -> str | None:
-    """Return numerator / (product of denominators) as short unit text."""
-    registry = pint.UnitRegistry()
-    try:
-        unit = registry.Unit(numerator.replace("^", "**") if numerator != "1" else "")
-        for text in denominators:
-            unit = unit / registry.Unit(text.replace("^", "**") if text != "1" else "")
-    except (pint.PintError, ValueError, TypeError, AttributeError):
-        return None
-    text = f"{unit:~C}".replace(" ", "")
-    return text or "1"
+    """Return numerator / (product of denominators) as short unit text, factors in their order."""
+    powers: dict[str, int] = {}
+    for text, sign in ((numerator, 1), *((d, -1) for d in denominators)):
+        text = text.replace(" ", "")
+        if text == "1":
+            continue
+        if "(" in text or "".join(m.group(0) for m in _FACTOR.finditer(text)) != text:
+            return None
+        for operator, name, power in _FACTOR.findall(text):
+            step = int(power or 1) * (-1 if operator == "/" else 1)
+            powers[name] = powers.get(name, 0) + sign * step
+    above = "*".join(_factor(n, p) for n, p in powers.items() if p > 0)
+    below = "".join(f"/{_factor(n, -p)}" for n, p in powers.items() if p < 0)
+    return (above or "1") + below
+
+
+def _factor(name: str, power: int) -> str:
+    return name if power == 1 else f"{name}^{power}"
 
 
 def sites_of(model: Model, scale: Mapping[str, np.ndarray]) -> tuple[Site, ...]:

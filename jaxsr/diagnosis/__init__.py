@@ -1,0 +1,6 @@
+"""Diagnosis: what physics a simulator left out."""
+
+from jaxsr.diagnosis.diagnose import diagnose
+from jaxsr.diagnosis.result import Diagnosis
+
+__all__ = ["Diagnosis", "diagnose"]

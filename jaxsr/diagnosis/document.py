@@ -1,0 +1,268 @@
+"""Assembling the diagnosis: estimates, verdict, fit on held-out recordings, evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxsr._result import Verdict
+from jaxsr.diagnosis.contest import Arena, Entry, enter, gain, neutral_values
+from jaxsr.diagnosis.decide import TIE, Alternative, Detection, alternatives
+from jaxsr.diagnosis.evidence import build_evidence, force_errors
+from jaxsr.diagnosis.explain import (
+    calibration_rows,
+    confusable_rows,
+    detectable_rows,
+    finding_row,
+    next_experiment,
+    wrong_value_row,
+)
+from jaxsr.diagnosis.refine import Estimate, Ground, refine, residual_to_noise
+from jaxsr.diagnosis.result import SCHEMA, Diagnosis
+from jaxsr.diagnosis.scoring import FreeRun, free_run
+from jaxsr.diagnosis.setup import prepare
+from jaxsr.diagnosis.uncertainty import sensitivities
+from jaxsr.models import Model
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import check_recording
+
+if TYPE_CHECKING:
+    from jaxsr.diagnosis.diagnose import Case
+
+UNEXPLAINED = 5.0
+"""Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ingredients:
+    """The course of a diagnosis up to the decision."""
+
+    case: Case
+    arena: Arena
+    entries: list[Entry]
+    null: Entry
+    chosen: Entry
+    detection: Detection
+    headline: float
+    horizons: list[float]
+    held_out: Sequence[Any]
+    rng: np.random.Generator
+    seed: int
+    command: str | None
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Estimates, verdict and findings."""
+
+    recalibrated: Estimate
+    explained: Estimate
+    verdict: Verdict
+    findings: list[dict[str, Any]]
+    rivals: list[tuple[int, list[Alternative]]]
+    significant: bool
+
+
+def assemble(parts: Ingredients) -> Diagnosis:
+    """Refine, judge, and only then open the held-out recordings."""
+    case = parts.case
+    case.progress.stage("refining the explained model")
+    judged = judge(parts)
+    explained_model = explained(judged)
+    case.progress.stage("free runs on the training recordings")
+    train = _runs(parts, judged, case.prepared)
+    held = prepare(case.simulator.model, parts.held_out) if parts.held_out else ()
+    if held:
+        case.progress.stage("free runs on the held-out recordings")
+    held_runs = _runs(parts, judged, held) if held else None
+    half_width = case.screened.half_width if case.screened else None
+    force = force_errors(judged, case.prepared, held, half_width)
+    document = _document(parts, judged, train, held_runs, held, force)
+    evidence = build_evidence(parts, judged, explained_model, train, held_runs, held, half_width)
+    return Diagnosis(
+        verdict=judged.verdict.value,
+        findings=judged.findings,
+        model=explained_model,
+        given=case.simulator.model,
+        fit=document["fit"],
+        document=document,
+        evidence=evidence,
+    )
+
+
+def judge(parts: Ingredients) -> Judged:
+    """Refine both models and give the verdict."""
+    case, arena = parts.case, parts.arena
+    ground = Ground(
+        arena,
+        case.prepared,
+        tuple(h for h in parts.horizons if h <= parts.headline),
+        case.screened.half_width if case.screened else None,
+    )
+    recalibrated = refine(ground, parts.null, thorough=not parts.chosen.members)
+    if not parts.chosen.members:
+        return _without_finding(parts, ground, recalibrated)
+    numbers = parts.chosen.members
+    best = refine(ground, parts.chosen)
+    rows, rivals = [], []
+    for k, number in enumerate(numbers):
+        probability, others = alternatives(parts.chosen, number, parts.entries, parts.rng)
+        share = _share(parts, number)
+        rows.append(finding_row(parts, best, k, number, probability, others, share))
+        rivals.append((number, others))
+    order = sorted(range(len(rows)), key=lambda k: -rows[k]["share"])
+    rows = [rows[k] for k in order]
+    verdict = _verdict(parts, order, rivals)
+    return Judged(recalibrated, best, verdict, rows, rivals, True)
+
+
+def _verdict(parts: Ingredients, order: list[int], rivals: list) -> Verdict:
+    """Verdict of the largest share, unless a cause of another kind is nearly as probable."""
+    candidates = parts.arena.super_model.candidates
+    number, others = rivals[order[0]]
+    own = candidates[number].verdict
+    doubt = sum(a.probability for a in others if candidates[a.number].verdict != own)
+    return Verdict.UNDECIDED if doubt > TIE else own
+
+
+def _without_finding(parts: Ingredients, ground: Ground, recalibrated: Estimate) -> Judged:
+    """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
+    given_values = neutral_values(parts.arena.super_model)
+    given = enter(_frozen(parts.arena), (), given_values)
+    mean, _, p = gain(given.errors, recalibrated.entry.errors)
+    rows = []
+    for name in parts.case.simulator.model.free_parameters:
+        value, half = recalibrated.interval(name)
+        distance = abs(value - given_values[recalibrated.positions[name]])
+        if distance > half:
+            rows.append((distance / max(half, 1e-300), name))
+    if rows and p < 1e-3 and mean > 0.02:
+        rows.sort(reverse=True)
+        findings = [
+            wrong_value_row(parts, recalibrated, name, given.fit.cost) for _, name in rows
+        ]
+        return Judged(recalibrated, recalibrated, Verdict.PARAMETER, findings, [], True)
+    unexplained = residual_to_noise(ground, recalibrated.entry) > UNEXPLAINED
+    verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
+    return Judged(recalibrated, recalibrated, verdict, [], [], False)
+
+
+def _frozen(arena: Arena) -> Arena:
+    """An arena in which nothing but the starts is estimated."""
+    from dataclasses import replace
+
+    given = replace(
+        arena.super_model.given,
+        parameters={
+            n: replace(p, bounds=None) for n, p in arena.super_model.given.parameters.items()
+        },
+    )
+    return replace(arena, super_model=replace(arena.super_model, given=given))
+
+
+def _share(parts: Ingredients, number: int) -> float:
+    """Share of the explained mismatch that is lost without one member."""
+    rest = tuple(i for i in parts.chosen.members if i != number)
+    without = [e.fit.cost for e in parts.entries if e.members == rest]
+    given = enter(_frozen(parts.arena), (), neutral_values(parts.arena.super_model)).fit.cost
+    explained_cost = parts.chosen.fit.cost
+    if not without or not np.isfinite(given):
+        return 1.0
+    total = max(given - explained_cost, 1e-300)
+    return float(np.clip((min(without) - explained_cost) / total, 0.0, 1.0))
+
+
+def explained(judged: Judged) -> Model:
+    """The explained model: the given one with every finding and all estimates."""
+    return judged.explained.model
+
+
+def _runs(
+    parts: Ingredients, judged: Judged, prepared: Sequence[Prepared]
+) -> dict[str, list[FreeRun]]:
+    """Free runs of the three models at every horizon."""
+    before, after = judged.recalibrated, judged.explained
+    neutral = neutral_values(parts.arena.super_model)
+    runs: dict[str, list[FreeRun]] = {"given": [], "recalibrated": [], "explained": []}
+    for horizon in parts.horizons:
+        whole = None if horizon == parts.horizons[-1] else horizon
+        for name, estimate, theta in (
+            ("given", before, neutral),
+            ("recalibrated", before, before.theta),
+            ("explained", after, after.theta),
+        ):
+            if name == "explained" and after is before:
+                runs[name].append(runs["recalibrated"][-1])
+                continue
+            runs[name].append(
+                free_run(
+                    estimate.simulator,
+                    estimate.stepping,
+                    prepared,
+                    theta,
+                    whole,
+                    like=parts.case.prepared,
+                )
+            )
+    return runs
+
+
+def _document(
+    parts: Ingredients,
+    judged: Judged,
+    train: dict[str, list[FreeRun]],
+    held_runs: dict[str, list[FreeRun]] | None,
+    held: Sequence[Prepared],
+    force: dict[str, Any],
+) -> dict[str, Any]:
+    case, model = parts.case, parts.case.simulator.model
+    inner = sensitivities(parts.arena, parts.chosen.fit, exclude=parts.chosen.members)
+    outer = sensitivities(parts.arena, parts.null.fit)
+    fit: dict[str, Any] = {
+        "measure": "free-run NRMSE",
+        "horizons_s": parts.horizons,
+        "headline_s": parts.headline,
+        "train": {name: [r.nrmse for r in runs] for name, runs in train.items()},
+        "held_out": None,
+        "force": force,
+    }
+    if held_runs is not None:
+        fit["held_out"] = {name: [r.nrmse for r in runs] for name, runs in held_runs.items()}
+        fit["held_out"]["files"] = [p.recording.name for p in held]
+    columns = [model.column(c) for c in (*model.inputs, *model.outputs)]
+    inputs = [model.column(c) for c in model.inputs]
+    checks = [
+        {"file": c.file, "channel": c.channel, "check": c.check, "message": c.message}
+        for p in case.prepared
+        for c in check_recording(p.recording, columns, inputs)
+    ]
+    return {
+        "schema": SCHEMA,
+        "verdict": judged.verdict.value,
+        "findings": judged.findings,
+        "calibration": calibration_rows(judged.explained, model),
+        "fit": fit,
+        "confusable": confusable_rows(parts, outer),
+        "smallest_detectable": detectable_rows(parts, inner),
+        "next_experiment": next_experiment(parts, judged.rivals),
+        "data_checks": checks,
+        "provenance": {
+            "version": _version(),
+            "seed": parts.seed,
+            "command": parts.command,
+            "seconds": round(case.budget.elapsed, 1),
+            "stopped_by": case.budget.stopped_by.value,
+            "data_sha256": {p.recording.name: p.recording.sha256 for p in case.prepared},
+        },
+    }
+
+
+def _version() -> str:
+    try:
+        return version("jaxsr-dynamics")
+    except PackageNotFoundError:
+        return "unknown"

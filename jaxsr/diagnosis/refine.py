@@ -1,0 +1,242 @@
+"""Refining: the final estimate of a chosen set, with its intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.diagnosis.candidates import Candidate, SuperModel
+from jaxsr.diagnosis.contest import (
+    Arena,
+    Entry,
+    active_parameters,
+    build_arena,
+    enter,
+    parameter_bounds,
+)
+from jaxsr.diagnosis.scoring import free_run
+from jaxsr.diagnosis.uncertainty import half_widths
+from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
+from jaxsr.models import Model, Simulator, apply_edit, with_values
+from jaxsr.models.rollout import Stepping
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import noise_level
+
+SMOOTHED_MECHANISMS = frozenset({"coulomb_friction", "stribeck_friction"})
+MODEL_LIMITED = 3.0
+"""Ratio of residual to sensor noise above which the model, not the sensor, sets the error."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters of a set with the half-widths of their 95 % intervals.
+
+    Attributes
+    ----------
+    arena : Arena
+    entry : Entry
+        The estimate in free run that the intervals stand on.
+    theta : ndarray, shape (parameters,)
+        Values in the order of the super-model.
+    half : ndarray, shape (parameters,)
+        Zero for parameters that were not estimated.
+    named : SuperModel
+        The given model with the set's candidates alone, under the names a reader expects.
+    """
+
+    arena: Arena
+    entry: Entry
+    theta: np.ndarray
+    half: np.ndarray
+    named: SuperModel
+
+    @property
+    def simulator(self) -> Simulator:
+        """Simulator of the super-model, in which all sets are compared."""
+        return self.arena.problem.simulator
+
+    @property
+    def stepping(self) -> Stepping:
+        """How it is integrated."""
+        return self.arena.problem.stepping
+
+    def system(self, prepared: tuple[Prepared, ...], half_width: float) -> WeakSystem:
+        """The weak view at the estimate."""
+        return weak_system(self.simulator, prepared, self.theta, half_width)
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """Value and half-width of a parameter of `named`."""
+        index = self.positions[name]
+        return float(self.theta[index]), float(self.half[index])
+
+    @property
+    def positions(self) -> dict[str, int]:
+        """Position in the super-model of every estimated parameter of `named`."""
+        order = list(self.arena.super_model.model.parameters)
+        found = {n: order.index(n) for n in self.named.given.free_parameters}
+        for own, full in zip(self.named.names, self.entry.members, strict=True):
+            inside = self.arena.super_model.names[full]
+            found |= {name: order.index(inside[spec]) for spec, name in own.items()}
+        return found
+
+    @property
+    def model(self) -> Model:
+        """The model file of the estimate."""
+        values = {n: float(self.theta[i]) for n, i in self.positions.items()}
+        model = with_values(
+            self.named.given, {n: values[n] for n in self.named.given.free_parameters}
+        )
+        for candidate, names in zip(self.named.candidates, self.named.names, strict=True):
+            own = {spec: values[name] for spec, name in names.items()}
+            model = apply_edit(model, candidate.edit(model, names, own))
+        return model
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What every refinement shares."""
+
+    arena: Arena
+    prepared: tuple[Prepared, ...]
+    horizons: tuple[float, ...]  # those up to the headline
+    half_width: float | None
+
+    @property
+    def simulator(self) -> Simulator:
+        """Simulator of the super-model."""
+        return self.arena.problem.simulator
+
+
+def named_super_model(given: Model, candidates: list[Candidate]) -> SuperModel:
+    """Apply candidates under the names a reader expects (Fc, not Fc__3)."""
+    model, all_names = given, []
+    for candidate in candidates:
+        names = candidate.names(set(model.symbols) | set(model.definitions))
+        model = apply_edit(model, candidate.edit(model, names))
+        all_names.append(names)
+    return SuperModel(model, given, tuple(candidates), tuple(all_names))
+
+
+def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
+    """Estimate a set finally.
+
+    Where the model fits down to the noise, the free run over the contest's segments is the most
+    precise estimate. Where it does not (a small effect is still missing), each horizon asks for
+    slightly different constants: then free run over the shortest horizon and the weak view
+    compete, the estimate with the least error over all horizons and forces on DATA is taken,
+    and the spread of the three widens the intervals. All this only if `thorough`.
+    """
+    arena = ground.arena
+    theta, numerical = _without_smoothing(arena, entry)
+    half = np.zeros_like(theta)
+    half[entry.fit.active] = half_widths(arena, entry.fit)
+    options = [theta]
+    if thorough and model_limited(ground, entry):
+        options += _other_estimates(ground, entry.members, theta)
+    best = _least_error(ground, options)
+    spread = np.std(np.stack(options), axis=0, ddof=1) if len(options) > 1 else 0.0
+    half = np.where(half > 0, np.sqrt(half**2 + numerical**2 + (2.0 * spread) ** 2), 0.0)
+    candidates = [arena.super_model.candidates[i] for i in entry.members]
+    named = named_super_model(arena.super_model.given, candidates)
+    return Estimate(arena, entry, best, half, named)
+
+
+def model_limited(ground: Ground, entry: Entry) -> bool:
+    """Whether the residual stands clearly above the sensors' noise."""
+    return residual_to_noise(ground, entry) > MODEL_LIMITED
+
+
+def residual_to_noise(ground: Ground, entry: Entry) -> float:
+    """Largest ratio, over the outputs, of rms residual to sensor noise."""
+    ratios = []
+    for k, scale in enumerate(ground.arena.problem.scale):
+        residual = entry.fit.residual[k] * scale
+        count = max(np.count_nonzero(residual), 1)
+        rms = np.sqrt(np.sum(residual**2) / count)
+        noise = np.median([noise_level(p.time, p.outputs[:, k]) for p in ground.prepared])
+        ratios.append(rms / max(float(noise), 1e-300))
+    return float(max(ratios))
+
+
+def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarray]:
+    """Extrapolate the smoothing of sign() away; return the values and a bound of what is left.
+
+    Estimates depend on the widths w in first order, so that 2 theta(w) - theta(2 w) is free of
+    it; half the correction enters the intervals.
+    """
+    theta, stepping = entry.fit.theta, arena.problem.stepping
+    simulator = arena.problem.simulator
+    used = {arena.super_model.candidates[i].mechanism for i in entry.members}
+    given = Simulator(arena.super_model.given)
+    if not stepping.widths or not (used & SMOOTHED_MECHANISMS or given.smoothed_arguments):
+        return theta, np.zeros_like(theta)
+    wider = replace(stepping, widths=tuple(2.0 * w for w in stepping.widths))
+    problem = replace(arena.problem, simulator=simulator, stepping=wider)
+    second = enter(replace(arena, problem=problem), entry.members, theta, x0=entry.fit.x0).fit
+    if not second.usable:
+        return theta, np.zeros_like(theta)
+    low, high = parameter_bounds(arena.super_model)
+    result = 2.0 * theta - second.theta
+    result = np.where((result > low) & (result < high), result, theta)
+    return result, 0.5 * np.abs(result - theta)
+
+
+def _other_estimates(
+    ground: Ground, members: tuple[int, ...], theta: np.ndarray
+) -> list[np.ndarray]:
+    found, arena = [], ground.arena
+    shortest = ground.horizons[0]
+    if shortest < 0.9 * arena.seconds:
+        short_arena = build_arena(
+            arena.super_model,
+            ground.prepared,
+            arena.problem.stepping,
+            shortest,
+            arena.problem.scale,
+            arena.problem.simulator,
+        )
+        short = enter(short_arena, members, theta).fit
+        if short.usable:
+            found.append(short.theta)
+    if ground.half_width is not None:
+        found.append(_weak_estimate(ground, members, theta))
+    return found
+
+
+def _weak_estimate(ground: Ground, members: tuple[int, ...], theta: np.ndarray) -> np.ndarray:
+    """Gauss-Newton in the weak view, every equation weighted by its own residual."""
+    super_model = ground.arena.super_model
+    active = active_parameters(super_model, members)
+    low, high = parameter_bounds(super_model)
+    theta = theta.copy()
+    for _ in range(3):
+        system = weak_system(ground.simulator, ground.prepared, theta, ground.half_width or 0.0)
+        weight = np.ones(system.residual.size)
+        for state in np.unique(system.state):
+            rows = system.state == state
+            weight[rows] = 1.0 / (np.sqrt(np.mean(system.residual[rows] ** 2)) + 1e-300)
+        a = system.jacobian[:, active] * weight[:, None]
+        size = np.sqrt((a**2).sum(0))
+        size = np.where(size > 0, size, 1.0)
+        step = np.linalg.lstsq(a / size, -system.residual * weight, rcond=1e-9)[0] / size
+        theta[active] = np.clip(theta[active] + step, low[active], high[active])
+    return theta
+
+
+def _least_error(ground: Ground, options: list[np.ndarray]) -> np.ndarray:
+    """Return the estimate with the least mean log error over horizons and forces, on DATA."""
+    if len(options) == 1:
+        return options[0]
+    stepping = ground.arena.problem.stepping
+    totals = []
+    for theta in options:
+        total = sum(
+            np.log(free_run(ground.simulator, stepping, ground.prepared, theta, h).nrmse + 1e-300)
+            for h in ground.horizons
+        )
+        if ground.half_width is not None:
+            system = weak_system(ground.simulator, ground.prepared, theta, ground.half_width)
+            total += np.log(np.sqrt(np.mean(system.residual**2)) + 1e-300)
+        totals.append(total)
+    return options[int(np.argmin(totals))]
