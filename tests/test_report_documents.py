@@ -125,16 +125,21 @@ def drive_evidence() -> Evidence:
     coulomb = {"value": 20.4, "unit": "N", "bounds": [0, 100]}
     diff = [
         DiffRow("equations.v", "force - Fv*v", "force - Fv*v - Fc*sign(v)"),
-        DiffRow("parameters.M", parameter(95.0, "kg"), parameter(95.3, "kg")),
-        DiffRow("parameters.Fv", parameter(200.0, "N*s/m"), parameter(204.4, "N*s/m")),
+        DiffRow("parameters.M", parameter(95.0, "kg", 200.0), parameter(95.3, "kg", 200.0)),
+        DiffRow("parameters.Fv", viscous(200.0), viscous(204.4)),
         DiffRow("parameters.Fc", None, coulomb),
     ]
     return Evidence("EMPS prismatic drive", diff, trajectories, residuals, considered)
 
 
-def parameter(value: float, unit: str) -> dict[str, Any]:
+def parameter(value: float, unit: str, largest: float) -> dict[str, Any]:
     """Return a parameter's entry of a model file."""
-    return {"value": value, "unit": unit, "bounds": [0.5 * value, 2 * value]}
+    return {"value": value, "unit": unit, "bounds": [0.0, largest]}
+
+
+def viscous(value: float) -> dict[str, Any]:
+    """Return the entry of the viscous friction."""
+    return parameter(value, "N*s/m", 1000.0)
 
 
 def drive_document() -> dict[str, Any]:
@@ -204,7 +209,7 @@ def drive_document() -> dict[str, Any]:
             "coulomb_friction@equation:v": {"parameter": "Fc", "value": 0.41, "unit": "N"},
             "quadratic_drag@equation:v": {"parameter": "kd", "value": 37.0, "unit": "N*s**2/m**2"},
         },
-        "next_experiment": "Slow reversals below 0.02 m/s would tell Coulomb from Stribeck friction.",
+        "next_experiment": "Reversals below 0.02 m/s would tell Coulomb from Stribeck friction.",
         "data_checks": [
             {
                 "file": "a.csv",

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from jaxsr.report.diff import diff_tables, given_values
+from jaxsr.report.diff import diff_tables, given_parameters
 from jaxsr.report.evidence import Considered, Evidence
 from jaxsr.report.fit_tables import figures_at_a_glance, fit_groups, force_rows
 from jaxsr.report.formatting import (
@@ -23,7 +23,6 @@ from jaxsr.report.page import write_page
 from jaxsr.report.trajectories import free_runs
 from jaxsr.report.words import (
     capital,
-    fit_sentence,
     mechanism_at,
     mechanism_words,
     region_words,
@@ -69,7 +68,6 @@ def write_diagnosis_report(
         "verdict": str(document.get("verdict")),
         "verdict_title": verdict_title(document.get("verdict")),
         "verdict_sentence": verdict_sentence(document),
-        "fit_sentence": fit_sentence(fit),
         "glance": figures_at_a_glance(fit),
         "cards": [_card(finding, units) for finding in findings],
         "diff": diff_tables(evidence.diff),
@@ -164,11 +162,14 @@ def _considered(row: Considered) -> dict[str, Any]:
 
 
 def _calibration(document: Mapping[str, Any], evidence: Evidence) -> list[dict[str, str]]:
-    given = given_values(evidence.diff)
-    return [
-        parameter_row(name, entry) | {"given": number(given.get(name))}
-        for name, entry in _items(document.get("calibration"))
-    ]
+    given = given_parameters(evidence.diff)
+    rows = []
+    for name, entry in _items(document.get("calibration")):
+        before = given.get(name, {})
+        row = parameter_row(name, entry) | {"given": number(before.get("value"))}
+        row["unit"] = row["unit"] or unit_text(before.get("unit"))
+        rows.append(row)
+    return rows
 
 
 def _confusable(row: list[Any]) -> dict[str, str]:

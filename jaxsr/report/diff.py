@@ -83,12 +83,12 @@ def _changed(before: str, after: str) -> tuple[list[tuple[str, bool]], list[tupl
     return [p for p in old if p[0]], [p for p in new if p[0]]
 
 
-def given_values(rows: Sequence[DiffRow]) -> dict[str, Any]:
-    """Return the parameters' values before, by name, as far as the diff knows them."""
-    values = {}
+def given_parameters(rows: Sequence[DiffRow]) -> dict[str, Mapping[str, Any]]:
+    """Return the parameters' entries before, by name, as far as the diff knows them."""
+    entries: dict[str, Mapping[str, Any]] = {}
     for row in rows:
         table, _, name = row.key.partition(".")
         if table == "parameters" and row.before is not None:
             before = row.before
-            values[name] = before.get("value") if isinstance(before, Mapping) else before
-    return values
+            entries[name] = before if isinstance(before, Mapping) else {"value": before}
+    return entries

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from jaxsr.report.evidence import EquationFit
-from jaxsr.report.formatting import is_number
+from jaxsr.report.formatting import is_number, shorten
 from jaxsr.report.style import (
     AFTER,
     BEFORE,
@@ -78,11 +79,13 @@ def _front(
     for pick in exact or [p for p in points if is_pick(p, equation)]:
         place = (pick["complexity"], pick["mse"])
         ax.plot(*place, "o", ms=12, mfc="none", mec=BEFORE, mew=2)
-    if min(error) > 0 and max(error) > 10 * min(error):
+    if min(error) > 0:
         ax.set_yscale("log")
+        ax.set_ylim(min(error) / 5, max(error) * 5)
+    ax.set_xlim(min(size) - 0.5, max(size) + 0.5)
     ax.set_title(plain(state))
     ax.set_xlabel("terms")
-    ax.xaxis.get_major_locator().set_params(integer=True)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def fit_figures(fits: Sequence[EquationFit]) -> list[Drawing]:
@@ -103,7 +106,7 @@ def fit_figures(fits: Sequence[EquationFit]) -> list[Drawing]:
         fit = max(group, key=lambda f: rms(f.target - f.predicted))
         note = f"The recording with the largest residual of {len(group)}." if len(group) > 1 else ""
         png = draw((10.0, 4.2) if wide else (6.6, 4.2), lambda figure, f=fit: _fit(figure, f))
-        caption = f"Rate of {fit.state}, {fit.recording}"
+        caption = f"Rate of {shorten(fit.state)}, {shorten(fit.recording, 32)}"
         drawings.append(Drawing(f"fit_{number}.png", png, caption, note, wide))
     return drawings
 

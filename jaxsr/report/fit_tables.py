@@ -38,7 +38,7 @@ def figures_at_a_glance(fit: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _tile(title: str, role: str, before: float | None, after: float | None) -> dict[str, Any]:
-    largest = max([v for v in (before, after) if is_number(v)], default=0) or 1
+    largest = max(before or 0.0, after or 0.0) or 1.0
     return {
         "title": title,
         "role": role,

@@ -15,8 +15,11 @@ def is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def number(value: object, digits: int = 4) -> str:
-    """Print a number with `digits` significant digits; a dash when there is none."""
+def number(value: object, digits: int = 4, trim: bool = True) -> str:
+    """Print a number with `digits` significant digits; a dash when there is none.
+
+    Trailing zeros go unless `trim` is false.
+    """
     if not is_number(value):
         return DASH
     assert isinstance(value, int | float)
@@ -24,7 +27,7 @@ def number(value: object, digits: int = 4) -> str:
         return "0"
     magnitude = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
     if -4 < magnitude < max(digits, 6):
-        return _minus(f"{value:.{max(0, digits - 1 - magnitude)}f}", trim=True)
+        return _minus(f"{value:.{max(0, digits - 1 - magnitude)}f}", trim)
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     return f"{_minus(mantissa, trim=True)}×10{str(int(exponent)).translate(_POWERS)}"
 
@@ -36,15 +39,25 @@ def _minus(text: str, trim: bool) -> str:
 
 
 def percent(value: object, digits: int = 2) -> str:
-    """Print a share as a percentage: two digits, never 100 % for something less."""
+    """Print a fraction as a percentage."""
+    if not is_number(value):
+        return DASH
+    assert isinstance(value, int | float)
+    if 0 < value < 1e-5:
+        return "< 0.001 %"
+    return f"{number(100 * value, 3 if value >= 1 else digits, trim=value in (0, 1))} %"
+
+
+def odds(value: object) -> str:
+    """Print a probability or a share, never as certainty or impossibility unless it is."""
     if not is_number(value):
         return DASH
     assert isinstance(value, int | float)
     if 0.995 <= value < 1:
         return "> 99 %"
-    if 0 < value < 1e-5:
-        return "< 0.001 %"
-    return f"{number(100 * value, 3 if value >= 1 else digits)} %"
+    if 0 < value < 0.005:
+        return "< 1 %"
+    return f"{number(100 * value, 2)} %"
 
 
 def estimate(value: object, ci95: Sequence[float] | None) -> tuple[str, str]:
@@ -70,7 +83,8 @@ def estimate(value: object, ci95: Sequence[float] | None) -> tuple[str, str]:
         return number(value), f"{number(low)} … {number(high)}"
     # Two digits of the interval's width, at most eight of the value.
     digits = min(8, max(2, math.floor(math.log10(largest)) - math.floor(math.log10(width)) + 2))
-    return number(value, digits), f"{number(low, digits)} … {number(high, digits)}"
+    shown, start, end = (number(item, digits, trim=False) for item in (value, low, high))
+    return shown, f"{start} … {end}"
 
 
 def unit_text(unit: object) -> str:

@@ -12,7 +12,7 @@ from jaxsr.expressions import Term, parse
 from jaxsr.expressions.term import BOOLEAN
 from jaxsr.report.formatting import number
 
-_GREEK = dict(
+_GREEK: dict[str, str] = dict(
     zip(
         "alpha beta gamma delta epsilon zeta eta theta kappa lambda mu nu xi rho sigma tau phi chi "
         "psi omega Gamma Delta Theta Lambda Sigma Phi Psi Omega pi".split(),
@@ -21,9 +21,12 @@ _GREEK = dict(
     )
 )
 _COMPARE = {"lt": "<", "le": "≤", "gt": ">", "ge": "≥", "eq": "=", "ne": "≠"}
+_LEFT = '<mtd style="text-align:left">'
+_TALL = frozenset({"div", "pow", "exp", "piecewise"})  # too small to read in an exponent
 _LOGIC = {"and": "and", "or": "or"}
 _RANK = {"add": 1, "sub": 1, "neg": 2, "mul": 3, "div": 5, "pow": 4}
 _ATOM = 6
+_OPEN = '<math displaystyle="true">'
 _LONGEST = 1500  # characters; a longer expression is easier to read as code
 
 
@@ -41,19 +44,20 @@ def expression(text: object, digits: int = 4) -> Markup:
         return Markup("")
     if len(text) <= _LONGEST:
         try:
-            return Markup(f"<math>{_math(parse(text), digits)}</math>")
+            return Markup(f"{_OPEN}{_math(parse(text), digits)}</math>")
         except InputError:
             pass
     return Markup("<code>{}</code>").format(text)
 
 
 def equation(state: str, text: object, digits: int = 4) -> Markup:
-    """Return ``d(state)/dt = text`` as MathML, the rate with a dot."""
+    """Return ``d(state)/dt = text`` as MathML, the rate as a fraction."""
     right = expression(text, digits)
-    left = f"<mover><mrow>{name_markup(state)}</mrow><mo>˙</mo></mover><mo>=</mo>"
-    if right.startswith("<math>"):
-        return Markup(f"<math>{left}{right[len('<math>') :]}")
-    return Markup(f"<math>{left}</math> ") + right
+    rate = f"<mrow><mi>d</mi>{name_markup(state)}</mrow><mrow><mi>d</mi><mi>t</mi></mrow>"
+    left = f"{_OPEN}<mfrac>{rate}</mfrac><mo>=</mo>"
+    if right.startswith(_OPEN):
+        return Markup(left) + right[len(_OPEN) :]
+    return Markup(f"{left}</math> ") + right
 
 
 def name_markup(name: str) -> str:
@@ -82,28 +86,53 @@ def _node(term: Term, digits: int) -> tuple[str, int]:
     if term.op in ("add", "sub"):
         return _sum(term, digits), _RANK["add"]
     if term.op == "mul":
+        positive = _negated(term)
+        if positive is not None:
+            return _node(Term.apply("neg", positive), digits)
         left, right = (_within(arg, digits, 3) for arg in term.args)
         dot = "<mo>·</mo>" if term.args[1].is_constant else '<mspace width="0.17em"/>'
         return f"{left}{dot}{right}", _RANK["mul"]
     if term.op == "div":
+        positive = _negated(term)
+        if positive is not None:
+            return _node(Term.apply("neg", positive), digits)
         top, bottom = (_math(arg, digits) for arg in term.args)
         return f"<mfrac>{top}{bottom}</mfrac>", _RANK["div"]
     if term.op == "pow":
-        base = _within(term.args[0], digits, _ATOM)
+        base = _base(term.args[0], digits)
         return f"<msup><mrow>{base}</mrow>{_math(term.args[1], digits)}</msup>", _RANK["pow"]
     if term.op == "neg":
-        return f"<mo>−</mo>{_within(term.args[0], digits, 3)}", _RANK["neg"]
+        return f'<mo form="prefix">−</mo>{_within(term.args[0], digits, 3)}', _RANK["neg"]
     if term.op in _COMPARE:
         left, right = (_within(arg, digits, 1) for arg in term.args)
         return f"{left}<mo>{escape(_COMPARE[term.op])}</mo>{right}", 0
     return _call(term, digits), _ATOM
 
 
+def _base(term: Term, digits: int) -> str:
+    """Return the base of a power; a quotient on one line, as brackets may not grow."""
+    if term.op != "div":
+        return _within(term, digits, _ATOM)
+    left, right = _within(term.args[0], digits, 3), _within(term.args[1], digits, 4)
+    return _brackets(f"{left}<mo>/</mo>{right}")
+
+
+def _negated(term: Term) -> Term | None:
+    """Return a where `term` is -a, also as a product or quotient: (-a)*b reads as -(a b)."""
+    if term.op == "neg":
+        return term.args[0]
+    if term.op in ("mul", "div"):
+        positive = _negated(term.args[0])
+        return None if positive is None else Term.apply(term.op, positive, term.args[1])
+    return Term.constant(-term.value) if term.is_constant and term.value < 0 else None
+
+
 def _sum(term: Term, digits: int) -> str:
     left = _within(term.args[0], digits, 1)
     right, sign = term.args[1], "+" if term.op == "add" else "−"
-    if right.is_constant and right.value < 0:
-        right, sign = Term.constant(-right.value), "−" if sign == "+" else "+"
+    positive = _negated(right)
+    if positive is not None:
+        right, sign = positive, "−" if sign == "+" else "+"
     return f"{left}<mo>{sign}</mo>{_within(right, digits, 3)}"
 
 
@@ -126,17 +155,17 @@ def _call(term: Term, digits: int) -> str:
     args = [_math(arg, digits) for arg in term.args]
     if term.op == "piecewise":
         rows = "".join(
-            f"<mtr><mtd>{value}</mtd><mtd>{_condition(when, digits)}</mtd></mtr>"
+            f"<mtr>{_LEFT}{value}</mtd>{_LEFT}{_condition(when, digits)}</mtd></mtr>"
             for value, when in zip(args[::2], term.args[1::2], strict=True)
         )
-        return f'<mrow><mo>{{</mo><mtable columnalign="left">{rows}</mtable></mrow>'
+        return f"<mrow><mo>{{</mo><mtable>{rows}</mtable></mrow>"
     if term.op == BOOLEAN:
         return f"<mtext>{'always' if term.value else 'never'}</mtext>"
     if term.op == "abs":
         return _brackets(args[0], "|", "|")
     if term.op == "sqrt":
         return f"<msqrt>{args[0]}</msqrt>"
-    if term.op == "exp":
+    if term.op == "exp" and not term.args[0].uses(_TALL):
         return f"<msup><mi>e</mi>{args[0]}</msup>"
     if term.op in _LOGIC:
         return _brackets(f"<mtext>&#160;{_LOGIC[term.op]}&#160;</mtext>".join(args))

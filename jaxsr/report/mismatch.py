@@ -27,7 +27,7 @@ from jaxsr.report.words import capital, site_words
 
 MOST_SITES = 4
 _MOST_POINTS = 1500  # of a scatter
-_BINS = 24
+_BINS = 32
 _LEAST_IN_BIN = 5
 
 
@@ -71,11 +71,12 @@ def mismatches(
 def _regions(
     findings: Sequence[Mapping[str, Any]], site: str, state: str
 ) -> list[tuple[float, float]]:
-    spans = []
+    spans: list[tuple[float, float]] = []
     for finding in findings:
         for region in (finding.get("where") or {}).get("region") or []:
             ends = (region.get("from"), region.get("to"))
-            if finding.get("site") == site and region.get("variable") == state and None not in ends:
+            here = finding.get("site") == site and region.get("variable") == state
+            if here and None not in ends and ends not in spans:
                 spans.append(ends)
     return spans
 
@@ -92,7 +93,7 @@ class _Panel:
         over = f"Lines: medians over {self.shown.state_name}."
         time = f" Right: {self.shown.recording}"
         time += f", the largest of {len(parts)} recordings." if len(parts) > 1 else "."
-        self.note = over + time
+        self.note = over + (" Shaded: where the finding acts." if regions else "") + time
 
     def paint(self, figure: Figure) -> None:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1, 1.35])

@@ -12,7 +12,7 @@ import jinja2
 from markupsafe import Markup
 
 from jaxsr._files import atomic_write_text
-from jaxsr.report.formatting import DASH, estimate, is_number, number, percent, seconds, unit_text
+from jaxsr.report.formatting import is_number, number, odds, percent, seconds, unit_text
 from jaxsr.report.mathml import equation, expression
 from jaxsr.report.style import Drawing
 
@@ -58,12 +58,13 @@ def _environment() -> jinja2.Environment:
     environment.filters.update(
         number=number,
         percent=percent,
+        odds=odds,
         seconds=seconds,
         unit=unit_text,
         math=expression,
         picture=_picture,
     )
-    environment.globals.update(equation=equation, estimate=estimate, is_number=is_number, DASH=DASH)
+    environment.globals.update(equation=equation, is_number=is_number)
     return environment
 
 

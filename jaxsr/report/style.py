@@ -26,7 +26,7 @@ MODES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#999
 
 _DPI = 150
 _COLOURS = 128  # of the PNG's palette: a third of the bytes, no visible loss on line drawings
-_RC = {
+_RC: dict[Any, Any] = {
     "font.family": ["DejaVu Sans"],
     "font.size": 9.5,
     "axes.titlesize": 10,

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jaxsr.report.evidence import Trajectory
-from jaxsr.report.formatting import seconds, unit_text
+from jaxsr.report.formatting import seconds, shorten, unit_text
 from jaxsr.report.style import (
     AFTER,
     BEFORE,
@@ -85,7 +85,8 @@ def choose(trajectories: Sequence[Trajectory], headline_s: float | None) -> list
 def caption(run: Trajectory) -> str:
     """Return the title of one panel."""
     role = "held out" if run.role == "held_out" else "training"
-    return f"{run.output}, {run.recording} ({role}), free runs of {seconds(run.horizon_s)}"
+    names = f"{shorten(run.output)}, {shorten(run.recording, 32)}"
+    return f"{names} ({role}), free runs of {seconds(run.horizon_s)}"
 
 
 def _gain(run: Trajectory) -> float:
@@ -145,9 +146,11 @@ class _Panel:
         ax.axhline(0, color=GIVEN, lw=0.8)
         line(ax, run.time, before, color=BEFORE, lw=1.0)
         line(ax, run.time, after, color=AFTER, lw=1.0)
-        span = limits(before, after)
-        if span is not None:
-            ax.set_ylim(*span)
+        span, range_ = limits(before, after), limits(run.measured, pad=0.0)
+        if span is not None and range_ is not None:
+            # Beyond the output's own range an error is a failure, and its size says no more.
+            most = range_[1] - range_[0]
+            ax.set_ylim(max(span[0], -most), min(span[1], most))
         unit = unit_text(run.unit)
         ax.set_ylabel(plain(f"error in {unit}" if unit else "error"))
 

@@ -12,8 +12,6 @@ from jaxsr.report.formatting import (
     is_number,
     listing,
     number,
-    percent,
-    seconds,
     unit_text,
 )
 
@@ -122,12 +120,12 @@ def verdict_sentence(document: Mapping[str, Any]) -> str:
         )
     named = listing(list(dict.fromkeys(_place(finding) for finding in findings)))
     opening = {
-        Verdict.PARAMETER: "The structure is right, a value is not",
-        Verdict.STRUCTURE: "The model leaves out physics",
-        Verdict.MEASUREMENT: "The physics is right, a sensor or its timing is not",
-        Verdict.EXTERNAL_INPUT: "Something acted on the system that no column records",
+        Verdict.PARAMETER: "The structure is right, a value is not: {}",
+        Verdict.STRUCTURE: "The model leaves out {}",
+        Verdict.MEASUREMENT: "The physics is right, the measurement is not: {}",
+        Verdict.EXTERNAL_INPUT: "Something acted that no column records: {}",
     }[verdict]
-    return f"{opening}: {named}." if named else f"{opening}."
+    return f"{opening.format(named or 'a cause without a name')}."
 
 
 def _place(finding: Mapping[str, Any]) -> str:
@@ -150,19 +148,6 @@ def _wrong_value(finding: Mapping[str, Any], name: str) -> str:
         return f"the value of {name}"
     shown = f"{name} is {value}{' ' + unit if unit else ''}"
     return f"{shown} ({interval})" if fitted.get("ci95") else shown
-
-
-def fit_sentence(fit: Mapping[str, Any] | None) -> str:
-    """Return what the edit gains at the headline horizon, held-out recordings first."""
-    pairs = headline(fit)
-    if not pairs:
-        return ""
-    assert fit is not None
-    parts = []
-    for role, before, after in pairs:
-        parts.append(f"{percent(before)} to {percent(after)} on {role}")
-    horizon = seconds(fit.get("headline_s"))
-    return f"Free-run error over {horizon}, re-calibrated to explained: {'; '.join(parts)}."
 
 
 def headline(fit: Mapping[str, Any] | None) -> list[tuple[str, float | None, float | None]]:
