@@ -126,9 +126,9 @@ def _card(finding: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any
     }
 
 
-def parameter_row(name: str, entry: object) -> dict[str, str]:
+def parameter_row(name: str, entry: Any) -> dict[str, str]:
     """Return a parameter's name, value, interval and unit, printed."""
-    fields = entry if isinstance(entry, Mapping) else {"value": entry}
+    fields: Mapping[str, Any] = entry if isinstance(entry, Mapping) else {"value": entry}
     value, interval = estimate(fields.get("value"), fields.get("ci95"))
     return {
         "name": name,

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from typing import TypeGuard
 
 DASH = "–"
 _POWERS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """Whether `value` is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
@@ -22,7 +23,6 @@ def number(value: object, digits: int = 4, trim: bool = True) -> str:
     """
     if not is_number(value):
         return DASH
-    assert isinstance(value, int | float)
     if value == 0:
         return "0"
     magnitude = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
@@ -42,7 +42,6 @@ def percent(value: object, digits: int = 2) -> str:
     """Print a fraction as a percentage."""
     if not is_number(value):
         return DASH
-    assert isinstance(value, int | float)
     if 0 < value < 1e-5:
         return "< 0.001 %"
     return f"{number(100 * value, 3 if value >= 1 else digits, trim=value in (0, 1))} %"
@@ -52,7 +51,6 @@ def odds(value: object) -> str:
     """Print a probability or a share, never as certainty or impossibility unless it is."""
     if not is_number(value):
         return DASH
-    assert isinstance(value, int | float)
     if 0.995 <= value < 1:
         return "> 99 %"
     if 0 < value < 0.005:
@@ -75,7 +73,6 @@ def estimate(value: object, ci95: Sequence[float] | None) -> tuple[str, str]:
     """
     if not is_number(value) or not ci95 or not all(is_number(end) for end in ci95):
         return number(value), DASH
-    assert isinstance(value, int | float)
     low, high = ci95
     width = abs(high - low)
     largest = max(abs(low), abs(high), abs(value))
