@@ -55,7 +55,7 @@ def simplest_adequate(entries: Sequence[Entry]) -> Entry:
     adequate = []
     for entry in entries:
         mean, error, _ = gain(entry.errors, best.errors)
-        if entry is best or mean <= max(min(error, 0.25), MIN_GAIN):
+        if entry is best or mean <= max(error, MIN_GAIN):
             adequate.append(entry)
     return min(adequate, key=lambda e: (e.fit.active.size, e.error))
 

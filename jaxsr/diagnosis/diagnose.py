@@ -27,12 +27,14 @@ from jaxsr.diagnosis.screening import ScreenedSet
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all, state_scale
 from jaxsr.models import Simulator
 from jaxsr.models.rollout import Stepping, outputs
-from jaxsr.models.segments import Prepared
+from jaxsr.models.segments import Prepared, cut
 from jaxsr.recordings import Recording
 
 SINGLES, PAIRS, LARGER = 5, 4, 3
 MAX_SAMPLES = 1000
 """Longest segment of the contest, in samples."""
+MANY_SEGMENTS = 20
+"""Segments from which their scatter is well known, and the work well shared."""
 SMALL, SATURATED = 0.1, 1.3
 Start = tuple[tuple[int, ...], np.ndarray]
 """Members of a set and the parameter values its estimation starts from."""
@@ -335,8 +337,9 @@ def headline_horizon(
             break
         headline, previous = horizon, score
     step = float(np.median([p.recording.sample_time for p in case.prepared]))
-    fitting = [h for h in options if h <= headline and h / step <= MAX_SAMPLES]
-    return headline, sorted(fitting, reverse=True) or options[:1]
+    fitting = [h for h in options if h <= headline and h / step <= MAX_SAMPLES] or options[:1]
+    many = [h for h in fitting if len(cut(case.prepared, h)) >= MANY_SEGMENTS]
+    return headline, sorted(many or fitting, reverse=True)
 
 
 def ablate(

@@ -118,7 +118,9 @@ class _Search:
                 spec, at = candidate.parameters[0], self.index[i][0]
                 self.low[at], self.high[at] = spec.low, spec.high
         self.collinear = tuple(
-            i for i in range(len(self.index)) if self._left_over(i) < COLLINEAR
+            i
+            for i in range(len(self.index))
+            if self._left_over(i) < COLLINEAR or self._scales_all(i)
         )
 
     def _left_over(self, candidate: int) -> float:
@@ -134,6 +136,19 @@ class _Search:
         solved = np.linalg.lstsq(total[np.ix_(base, base)], cross, rcond=1e-12)[0]
         left = norms - np.einsum("ij,ij->j", cross, solved)
         return float(np.sqrt(max(np.max(left / norms), 0.0)))
+
+    def _scales_all(self, candidate: int) -> bool:
+        """Whether a parameter, set free, lets every force and inertia shrink to nothing.
+
+        A drive gain before the only input does: gain and inertias are known up to a common
+        factor only, and the trivial solution would win every comparison.
+        """
+        if self.super_model.candidates[candidate].fixed_parameter is None:
+            return False
+        active = [*self.base, *self.index[candidate]]
+        total, right = self.gram.sum(0), self.moment.sum(0)
+        solved = np.linalg.lstsq(total[np.ix_(active, active)], right[active], rcond=1e-12)[0]
+        return self.power.sum() - right[active] @ solved < 1e-8 * self.power.sum()
 
     def run(self) -> list[ScreenedSet]:
         """Grow sets from the empty one; keep the best `BEAM` of each size."""
