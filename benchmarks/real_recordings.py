@@ -1,0 +1,403 @@
+"""Diagnoses of the real recordings against what the project promises to show on them.
+
+    python -m benchmarks.real_recordings [--quick] [--only emps,balls]
+
+Recordings come from the folder in JAXSR_DATA_DIR (by default ../shared/recordings beside the
+repository, where it exists), else from their origin. A full run writes
+``results/real_recordings.json``; --quick (EMPS and two balls) writes nothing and ends with
+status 1 if a target that the committed results met is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import json
+import os
+import platform
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import jaxsr
+from jaxsr._files import atomic_write_text, dump_json
+from jaxsr._result import InputError
+from jaxsr.datasets import fetch
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.contest import build_arena, choose_stepping, enter
+from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.result import Diagnosis
+from jaxsr.diagnosis.scoring import free_run
+from jaxsr.diagnosis.setup import prepare, state_scale
+from jaxsr.diagnosis.weak_system import weak_system
+from jaxsr.models import Model
+from jaxsr.models.segments import Prepared
+from jaxsr.views import WeakView
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULT = Path(__file__).parent / "results" / "real_recordings.json"
+SEED = 0
+HALF_WIDTH = 0.12  # s, of the test functions in which the promised force errors are stated
+
+LIGHT = (
+    *("tennis_ball", "whiffle_ball_1", "whiffle_ball_2", "yellow_whiffle_ball"),
+    *("orange_whiffle_ball", "volleyball", "blue_basketball", "green_basketball"),
+)
+DENSE = ("bowling_ball", "golf_ball", "baseball")
+QUICK_BALLS = ("tennis_ball", "bowling_ball")
+DRAG = {"viscous_damping": "p = 1", "quadratic_drag": "p = 2", "power_law_drag": "p free"}
+TRAP = {
+    "nothing added": (),
+    "constant force": ("constant_force",),
+    "Coulomb": ("coulomb_friction",),
+    "Coulomb + constant force": ("coulomb_friction", "constant_force"),
+    "Coulomb + asymmetric": ("coulomb_friction", "asymmetric_friction"),
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One promise: what, the value reached, the target, and whether it is met."""
+
+    what: str
+    value: str
+    target: str
+    met: bool
+
+
+@dataclass
+class Case:
+    """Results of one data set: a row per diagnosis, the checks, further figures."""
+
+    diagnoses: dict[str, dict[str, Any]] = field(default_factory=dict)
+    checks: list[Check] = field(default_factory=list)
+    figures: dict[str, Any] = field(default_factory=dict)
+
+    def check(self, what: str, value: Any, target: str, met: bool) -> None:
+        """Keep a check and print it."""
+        self.checks.append(Check(what, str(value), target, bool(met)))
+        print(f"  {'met    ' if met else 'NOT MET'} {what}: {value} (target {target})", flush=True)
+
+
+def diagnose(
+    case: Case, name: str, model: Path, train: list[Path], held_out: list[Path]
+) -> Diagnosis:
+    """Diagnose, keep the row and print the verdict."""
+    begin = time.perf_counter()
+    simulator = jaxsr.Simulator.from_file(model)
+    found = jaxsr.diagnose(simulator, train, held_out=held_out, seed=SEED)
+    seconds = time.perf_counter() - begin
+    document = found.document
+    kept = ("site", "mechanism", "probability", "alternatives", "term", "parameters", "share")
+    case.diagnoses[name] = {
+        "verdict": found.verdict,
+        "findings": [{key: row.get(key) for key in kept} for row in found.findings],
+        **{key: document[key] for key in ("calibration", "fit", "smallest_detectable")},
+        "stopped_by": document["provenance"]["stopped_by"],
+        "seconds": round(seconds, 1),
+    }
+    print(f"{name}: {found.verdict}, {named(found) or 'no finding'} ({seconds:.0f} s)", flush=True)
+    return found
+
+
+def named(found: Diagnosis) -> str:
+    """Return the findings with their parameters in a line."""
+    rows = []
+    for row in found.findings:
+        values = ", ".join(f"{k} {p['value']:.4g}" for k, p in row["parameters"].items())
+        rows.append(f"{row['mechanism']}@{row['site']} ({values})")
+    return "; ".join(rows)
+
+
+def effects(found: Diagnosis) -> set[tuple[str, str]]:
+    """Return mechanism and site of every finding."""
+    return {(row["mechanism"], row["site"]) for row in found.findings}
+
+
+def alternatives(found: Diagnosis) -> dict[str, float]:
+    """Return the probability of every alternative, by mechanism."""
+    best: dict[str, float] = {}
+    for row in found.findings:
+        for other in row["alternatives"]:
+            name = other["mechanism"]
+            best[name] = max(best.get(name, 0.0), other["probability"])
+    return best
+
+
+def values_of(model: Model) -> np.ndarray:
+    """Return the parameter values of a model in its order."""
+    return np.array([p.value for p in model.parameters.values()])
+
+
+def recalibrated(model: Model, train: tuple[Prepared, ...], seconds: float) -> np.ndarray:
+    """Re-estimate the given structure over segments of `seconds`, as the diagnosis does."""
+    simulator = jaxsr.Simulator(model)
+    stepping = choose_stepping(simulator, train, values_of(model))
+    deviation = np.nanstd(np.concatenate([p.outputs for p in train]), axis=0)
+    alone = SuperModel.build(model, [])
+    arena = build_arena(alone, train, stepping, seconds, 0.01 * deviation, simulator)
+    return enter(arena, (), values_of(model)).fit.theta
+
+
+def rmse(
+    model: Model,
+    theta: np.ndarray,
+    train: tuple[Prepared, ...],
+    held: tuple[Prepared, ...],
+    horizons: Iterable[float | None],
+) -> list[float]:
+    """Return the free-run RMSE of the first output at each horizon; None is the whole length."""
+    simulator = jaxsr.Simulator(model)
+    stepping = choose_stepping(simulator, train, theta)
+    runs = (free_run(simulator, stepping, held, theta, h) for h in horizons)
+    return [float(run.rmse[0, 0]) for run in runs]
+
+
+def deviation_of(held: tuple[Prepared, ...]) -> float:
+    """Return the standard deviation of the first output: NRMSE times this is the RMSE."""
+    return float(np.nanstd(held[0].outputs[:, 0]))
+
+
+def emps(folder: Path, quick: bool) -> Case:
+    """Run the prismatic drive with dry friction."""
+    case = Case()
+    files = folder / "emps_train.csv", folder / "emps_pulses.csv"
+    found = diagnose(case, "emps", folder / "emps.toml", [files[0]], [files[1]])
+    case.check("verdict", found.verdict, "structure", found.verdict == "structure")
+    coulomb = ("coulomb_friction", "equation:v") in effects(found)
+    case.check("finding", named(found), "coulomb_friction@equation:v", coulomb)
+    fc = next(
+        (r["parameters"]["Fc"]["value"] for r in found.findings if "Fc" in r["parameters"]), 0
+    )
+    case.check("Fc", f"{fc:.2f} N", "20.4 N within 3 %", abs(fc / 20.4 - 1.0) <= 0.03)
+    offered = {r["mechanism"] for r in found.findings} | alternatives(found).keys()
+    direction = sorted(offered & {"asymmetric_friction", "constant_force"})
+    case.check("direction dependence", ", ".join(direction), "found or runner-up", bool(direction))
+    force = found.fit["force"]["equation:v"]["held_out"]
+    text = f"{force['explained']:.2%} (before {force['recalibrated']:.1%})"
+    case.check("force error on PULSES", text, "<= 3 %", force["explained"] <= 0.03)
+
+    train, held = prepare(found.given, files[:1]), prepare(found.given, files[1:])
+    contract = found.fit["horizons_s"]
+    options = [*contract[:-1], 1.0, None]
+    models = {
+        "given": (found.given, values_of(found.given)),
+        "recalibrated": (found.given, recalibrated(found.given, train, found.fit["headline_s"])),
+        "explained": (found.model, values_of(found.model)),
+    }
+    one_second = {}
+    for name, (model, theta) in models.items():
+        found_mm = [1e3 * e for e in rmse(model, theta, train, held, options)]
+        labels = [f"{h:.4g} s" for h in contract[:-1]] + ["exactly 1 s", "whole"]
+        case.figures.setdefault("position_rmse_mm", {})[name] = dict(
+            zip(labels, found_mm, strict=True)
+        )
+        one_second[name] = found_mm[-2]
+        print(f"    {name}: " + ", ".join(f"{x:.3g} mm" for x in found_mm) + f" at {labels}")
+    text = f"{one_second['explained']:.2f} mm (re-calibrated {one_second['recalibrated']:.2f})"
+    case.check("position RMSE at 1 s", text, "<= 1.6 mm", one_second["explained"] <= 1.6)
+    if not quick:
+        trap(case, found, train, held)
+    return case
+
+
+def trap(
+    case: Case, found: Diagnosis, train: tuple[Prepared, ...], held: tuple[Prepared, ...]
+) -> None:
+    """Show that one free run over the whole length orders the sets wrongly."""
+    given = found.given
+    wanted = {name for members in TRAP.values() for name in members}
+    candidates = [
+        c
+        for c in force_candidates(given, state_scale(given, train))
+        if c.mechanism in wanted and c.site == "equation:v"
+    ]
+    full = SuperModel.build(given, candidates)
+    system = weak_system(jaxsr.Simulator(full.model), train, values_of(full.model), HALF_WIDTH)
+    table = {}
+    for label, members in TRAP.items():
+        own = [full.index(i) for i, c in enumerate(candidates) if c.mechanism in members]
+        active = [*full.base_index(), *(j for index in own for j in index)]
+        theta = system.theta.copy()
+        columns = system.jacobian[:, active]
+        theta[active] += np.linalg.lstsq(columns, -system.residual, rcond=None)[0]
+        errors = rmse(full.model, theta, train, held, (0.25, 1.0, 5.0, None))
+        table[label] = [1e3 * e for e in errors]
+        print(f"    {label}: " + ", ".join(f"{1e3 * e:.3g}" for e in errors) + " mm")
+    case.figures["trap_rmse_mm"] = {"horizons_s": [0.25, 1.0, 5.0, "whole"], **table}
+    whole = table["Coulomb"][-1] > table["nothing added"][-1]
+    short = table["Coulomb"][1] < table["nothing added"][1]
+    text = "whole run prefers no friction" if whole else "whole run prefers Coulomb"
+    case.check("the trap is there", text, "whole run wrong, 1 s right", whole and short)
+    judged = found.fit["headline_s"]
+    avoided = ("coulomb_friction", "equation:v") in effects(found)
+    avoided &= judged < found.fit["horizons_s"][-1]
+    case.check("the trap is avoided", f"judged at {judged:.3g} s", "Coulomb found", avoided)
+
+
+def silverbox(folder: Path, quick: bool) -> Case:
+    """Run the circuit that imitates a hardening spring."""
+    case = Case()
+    train = [folder / f"silverbox_multisine_{k:02d}.csv" for k in (1, 2, 3)]
+    arrow = folder / "silverbox_arrow.csv"
+    found = diagnose(case, "silverbox", folder / "silverbox.toml", train, [arrow])
+    cubic = ("cubic_stiffness", "equation:v") in effects(found)
+    case.check("finding", named(found), "cubic_stiffness@equation:v", cubic)
+    scale = 1e3 * deviation_of(prepare(found.given, [arrow]))
+    roles = ("given", "recalibrated", "explained")
+    errors = {name: scale * found.fit["held_out"][name][-1] for name in roles}
+    case.figures["arrow_rmse_mV"] = errors
+    text = f"{errors['explained']:.3f} mV (re-calibrated {errors['recalibrated']:.2f})"
+    case.check("arrow RMSE, whole", text, "<= 0.6 mV", errors["explained"] <= 0.6)
+    return case
+
+
+def balls(folder: Path, quick: bool) -> Case:
+    """Run the falling balls: drag on light ones, nothing detectable on dense ones."""
+    case = Case()
+    for ball in QUICK_BALLS if quick else (*LIGHT, *DENSE):
+        drops = [folder / f"balls_{ball}_drop{k}.csv" for k in (1, 2)]
+        found = diagnose(case, ball, folder / "falling_balls.toml", drops[:1], drops[1:])
+        if ball in LIGHT:
+            drag = {m for m, site in effects(found) if site == "equation:v"} & DRAG.keys()
+            right = found.verdict == "structure" and bool(drag)
+            case.check(ball, f"{found.verdict}, {named(found)}", "structure, drag", right)
+            others = {m: p for m, p in alternatives(found).items() if m in DRAG and p >= 0.05}
+            text = ", ".join(f"{DRAG[m]} {p:.2f}" for m, p in others.items()) or "none"
+            chosen = ", ".join(DRAG[m] for m in drag) or "no drag"
+            text = f"{chosen}; also {text}"
+            case.check(f"{ball} exponent", text, "other exponents offered", bool(others))
+            continue
+        allowed = found.verdict in ("nothing", "undecided", "measurement")
+        case.check(ball, found.verdict, "nothing, undecided or measurement", allowed)
+        rows = found.document["smallest_detectable"]
+        bounds = {m: rows.get(f"{m}@equation:v") for m in ("viscous_damping", "quadratic_drag")}
+        text = ", ".join(f"{m} < {b['value']:.3g} {b['unit']}" for m, b in bounds.items() if b)
+        case.check(f"{ball} bound", text or "none", "an upper bound on drag", bool(text))
+    return case
+
+
+def ur10e(folder: Path, quick: bool) -> Case:
+    """Run joint 1 of the six-axis arm."""
+    case = Case()
+    files = [folder / f"ur10e_{name}.csv" for name in ("ident", "unloaded", "ptp")]
+    found = diagnose(case, "ur10e", folder / "ur10e.toml", files[:1], files[1:])
+    for mechanism in ("viscous_damping", "coulomb_friction"):
+        present = (mechanism, "equation:v1") in effects(found)
+        case.check("finding", named(found), f"{mechanism}@equation:v1", present)
+    case.figures["relative_current_error"] = errors = {}
+    for path in files:
+        errors[path.stem] = current_error(found.model, prepare(found.model, [path])[0])
+        if path is not files[0]:
+            text = f"{errors[path.stem]:.2%}"
+            case.check(f"current error, {path.stem}", text, "<= 9.8 %", errors[path.stem] <= 0.098)
+    return case
+
+
+def current_error(model: Model, item: Prepared) -> float:
+    """Return rms of what the equation leaves over rms of the motor's side, K*i1, weak view."""
+    system = weak_system(jaxsr.Simulator(model), [item], values_of(model), HALF_WIDTH)
+    view = WeakView.build(item.time, HALF_WIDTH, HALF_WIDTH / 4)
+    current = item.inputs[:, model.inputs.index("i1")]
+    drive = model.parameters["K"].value * view.integrate(current)[view.valid]
+    left = system.residual[system.state == model.states.index("v1")]
+    return float(np.sqrt(np.mean(left**2) / np.mean(drive**2)))
+
+
+def dfki(folder: Path, quick: bool) -> Case:
+    """Run the torque-controlled pendulum; reported, no target."""
+    case = Case()
+    train, held = folder / "pendulum_ddp.csv", folder / "pendulum_energy_shaping.csv"
+    diagnose(case, "dfki_pendulum", folder / "dfki_pendulum.toml", [train], [held])
+    return case
+
+
+def tanks(folder: Path, quick: bool) -> Case:
+    """Run the cascaded tanks; reported, no target."""
+    case = Case()
+    files = folder / "tanks_train.csv", folder / "tanks_validation.csv"
+    found = diagnose(case, "tanks", folder / "cascaded_tanks.toml", [files[0]], [files[1]])
+    scale = deviation_of(prepare(found.given, files[1:]))
+    roles = ("given", "recalibrated", "explained")
+    errors = {name: scale * found.fit["held_out"][name][-1] for name in roles}
+    case.figures["validation_rmse_V"] = errors
+    print("    validation RMSE: " + ", ".join(f"{k} {v:.3f} V" for k, v in errors.items()))
+    return case
+
+
+CASES: dict[str, tuple[str, Callable[[Path, bool], Case]]] = {
+    "emps": ("emps", emps),
+    "silverbox": ("silverbox", silverbox),
+    "balls": ("falling_balls", balls),
+    "ur10e": ("ur10e", ur10e),
+    "dfki": ("dfki_pendulum", dfki),
+    "tanks": ("cascaded_tanks", tanks),
+}
+
+
+def provenance() -> dict[str, Any]:
+    """Return seed, versions and machine of this run."""
+    versions = {name: importlib.metadata.version(name) for name in ("jax", "numpy")}
+    return {
+        "seed": SEED,
+        "python": platform.python_version(),
+        **versions,
+        "jaxsr": jaxsr.__version__,
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+    }
+
+
+def missed(name: str, case: Case, committed: dict[str, Any]) -> list[str]:
+    """Return the checks that the committed results met and this run does not."""
+    before = {
+        c["what"] + c["target"] for c in committed.get(name, {}).get("checks", []) if c["met"]
+    }
+    return [c.what for c in case.checks if not c.met and c.what + c.target in before]
+
+
+def main() -> int:
+    """Run the chosen cases; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else "")
+    parser.add_argument("--quick", action="store_true", help="EMPS and two balls, writes nothing")
+    parser.add_argument("--only", metavar="NAMES", help=",".join(CASES))
+    arguments = parser.parse_args()
+    chosen = arguments.only.split(",") if arguments.only else list(CASES)
+    if arguments.quick and not arguments.only:
+        chosen = ["emps", "balls"]
+    if unknown := set(chosen) - CASES.keys():
+        parser.error(f"unknown: {', '.join(sorted(unknown))}; known: {', '.join(CASES)}")
+    local = ROOT.parent / "shared" / "recordings"
+    if local.is_dir():
+        os.environ.setdefault("JAXSR_DATA_DIR", str(local))
+    committed = json.loads(RESULT.read_text())["cases"] if RESULT.exists() else {}
+    origin, lost = provenance(), []
+    print(", ".join(f"{k} {v}" for k, v in origin.items()))
+    for name in chosen:
+        dataset, run = CASES[name]
+        with tempfile.TemporaryDirectory() as scratch:
+            try:
+                fetch(dataset, scratch)
+            except InputError as error:
+                print(f"{name}: not run, the recordings are not to be had: {error}")
+                continue
+            case = run(Path(scratch), arguments.quick)
+        lost += [f"{name}: {what}" for what in missed(name, case, committed)]
+        if not arguments.quick:
+            row = asdict(case) | {"provenance": origin}
+            committed = {key: row if key == name else committed.get(key) for key in CASES}
+            committed = {key: value for key, value in committed.items() if value}
+            RESULT.parent.mkdir(exist_ok=True)
+            atomic_write_text(RESULT, dump_json({"cases": committed}))
+    for line in lost:
+        print(f"met in the committed results, missed now: {line}", file=sys.stderr)
+    return 1 if lost and arguments.quick else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
