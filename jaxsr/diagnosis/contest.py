@@ -241,8 +241,10 @@ def correlation_length(residual: np.ndarray) -> float:
     return 1.0 + 2.0 * total
 
 
-def weights(entries: Sequence[Entry], effective: float, rng: np.random.Generator) -> np.ndarray:
-    """Probabilities of the entries.
+def weights(
+    entries: Sequence[Entry], effective: float, price: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Probabilities of the entries, `price` added to the log error of each.
 
     Pseudo-Bayesian model averaging with the Bayesian bootstrap over blocks: the held-back log
     score of a block is -(n/2) log(error), n independent residuals per block.
@@ -251,7 +253,8 @@ def weights(entries: Sequence[Entry], effective: float, rng: np.random.Generator
     ----------
     Yao, Vehtari, Simpson & Gelman, Bayesian Analysis 13 (2018), section 3.4.
     """
-    score = -0.5 * effective * np.log(np.stack([e.errors for e in entries]) + 1e-300)
+    log_errors = np.log(np.stack([e.errors for e in entries]) + 1e-300)
+    score = -0.5 * effective * (log_errors + price[:, None])
     blocks = score.shape[1]
     draws = rng.dirichlet(np.ones(blocks), size=2000) * blocks
     total = draws @ score.T

@@ -12,6 +12,10 @@ from jaxsr.diagnosis.contest import MIN_GAIN, Entry, correlation_length, gain, w
 
 SIGNIFICANCE = 1e-3
 """False-alarm rate per comparison with re-calibration; divided by the candidates screened."""
+PRIOR_SPREAD = 0.1
+"""Standard deviation of log(value / given) for fixed constants and sensor scales."""
+IMPLAUSIBLE = 9.0
+"""Squared number of prior standard deviations beyond which an entry is only a last resort."""
 TIE = 0.2
 """Probability from which an alternative with another verdict makes the case undecided."""
 
@@ -45,19 +49,85 @@ def plausible(super_model: SuperModel, entry: Entry) -> bool:
     return True
 
 
-def simplest_adequate(entries: Sequence[Entry]) -> Entry:
-    """Return the entry with the fewest estimated constants that the best one does not beat.
+def log_prior(super_model: SuperModel, entry: Entry) -> float:
+    """Log prior of an entry, up to a constant.
 
-    An entry stays in the race where the best one's gain over it, block by block, is within one
-    standard error (Breiman's rule), or too small to count.
+    Constants that a modeller fixed and scales of sensors are rarely wrong by more than a few
+    tens of percent: log(value / given) is taken as normal with a standard deviation of
+    `PRIOR_SPREAD`.
+    """
+    total = 0.0
+    for number in entry.members:
+        candidate = super_model.candidates[number]
+        if candidate.mechanism not in ("wrong_value", "sensor_gain"):
+            continue
+        spec = candidate.parameters[0]
+        value = super_model.own_values(number, entry.fit.theta)[spec.name]
+        ratio = value / spec.neutral if spec.neutral else 1.0
+        total -= 0.5 * (np.log(ratio) / PRIOR_SPREAD) ** 2 if ratio > 0 else 1e3
+    return total
+
+
+def penalties(super_model: SuperModel, entries: Sequence[Entry]) -> np.ndarray:
+    """What each entry's log error is raised by: Schwarz's price of its constants, and its prior.
+
+    With n independent residuals the log likelihood is -(n/2) log(error); k constants cost
+    (k/2) log n (Schwarz, Ann. Statist. 6 (1978)).
     """
     best = min(entries, key=lambda e: e.error)
+    n = max(_independent(best) * best.errors.size, 3.0)
+    return np.array(
+        [(e.fit.active.size * np.log(n) - 2.0 * log_prior(super_model, e)) / n for e in entries]
+    )
+
+
+def without_duplicates(super_model: SuperModel, entries: Sequence[Entry]) -> list[Entry]:
+    """Leave out entries whose effect a wrong value reproduces exactly (CONTRACT.md, section 4)."""
+    wrong = [
+        e
+        for e in entries
+        if any(super_model.candidates[i].mechanism == "wrong_value" for i in e.members)
+    ]
+
+    def reproduced(entry: Entry) -> bool:
+        return any(
+            w is not entry
+            and len(w.members) == len(entry.members)
+            and entry not in wrong
+            and abs(np.log(w.error / entry.error)) < 1e-5
+            and len(set(w.members) & set(entry.members)) == len(entry.members) - 1
+            and _same_family(super_model, set(entry.members) - set(w.members))
+            for w in wrong
+        )
+
+    return [e for e in entries if not e.members or not reproduced(e)]
+
+
+def _same_family(super_model: SuperModel, numbers: set[int]) -> bool:
+    """Whether the candidates are forces: a sensor fault stays a rival of a wrong value."""
+    return all(super_model.candidates[i].family != "measurement" for i in numbers)
+
+
+def simplest_adequate(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
+    """Return the entry with the fewest estimated constants that the best one does not beat.
+
+    An entry stays in the race where the best one's gain over it, block by block and after
+    `penalties`, is within one standard error (Breiman's rule), or too small to count.
+    """
+    price = penalties(super_model, entries)
+    scores = [np.log(e.error + 1e-300) + c for e, c in zip(entries, price, strict=True)]
+    leader = int(np.argmin(scores))
+    best = entries[leader]
     adequate = []
-    for entry in entries:
+    for entry, cost in zip(entries, price, strict=True):
         mean, error, _ = gain(entry.errors, best.errors)
-        if entry is best or mean <= max(error, MIN_GAIN):
-            adequate.append(entry)
-    return min(adequate, key=lambda e: (e.fit.active.size, e.error))
+        prior = -2.0 * log_prior(super_model, entry)
+        if entry is best or (
+            mean + cost - price[leader] <= max(error, MIN_GAIN) and prior < IMPLAUSIBLE
+        ):
+            adequate.append((entry, cost))
+    chosen = min(adequate, key=lambda a: (a[0].fit.active.size, np.log(a[0].error) + a[1]))
+    return chosen[0]
 
 
 def detect(null: Entry, chosen: Entry, candidates: int) -> Detection:
@@ -77,7 +147,11 @@ class Alternative:
 
 
 def alternatives(
-    chosen: Entry, number: int, entries: Sequence[Entry], rng: np.random.Generator
+    super_model: SuperModel,
+    chosen: Entry,
+    number: int,
+    entries: Sequence[Entry],
+    rng: np.random.Generator,
 ) -> tuple[float, list[Alternative]]:
     """Return the probability of one member of the chosen set, and of what could replace it.
 
@@ -94,7 +168,8 @@ def alternatives(
         and len(e.members) <= len(chosen.members)
     ]
     effective = _independent(chosen)
-    share = weights([chosen, *rivals], effective, rng)
+    price = penalties(super_model, [chosen, *rivals])
+    share = weights([chosen, *rivals], effective, price, rng)
     found = []
     for rival, probability in zip(rivals, share[1:], strict=True):
         swapped = set(rival.members) - rest

@@ -18,7 +18,7 @@ from jaxsr.diagnosis.contest import (
     enter,
     neutral_values,
 )
-from jaxsr.diagnosis.decide import detect, plausible, simplest_adequate
+from jaxsr.diagnosis.decide import detect, plausible, simplest_adequate, without_duplicates
 from jaxsr.diagnosis.document import Ingredients, assemble
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.result import Diagnosis
@@ -105,7 +105,8 @@ def diagnose(
     progress.stage("deciding")
     null = next(e for e in entries if not e.members)
     good = [e for e in entries if not e.members or plausible(arena.super_model, e)]
-    chosen = simplest_adequate(good)
+    good = without_duplicates(arena.super_model, good)
+    chosen = simplest_adequate(arena.super_model, good)
     screened_count = len(case.screened.super_model.candidates) if case.screened else 10
     detection = detect(null, chosen, screened_count)
     if not detection.detected:

@@ -110,7 +110,9 @@ def judge(parts: Ingredients) -> Judged:
     best = refine(ground, parts.chosen)
     rows, rivals = [], []
     for k, number in enumerate(numbers):
-        probability, others = alternatives(parts.chosen, number, parts.entries, parts.rng)
+        probability, others = alternatives(
+            arena.super_model, parts.chosen, number, parts.entries, parts.rng
+        )
         share = _share(parts, number)
         rows.append(finding_row(parts, best, k, number, probability, others, share))
         rivals.append((number, others))

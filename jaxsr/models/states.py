@@ -10,7 +10,7 @@ from jaxsr.expressions import Term, evaluate, to_sympy
 from jaxsr.models.inputs import fill_missing
 from jaxsr.models.model import FREE, Model
 from jaxsr.recordings import Recording
-from jaxsr.views import smooth_states
+from jaxsr.views import savitzky_golay
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,9 @@ def role_channel(model: Model, recording: Recording, role: str) -> np.ndarray:
 
 def input_table(model: Model, recording: Recording) -> np.ndarray:
     """Return the inputs, shape (samples, inputs), missing samples filled along lines."""
-    columns = [fill_missing(recording.time, role_channel(model, recording, u)) for u in model.inputs]
+    columns = [
+        fill_missing(recording.time, role_channel(model, recording, u)) for u in model.inputs
+    ]
     return np.stack(columns, axis=1) if columns else np.zeros((len(recording), 0))
 
 
@@ -52,27 +54,31 @@ def estimate_states(model: Model, recording: Recording) -> StateEstimate:
 
     A state is measured where an output reads an affine expression of it alone; the rate of a
     measured state is the derivative of a local polynomial fit. Other states are hidden and
-    start from their [initial] number, or from the mean size of the outputs.
+    start from their [initial] number, or from the mean size of the outputs. At the first sample
+    stands what [initial] says, whatever a sensor reads.
     """
     time = recording.time
     readable = {}
     for output in model.outputs:
         state = _read_state(model, output)
         if state is not None and state not in readable:
-            readable[state] = _inverted(model, output, state, role_channel(model, recording, output))
+            readable[state] = _inverted(
+                model, output, state, role_channel(model, recording, output)
+            )
     smooth: dict[str, np.ndarray] = {}
     for state, signal in readable.items():
-        position, rate, _ = smooth_states(time, signal)
-        smooth[state] = position
+        smooth[state] = savitzky_golay(time, signal, 0)
         child = _rate_state(model, state)
-        if child is not None:
-            smooth.setdefault(child, rate)
+        if child is not None and child not in readable:
+            smooth[child] = savitzky_golay(time, signal, 1)
     guess = np.nanmean(np.abs(output_table(model, recording)))
     values = np.empty((len(recording), len(model.states)))
     for i, state in enumerate(model.states):
         fixed = model.initial.get(state, FREE)
         fallback = guess if fixed == FREE else float(fixed)
         values[:, i] = smooth.get(state, np.full(len(recording), fallback))
+        if fixed != FREE:
+            values[0, i] = float(fixed)  # a run from the first sample begins there
     hidden = frozenset(s for s in model.states if s not in smooth)
     return StateEstimate(values, readable, hidden)
 
