@@ -137,6 +137,8 @@ class Model:
         return tuple(
             s
             for s in self.states
-            if s in self.inertia
-            or not (self.equation_terms[s].is_variable and self.equation_terms[s].name in self.states)
+            if s in self.inertia or not self._integrates_a_state(self.equation_terms[s])
         )
+
+    def _integrates_a_state(self, term: Term) -> bool:
+        return term.is_variable and term.name in self.states

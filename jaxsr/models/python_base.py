@@ -26,7 +26,7 @@ def read_python_simulator(text: str) -> Simulator:
         raise InputError("no such Python file", str(path), "Check the path")
     table = path.with_suffix(".toml")
     if not table.is_file():
-        raise InputError("no table of states and parameters", str(table), "Write it beside the file")
+        raise InputError("no table of states and parameters", str(table), "Write it")
     model = read_model(table)
     if model.base != f"{path.name}:{name}":
         raise InputError(

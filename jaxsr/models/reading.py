@@ -81,11 +81,11 @@ def build_model(document: Mapping[str, Any], source: str = "model") -> Model:
         additions=reader.texts("additions"),
         definitions=reader.texts("definitions"),
         equations=reader.texts("equations"),
-        inertia={row: dict(entries) for row, entries in reader.table("inertia").items()},
+        inertia=reader.nested("inertia"),
         readings=reader.texts("readings"),
         parameters=parameters,
-        per_recording={k: dict(v) for k, v in reader.table("per_recording").items()},
-        initial={s: reader.table("initial").get(s, FREE) for s in states},
+        per_recording=reader.nested("per_recording"),
+        initial={**dict.fromkeys(states, FREE), **reader.table("initial")},
         delays=dict(reader.table("delays")),
         clock=reader.texts("clock"),
         noise={k: reader.number(v, f"[noise] {k}") for k, v in reader.table("noise").items()},
@@ -130,19 +130,33 @@ class _Tables:
                 raise self.fail(f"must be text, got {value!r}", f"[{name}] {key}", 'Write "..."')
         return dict(table)
 
+    def nested(self, name: str) -> dict[str, dict[str, Any]]:
+        table = self.table(name)
+        for key, value in table.items():
+            if not isinstance(value, Mapping):
+                raise self.fail(
+                    f"must be a table, got {value!r}", f"[{name}] {key}", "Write { name = ... }"
+                )
+        return {key: dict(value) for key, value in table.items()}
+
     def names(self, head: Mapping[str, Any], key: str, needed: bool = False) -> tuple[str, ...]:
         value = head.get(key, [])
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            raise self.fail(f"{key} must be a list of names, got {value!r}", "model")
+            raise self.fail(
+                f"{key} must be a list of names, got {value!r}", "model", 'Write ["..."]'
+            )
         if needed and not value:
             raise self.fail(f"no {key}", "model", f'Write {key} = ["..."]')
+        for name in value:
+            if value.count(name) > 1:
+                raise self.fail(f"{name!r} is listed twice", f"[model] {key}", "Rename one of them")
         return tuple(value)
 
     def number(self, value: Any, where: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.fail(f"must be a number, got {value!r}", where)
+            raise self.fail(f"must be a number, got {value!r}", where, "Write e.g. 1.0")
         if not math.isfinite(value):
-            raise self.fail(f"must be finite, got {value!r}", where)
+            raise self.fail(f"must be finite, got {value!r}", where, "Write a plain number")
         return float(value)
 
     def optional_number(self, table: Mapping[str, Any], key: str) -> float | None:
@@ -153,26 +167,36 @@ class _Tables:
         if isinstance(entry, int | float):
             return Parameter(self.number(entry, where))
         if not isinstance(entry, Mapping) or "value" not in entry:
-            raise self.fail("needs a value", where, "Write { value = 1.0, unit = ..., bounds = ...}")
+            raise self.fail("needs a value", where, "Write { value = 1.0, bounds = [...] }")
         self.known(entry, ["value", "unit", "bounds"], where)
         value = self.number(entry["value"], where)
         bounds = entry.get("bounds")
         if bounds is None:
             return Parameter(value, entry.get("unit"))
         if not isinstance(bounds, list) or len(bounds) != 2:
-            raise self.fail(f"bounds must be [low, high], got {bounds!r}", where)
+            raise self.fail(
+                f"bounds must be [low, high], got {bounds!r}", where, "Write two numbers"
+            )
         low, high = (self.number(b, where) for b in bounds)
         if not low <= value <= high or low == high:
-            raise self.fail(f"value {value:g} outside bounds [{low:g}, {high:g}]", where)
+            raise self.fail(
+                f"value {value:g} outside bounds [{low:g}, {high:g}]",
+                where,
+                "Widen the bounds, or leave them out for a fixed parameter",
+            )
         return Parameter(value, entry.get("unit"), (low, high))
 
     def event(self, entry: Any) -> Event:
         if not isinstance(entry, Mapping) or "when" not in entry or "reset" not in entry:
-            raise self.fail("an event needs when and reset", "events")
+            raise self.fail(
+                "an event needs when and reset", "events", 'Write reset = { v = "-0.8*v" }'
+            )
         self.known(entry, ["when", "direction", "reset"], "events")
         direction = entry.get("direction", 0)
         if direction not in (-1, 0, 1):
-            raise self.fail(f"direction must be -1, 0 or 1, got {direction!r}", "events")
+            raise self.fail(
+                f"direction must be -1, 0 or 1, got {direction!r}", "events", "Use -1 for falling"
+            )
         return Event(str(entry["when"]), int(direction), dict(entry["reset"]))
 
 
@@ -199,35 +223,63 @@ def _check_expressions(model: Model, reader: _Tables) -> None:
     if model.base is None:
         for state in model.states:
             if state not in model.equations:
-                raise reader.fail(f"no equation for state {state!r}", "equations")
+                raise reader.fail(
+                    f"no equation for state {state!r}", "equations", f'Write {state} = "..."'
+                )
     _ = model.equation_terms
-    for key, table in (("equations", model.equations), ("inertia", model.inertia)):
-        for state in table:
-            if state not in model.states:
-                raise reader.fail(f"{state!r} is not a state", key, "List it in [model] states")
-    for row in model.inertia.values():
-        for state in row:
-            if state not in model.states:
-                raise reader.fail(f"{state!r} is not a state", "inertia")
+    _known_roles(model, reader)
     for output in model.outputs:
         if output not in model.readings:
-            raise reader.fail(f"no reading for output {output!r}", "readings")
+            raise reader.fail(
+                f"no reading for output {output!r}", "readings", f'Write {output} = "..."'
+            )
     for state, value in model.initial.items():
         if value != FREE:
-            reader.number(value, f"[initial] {state}")
+            where = f"[initial] {state}"
+            if isinstance(value, str):
+                raise reader.fail(f"{value!r} is no start", where, f'Write a number or "{FREE}"')
+            reader.number(value, where)
     for name, value in model.delays.items():
-        if name not in (*model.inputs, *model.outputs):
-            raise reader.fail(f"{name!r} is no input or output", "delays")
+        where = f"[delays] {name}"
         if isinstance(value, str) and value not in model.parameters:
-            raise reader.fail(f"unknown parameter {value!r}", f"[delays] {name}")
-    for output, text in model.clock.items():
-        model.term(text, f"[clock] {output}")
+            raise reader.fail(f"unknown parameter {value!r}", where, "Declare it in [parameters]")
+        if not isinstance(value, str) and reader.number(value, where) < 0:
+            raise reader.fail(f"a delay of {value} s", where, "Write zero or more seconds")
+    for name, text in model.clock.items():
+        model.term(text, f"[clock] {name}")
+    for name, value in model.noise.items():
+        if value <= 0:
+            raise reader.fail(f"a noise of {value}", f"[noise] {name}", "Write more than zero")
     for event in model.events:
         model.term(event.when, "[[events]] when")
         for state, text in event.reset.items():
-            if state not in model.states:
-                raise reader.fail(f"{state!r} is not a state", "[[events]] reset")
             model.term(text, f"[[events]] reset {state}")
-    for name in model.per_recording:
-        if name not in model.parameters:
-            raise reader.fail(f"{name!r} is no parameter", "per_recording")
+    for name, values in model.per_recording.items():
+        for file, value in values.items():
+            reader.number(value, f"[per_recording] {name} {file}")
+
+
+def _known_roles(model: Model, reader: _Tables) -> None:
+    """Refuse keys that name nothing: a misspelt one would be ignored in silence."""
+    states, inputs, outputs = list(model.states), list(model.inputs), list(model.outputs)
+    parameters = list(model.parameters)
+    everything = [model.time, *states, *inputs, *outputs]
+    tables = {
+        "equations": (model.equations, states),
+        "additions": (model.additions, states),
+        "inertia": (model.inertia, states),
+        "readings": (model.readings, outputs),
+        "initial": (model.initial, states),
+        "delays": (model.delays, [*inputs, *outputs]),
+        "clock": (model.clock, outputs),
+        "noise": (model.noise, outputs),
+        "per_recording": (model.per_recording, parameters),
+        "units": (model.units, [*everything, *parameters, *model.definitions]),
+        "columns": (model.columns, everything),
+    }
+    for name, (table, keys) in tables.items():
+        reader.known(table, keys, name)
+    for row, entries in model.inertia.items():
+        reader.known(entries, states, f"[inertia] {row}")
+    for event in model.events:
+        reader.known(event.reset, states, "[[events]] reset")

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 _TOKEN = re.compile(r"\s*(\*\*|[*/^()]|-?\d{1,2}(?:\.\d{1,3})?|[A-Za-zµΩ°%]+)")
 _MAX_EXPONENT = 9.0
+# Functions whose argument must have no dimension, or loses it.
+_SCALE_FREE = frozenset(
+    "sin cos tan asin acos atan atan2 sinh cosh tanh exp log sign heaviside".split()
+)
 # A whole signature of dimensions; None stands for "not known" and silences the check.
 Dimension = Any
 
@@ -44,7 +48,9 @@ def dimension(text: str, where: str = "") -> Dimension:
             raise InputError(f"unit {text!r}: number {token} is out of place", where)
         power = token in ("**", "^")
     try:
-        return _registry().Unit(text.replace("^", "**") if text.strip() != "1" else "").dimensionality
+        return (
+            _registry().Unit(text.replace("^", "**") if text.strip() != "1" else "").dimensionality
+        )
     except (pint.PintError, TypeError, ValueError, AttributeError, SyntaxError):
         raise InputError(
             f"unknown unit {text!r}", where, "Write e.g. m/s, N*s/m, kg*m^2 or 1"
@@ -69,12 +75,13 @@ def check_units(model: Model, source: str) -> None:
         if parameter.unit is not None:
             known[name] = dimension(parameter.unit, f"{source} [parameters] {name}")
     second = dimension("s")
-    known.setdefault(model.time, second)
     for state, term in model.equation_terms.items():
         where = f"{source} [equations] {state}"
         found = unit_of(term, known, where)
         for column, entry in model.inertia_terms.get(state, {state: None}).items():
-            inertia = unit_of(entry, known, f"{source} [inertia] {state}") if entry else dimension("")
+            inertia = (
+                unit_of(entry, known, f"{source} [inertia] {state}") if entry else dimension("")
+            )
             rate = known.get(column)
             if found is None or inertia is None or rate is None:
                 continue
@@ -94,16 +101,21 @@ def check_units(model: Model, source: str) -> None:
             )
 
 
-def unit_of(term: Term, known: dict[str, Dimension], where: str = "") -> Dimension:
+def unit_of(
+    term: Term, known: dict[str, Dimension], where: str = "", argument: bool = False
+) -> Dimension:
     """Return the dimension of a term, or None where a symbol has none declared.
 
-    Literal numbers are dimensionless as factors and fit anything as summands.
+    Literal numbers are dimensionless as factors and fit anything as summands. In the argument
+    of a function (`argument` true) a literal factor carries a unit that nobody wrote down, as
+    the 2.0 of sin(2.0*t) does: the product is not known.
     """
     if term.is_constant:
-        return dimension("")
+        return None if argument else dimension("")
     if term.is_variable:
         return known.get(term.name)
-    parts = [unit_of(arg, known, where) for arg in term.args]
+    inside = argument or term.op in _SCALE_FREE
+    parts = [unit_of(arg, known, where, inside) for arg in term.args]
     if term.op in ("add", "sub", "max", "min", "lt", "le", "gt", "ge", "eq", "ne"):
         return _same(term, list(zip(term.args, parts, strict=True)), where)
     if term.op == "piecewise":
@@ -115,6 +127,8 @@ def unit_of(term: Term, known: dict[str, Dimension], where: str = "") -> Dimensi
         return parts[0]
     if term.op in ("sign", "heaviside", "and", "or", "not"):
         return dimension("")
+    if term.op == "pow" and parts[0] is not None:
+        return _power(term, parts, where)
     if None in parts:
         return None
     if term.op == "mul":
@@ -123,8 +137,6 @@ def unit_of(term: Term, known: dict[str, Dimension], where: str = "") -> Dimensi
         return parts[0] / parts[1]
     if term.op == "sqrt":
         return parts[0] ** 0.5
-    if term.op == "pow":
-        return _power(term, parts, where)
     if parts[0] != dimension(""):
         raise InputError(
             f"{to_text(term, 4)}: {term.op} of dimension {parts[0]}", where, "Make it dimensionless"
@@ -133,12 +145,12 @@ def unit_of(term: Term, known: dict[str, Dimension], where: str = "") -> Dimensi
 
 
 def _power(term: Term, parts: list[Dimension], where: str) -> Dimension:
-    base, exponent = term.args
+    exponent = term.args[1]
     if exponent.is_constant:
         return parts[0] ** exponent.value
-    if parts[1] != dimension(""):
+    if parts[1] is not None and parts[1] != dimension(""):
         raise InputError(f"{to_text(term, 4)}: the power has a unit", where)
-    return dimension("") if parts[0] == dimension("") else None
+    return dimension("") if parts[0] == parts[1] == dimension("") else None
 
 
 def _same(term: Term, pairs: list[tuple[Term, Dimension]], where: str) -> Dimension:
