@@ -20,6 +20,8 @@ STEP_ERROR = 1e-3
 STABLE = 2.5
 """Product of step and fastest rate up to which RK4 is stable (its limit is 2.78)."""
 MOST_SUBSTEPS = 16
+CONTEST_TOLERANCE = 1e-4
+"""Gain in cost at which the estimation of a set stops: far below `MIN_GAIN`."""
 MIN_GAIN = 0.05
 """Smallest gain in log held-back mean square that counts, whatever its significance: smoothing
 sign() alone can move the error of a friction model by half of it."""
@@ -116,11 +118,13 @@ def enter(
     start: np.ndarray,
     x0: np.ndarray | None = None,
     stop: Callable[[], bool] = lambda: False,
-    max_iterations: int = 25,
+    max_iterations: int = 15,
 ) -> Entry:
     """Estimate one set jointly with the free parameters and the starts, and hold blocks back."""
     active = active_parameters(arena.super_model, members)
-    result = fit(arena.problem, start, active, arena.bounds, x0, max_iterations, stop)
+    result = fit(
+        arena.problem, start, active, arena.bounds, x0, max_iterations, stop, CONTEST_TOLERANCE
+    )
     return Entry(members, result, held_back(arena, result))
 
 

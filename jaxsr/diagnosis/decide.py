@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
-from jaxsr.diagnosis.contest import MIN_GAIN, Entry, correlation_length, gain, weights
+from jaxsr.diagnosis.contest import MIN_GAIN, Arena, Entry, correlation_length, gain, weights
 
 SIGNIFICANCE = 1e-3
 """False-alarm rate per comparison with re-calibration; divided by the candidates screened."""
@@ -30,16 +30,25 @@ class Detection:
     threshold: float
 
 
-def plausible(super_model: SuperModel, entry: Entry) -> bool:
-    """Whether the estimates keep to physics: no bound is touched, Fs is not below Fc."""
+def plausible(arena: Arena, entry: Entry) -> bool:
+    """Whether the estimates keep to physics: no bound is touched, Fs is not below Fc.
+
+    A Stribeck peak must also hold more than the smoothing of sign() takes away: the area of the
+    peak over velocity, (Fs - Fc) vs sqrt(pi)/2, against the area Fc w log 2 that tanh(v/w) lacks.
+    """
+    super_model = arena.super_model
     if not np.isfinite(entry.errors).all():
         return False
+    width = max(arena.problem.stepping.widths, default=0.0)
     order = list(super_model.model.parameters.values())
     for number in entry.members:
         candidate = super_model.candidates[number]
         values = super_model.own_values(number, entry.fit.theta)
         if candidate.mechanism == "stribeck_friction":
             if not values["Fc"] <= values["Fs"] <= 3.0 * values["Fc"] + 1e-12:
+                return False
+            peak = (values["Fs"] - values["Fc"]) * values["vs"] * 0.5 * np.sqrt(np.pi)
+            if peak < 3.0 * values["Fc"] * width * np.log(2.0):
                 return False
         for spec, index in zip(candidate.parameters, super_model.index(number), strict=False):
             value, parameter = entry.fit.theta[index], order[index]

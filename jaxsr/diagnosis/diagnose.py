@@ -104,7 +104,7 @@ def diagnose(
     arena, entries, headline = contest(case)
     progress.stage("deciding")
     null = next(e for e in entries if not e.members)
-    good = [e for e in entries if not e.members or plausible(arena.super_model, e)]
+    good = [e for e in entries if not e.members or plausible(arena, e)]
     good = without_duplicates(arena.super_model, good)
     chosen = simplest_adequate(arena.super_model, good)
     screened_count = len(case.screened.super_model.candidates) if case.screened else 10
