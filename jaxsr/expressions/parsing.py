@@ -15,6 +15,7 @@ from jaxsr.expressions.term import Term
 
 MAX_CHARACTERS = 10_000
 MAX_NESTING = 100
+MAX_LEVELS = 250  # of operators: a flat sum nests to the left, and walks are recursive
 MAX_POWER = 1e6
 _BINARY = {
     ast.Add: "add",
@@ -109,9 +110,8 @@ class _Reader:
         return InputError(what, self.where, remedy)
 
     def read(self, node: ast.expr, depth: int) -> Term:
-        # A flat sum of hundreds of terms nests to the left in `ast`, so the limit is generous.
-        if depth > 9 * MAX_NESTING:
-            raise self.fail(f"expression nested deeper than {MAX_NESTING}", "Split it")
+        if depth > MAX_LEVELS:
+            raise self.fail(f"expression of more than {MAX_LEVELS} levels of operators", "Split it")
         match node:
             case ast.Constant(value=bool() as value):
                 return Term.boolean(value)

@@ -1,4 +1,7 @@
-"""Terms to text of the model grammar; `parse(to_text(term))` gives the term back."""
+"""Terms to text of the model grammar; `parse(to_text(term))` gives the term back.
+
+The negative of a constant alone comes back as the negative constant.
+"""
 
 from __future__ import annotations
 
@@ -44,9 +47,8 @@ def _text(term: Term, digits: int | None) -> tuple[str, int]:
         return _binary(term, digits)
     if term.op == "neg":
         text, precedence = _text(term.args[0], digits)
-        # -(2.0) must not read back as the constant -2.0.
-        wrapped = precedence < _PRECEDENCE["pow"] or term.args[0].is_constant
-        return f"-({text})" if wrapped else f"-{text}", _PRECEDENCE["neg"]
+        text = text if precedence >= _PRECEDENCE["pow"] else f"({text})"
+        return f"-{text}", _PRECEDENCE["neg"]
     if term.op in _COMPARE:
         a, b = (_wrap(arg, digits, 2) for arg in term.args)
         return f"{a} {_COMPARE[term.op]} {b}", 1
