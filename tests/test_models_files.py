@@ -1,0 +1,318 @@
+"""Model files: round trips, units, edits, and errors that name file, key, symbol and remedy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from jaxsr._result import InputError
+from jaxsr.models import (
+    Edit,
+    Model,
+    Parameter,
+    Simulator,
+    apply_edit,
+    difference,
+    model_text,
+    parse_model,
+    read_model,
+    write_model,
+)
+
+SHIPPED = sorted((Path(__file__).resolve().parents[1] / "jaxsr" / "datasets").rglob("*.toml"))
+
+EVERYTHING = """
+[model]
+name = "every table, \\"quoted\\""
+time = "t"
+states = ["q", "v", "z"]
+inputs = ["u"]
+outputs = ["y", "w"]
+input_hold = "zero"
+sample_time = 0.01
+
+[definitions]
+stretch = "q - z"
+pull = "k*stretch"
+
+[equations]
+q = "v"
+v = "u - Fc*sign(v) - pull"
+z = "(q - z)/tau"
+
+[inertia]
+v = { v = "M" }
+
+[readings]
+y = "q + y0"
+w = "v"
+
+[parameters]
+M = { value = 2.0, unit = "kg", bounds = [1.0, 3.0] }
+k = { value = 1e-300, unit = "N/m" }
+Fc = { value = 0.1, unit = "N", bounds = [0.0, 1.0] }
+tau = { value = 0.1, unit = "s" }
+y0 = { value = 0.0, unit = "m" }
+s = 1e-4
+
+[per_recording]
+y0 = { "a file.csv" = 0.1, "b.csv" = -2.0 }
+
+[initial]
+q = 0.25
+v = "free"
+z = "free"
+
+[delays]
+u = 0.002
+y = "tau"
+
+[clock]
+y = "1 + s"
+
+[noise]
+y = 1e-6
+
+[[events]]
+when = "q"
+direction = -1
+reset = { v = "-0.8*v" }
+
+[units]
+t = "s"
+q = "m"
+v = "m/s"
+z = "m"
+u = "N"
+y = "m"
+w = "m/s"
+
+[columns]
+t = "time_s"
+u = "motor force (N)"
+"""
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
+def test_shipped_models_survive_writing(path: Path, tmp_path: Path) -> None:
+    model = read_model(path)
+    write_model(model, tmp_path / path.name)
+    assert read_model(tmp_path / path.name) == model
+
+
+def test_a_model_of_every_table_survives_writing() -> None:
+    model = parse_model(EVERYTHING, "m.toml")
+    text = model_text(model)
+    again = parse_model(text, "m.toml")
+    assert again == model
+    assert model_text(again) == text
+    assert again.per_recording["y0"]["a file.csv"] == 0.1
+    assert again.columns["u"] == "motor force (N)"
+    assert again.delays == {"u": 0.002, "y": "tau"}
+    assert again.events[0].reset == {"v": "-0.8*v"}
+    assert again.parameters["k"].value == 1e-300
+
+
+BROKEN = [
+    ("[noise]", "[nose]", ["nose", "noise"]),
+    ("input_hold =", "input_holt =", ["[model]", "input_holt", "input_hold"]),
+    ('"zero"', '"cubic"', ["[model]", "cubic", "bandlimited"]),
+    ("sample_time = 0.01", 'sample_time = "x"', ["sample_time", "number"]),
+    ("- pull", "- pul", ["[equations] v", "'pul'", "pull"]),
+    ("- pull", "- __import__('os')", ["[equations] v", "__import__", "Known"]),
+    ("- pull", "- q.real", ["[equations] v", "q.real", "grammar"]),
+    ("- pull", "- 9**9**9", ["[equations] v", "power"]),
+    ("- pull", "- sgn(v)", ["[equations] v", "sgn", "sign"]),
+    ('z = "(q - z)/tau"\n', "", ["[equations]", "'z'", "Write"]),
+    ('w = "v"\n', "", ["[readings]", "'w'", "Write"]),
+    ('z = "(q - z)/tau"', "z = 3.0", ["[equations] z", "text", "Write"]),
+    ('w = "v"', 'w = "v"\nx = "q"', ["[readings]", "'x'", "Known"]),
+    ("bounds = [1.0, 3.0]", "bounds = [3.0, 4.0]", ["[parameters] M", "bounds", "Widen"]),
+    ("bounds = [1.0, 3.0]", "bounds = [1.0]", ["[parameters] M", "bounds", "two numbers"]),
+    ("bounds = [1.0, 3.0]", "limits = [1.0, 3.0]", ["[parameters] M", "limits", "bounds"]),
+    ("value = 2.0", "value = nan", ["[parameters] M", "finite", "number"]),
+    ("value = 2.0, ", "", ["[parameters] M", "value", "Write"]),
+    ('"q", "v", "z"]', '"q", "v", "v"]', ["[model] states", "'v'", "Rename"]),
+    ('inputs = ["u"]', 'inputs = ["q"]', ["[model]", "'q'", "Rename"]),
+    ('"y", "w"]', '"y", "y"]', ["[model] outputs", "'y'", "Rename"]),
+    ("s = 1e-4", "sin = 1e-4", ["'sin'", "Use"]),
+    ("s = 1e-4", "lambda = 1e-4", ["'lambda'", "Use"]),
+    ('v = { v = "M" }', 'x = { v = "M" }', ["[inertia]", "'x'", "Known"]),
+    ('v = { v = "M" }', 'v = { x = "M" }', ["[inertia] v", "'x'", "Known"]),
+    ('v = { v = "M" }', 'v = "M"', ["[inertia] v", "table", "Write"]),
+    ("q = 0.25", 'q = "fre"', ["[initial] q", "fre", "free"]),
+    ("q = 0.25", "qq = 0.25", ["[initial]", "'qq'", "'q'"]),
+    ("u = 0.002", "uu = 0.002", ["[delays]", "'uu'", "'u'"]),
+    ("u = 0.002", "u = -0.1", ["[delays] u", "-0.1", "zero"]),
+    ('y = "tau"', 'y = "taw"', ["[delays] y", "taw", "[parameters]"]),
+    ('"1 + s"', '"1 + r"', ["[clock] y", "'r'"]),
+    ("y = 1e-6", "x = 1e-6", ["[noise]", "'x'", "Known"]),
+    ("y = 1e-6", "y = -1e-6", ["[noise] y", "-1e-06", "more than zero"]),
+    ('reset = { v = "-0.8*v" }', "", ["events", "reset", "Write"]),
+    ('reset = { v = "-0.8*v" }', 'reset = { x = "-v" }', ["[[events]] reset", "'x'", "Known"]),
+    ("direction = -1", "direction = 2", ["events", "2", "-1"]),
+    ('when = "q"', 'when = "qq"', ["[[events]] when", "'qq'", "'q'"]),
+    ('y0 = { "a', 'y1 = { "a', ["[per_recording]", "'y1'", "Known: M"]),
+    ('"b.csv" = -2.0', '"b.csv" = "x"', ["[per_recording] y0", "b.csv", "number"]),
+    ('unit = "kg"', 'unit = "kgg"', ["[parameters] M", "kgg", "Write"]),
+    ('unit = "kg"', 'unit = "m**(9**9**9)"', ["[parameters] M", "9**9"]),
+    ('unit = "kg"', 'unit = "__import__(1)"', ["[parameters] M", "__import__", "Write"]),
+    ('unit = "kg"', 'unit = "s"', ["[equations] v", "dimension", "Check"]),
+    ('v = "m/s"\n', 'v = "m"\n', ["[equations] q", "dimension", "Check"]),
+    ('u = "N"', 'uu = "N"', ["[units]", "'uu'", "'u'"]),
+    ('t = "time_s"', 'tt = "time_s"', ["[columns]", "'tt'", "'t'"]),
+    ("[model]", "[model", ["TOML"]),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "words"), BROKEN, ids=[f"{o}->{n}" for o, n, _ in BROKEN])
+def test_errors_name_file_key_symbol_and_remedy(old: str, new: str, words: list[str]) -> None:
+    assert EVERYTHING.count(old) >= 1
+    with pytest.raises(InputError) as caught:
+        parse_model(EVERYTHING.replace(old, new, 1), "m.toml")
+    message = str(caught.value)
+    assert message.startswith("m.toml") and "\n" not in message
+    for word in words:
+        assert word in message, message
+
+
+def test_missing_and_unreadable_files(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such model file"):
+        read_model(tmp_path / "none.toml")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_model(tmp_path / "binary.toml")
+    (tmp_path / "empty.toml").write_text("")
+    with pytest.raises(InputError, match="no \\[model\\] table"):
+        read_model(tmp_path / "empty.toml")
+
+
+def forced(law: str) -> str:
+    return EVERYTHING.replace("u - Fc*sign(v) - pull", law)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        "u*sin(2.0*t)",
+        "u*sin(2.0*t + pi/3)",
+        "u*sin(5.0*t - 0.1*q)",
+        "u*exp(-(v/0.1)**2)",
+        "u*sin(t/tau)",
+        "u*cos(pi*q)",
+        "u*sign(2.0*v - q)",
+        "u*Heaviside(t - 1.0)",
+    ],
+)
+def test_a_literal_factor_mends_the_dimension_of_an_argument(law: str) -> None:
+    assert parse_model(forced(law)).equations["v"] == law
+
+
+@pytest.mark.parametrize(
+    "law",
+    ["u*sin(q)", "u*sin(t)", "u*exp(-v)", "u*sin(q + t/tau)", "u*sin(t + 2.0)", "2.0*q", "u + q"],
+)
+def test_true_errors_of_dimension_remain(law: str) -> None:
+    with pytest.raises(InputError, match="dimension"):
+        parse_model(forced(law))
+
+
+def test_without_units_nothing_is_checked() -> None:
+    text = """
+    [model]
+    states = ["x"]
+    outputs = ["y"]
+    [equations]
+    x = "sin(t) + t*x"
+    [readings]
+    y = "x"
+    """
+    assert parse_model(text).name == "model"
+
+
+EDITS = [
+    {"equations.v": "u - Fc*sign(v) - pull - c*v", "parameters.c": Parameter(0.5, "N*s/m", (0, 9))},
+    {"parameters.M": Parameter(2.5, "kg", (1.0, 3.0))},
+    {"readings.y": "1.1*q"},
+    {"inertia.v.v": "M + 0.5"},
+    {"delays.u": 0.0, "initial.q": "free", "clock.y": "1 + 2*s"},
+    {
+        "model.states": ("q", "v", "z", "h"),
+        "equations.h": "(u - h)/tau",
+        "initial.h": "free",
+        "units.h": "N",
+    },
+]
+
+
+@pytest.mark.parametrize("changes", EDITS, ids=lambda c: next(iter(c)))
+def test_difference_is_the_inverse_of_apply(changes: dict) -> None:
+    before = parse_model(EVERYTHING)
+    after = apply_edit(before, Edit(changes))
+    assert after != before
+    assert dict(difference(before, after).changes) == changes
+    assert apply_edit(before, difference(before, after)) == after
+    assert parse_model(model_text(after)) == after
+    assert difference(before, before).changes == {}
+
+
+def test_an_edit_as_json_has_plain_values() -> None:
+    plain = Edit(EDITS[0]).as_json()
+    assert plain["parameters.c"] == {"value": 0.5, "unit": "N*s/m", "bounds": [0, 9]}
+    assert Edit(EDITS[-1]).as_json()["model.states"] == ["q", "v", "z", "h"]
+
+
+PYTHON = "def fall(t, x, u, p):\n    return [x[1], -p['g'] + u[0]]\n"
+TABLE = """
+[model]
+base = "fall.py:fall"
+states = ["q", "v"]
+inputs = ["a"]
+outputs = ["y"]
+[additions]
+v = "-c*v"
+[readings]
+y = "q"
+[parameters]
+g = 9.81
+c = 0.5
+"""
+
+
+def test_a_python_simulator_is_loaded_only_when_named(tmp_path: Path) -> None:
+    (tmp_path / "fall.py").write_text("import pathlib\n" + PYTHON)
+    (tmp_path / "fall.toml").write_text(TABLE)
+    simulator = Simulator.from_file(f"{tmp_path / 'fall.py'}:fall")
+    rates = simulator.rates(0.0, (1.0, 4.0), (2.0,), simulator.values())
+    assert [float(r) for r in rates] == pytest.approx([4.0, -9.81 + 2.0 - 2.0])
+    assert parse_model(model_text(simulator.model)) == simulator.model
+    (tmp_path / "fall.py").write_text("raise SystemExit('was run')\n")
+    with pytest.raises(InputError, match="stands on Python .* Name it in the call"):
+        Simulator.from_file(tmp_path / "fall.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "source", "message"),
+    [
+        ("fall.py:fell", PYTHON, "base is"),
+        ("fall.py", PYTHON, "names no function"),
+        ("none.py:fall", PYTHON, "no such Python file"),
+        ("fall.py:fall", "x = 1\n", "has no function"),
+        ("fall.py:fall", "1/0\n", "fails on import: ZeroDivisionError"),
+    ],
+)
+def test_python_simulators_that_cannot_be_loaded(
+    name: str, source: str, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "fall.py").write_text(source)
+    (tmp_path / "fall.toml").write_text(TABLE)
+    with pytest.raises(InputError, match=message):
+        Simulator.from_file(str(tmp_path / name))
+
+
+def test_models_compare_by_value() -> None:
+    a, b = parse_model(EVERYTHING), parse_model(EVERYTHING)
+    assert a == b and hash(a) == hash(b)
+    assert isinstance(a, Model) and a != replace(a, inputs=())
