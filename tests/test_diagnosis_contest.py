@@ -80,7 +80,9 @@ def swing_recording(seed: int, noise: float, count: int = 1000) -> Recording:
         for j in range(fine):
             a, m, b = (u[k] + (end - u[k]) * (j + s) / fine for s in (0.0, 0.5, 1.0))
             q, v = _step(q, v, h, (a, m, b))
-    return Recording("swing.csv", time, {"u": u, "y": np.array(path) + noise * rng.standard_normal(count)})
+    return Recording(
+        "swing.csv", time, {"u": u, "y": np.array(path) + noise * rng.standard_normal(count)}
+    )
 
 
 def _step(q: float, v: float, h: float, u: tuple[float, float, float]) -> tuple[float, float]:
@@ -93,9 +95,7 @@ def _step(q: float, v: float, h: float, u: tuple[float, float, float]) -> tuple[
     k2 = rate(q + h / 2 * k1[0], v + h / 2 * k1[1], u[1])
     k3 = rate(q + h / 2 * k2[0], v + h / 2 * k2[1], u[1])
     k4 = rate(q + h * k3[0], v + h * k3[1], u[2])
-    return tuple(
-        s + h / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i]) for i, s in enumerate((q, v))
-    )
+    return tuple(s + h / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i]) for i, s in enumerate((q, v)))
 
 
 def columns(arena: Arena) -> np.ndarray:
@@ -104,7 +104,9 @@ def columns(arena: Arena) -> np.ndarray:
 
     def run(theta: list[float], start: float) -> np.ndarray:
         x0 = np.full_like(problem.segments.guess, start)
-        return outputs(problem.simulator, problem.stepping, problem.segments, np.array(theta), x0)[0]
+        return outputs(problem.simulator, problem.stepping, problem.segments, np.array(theta), x0)[
+            0
+        ]
 
     zero = run([0.0, 0.0], 0.0)
     return np.stack([run([1.0, 0.0], 0.0), run([0.0, 1.0], 0.0), run([0.0, 0.0], 1.0)]) - zero

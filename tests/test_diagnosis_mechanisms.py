@@ -175,7 +175,9 @@ def test_neutral_values_leave_the_model_as_it_was(model, candidate):
 
 @pytest.mark.parametrize(("model", "candidate"), CASES)
 def test_other_values_change_it(model, candidate):
-    values = {p.name: p.neutral + 0.25 if p.coefficient else p.neutral for p in candidate.parameters}
+    values = {
+        p.name: p.neutral + 0.25 if p.coefficient else p.neutral for p in candidate.parameters
+    }
     edited = apply_edit(model, candidate.edit(model, names_in(model, candidate), values))
     x, u = random_states(model)
     simulators = Simulator(edited), Simulator(model)
@@ -187,7 +189,9 @@ def test_other_values_change_it(model, candidate):
 
 @pytest.mark.parametrize(("model", "candidate"), CASES)
 def test_edited_model_reads_back_with_sound_units(model, candidate):
-    values = {p.name: p.neutral + 0.25 if p.coefficient else p.neutral for p in candidate.parameters}
+    values = {
+        p.name: p.neutral + 0.25 if p.coefficient else p.neutral for p in candidate.parameters
+    }
     edited = apply_edit(model, candidate.edit(model, names_in(model, candidate), values))
     for name in names_in(model, candidate).values():
         assert edited.parameters[name].unit is not None
@@ -199,7 +203,9 @@ def test_edited_model_reads_back_with_sound_units(model, candidate):
 
 @pytest.mark.parametrize(("model", "candidate"), CASES)
 def test_edit_names_every_key_it_changes_and_no_other(model, candidate):
-    values = {p.name: p.neutral + 0.25 if p.coefficient else p.neutral for p in candidate.parameters}
+    values = {
+        p.name: p.neutral + 0.25 if p.coefficient else p.neutral for p in candidate.parameters
+    }
     edit = candidate.edit(model, names_in(model, candidate), values)
     edited = apply_edit(model, edit)
     assert set(edit.changes) == set(difference(model, edited).changes)
@@ -229,8 +235,12 @@ def test_clashing_names_get_the_state_appended():
 def test_all_candidates_together_leave_the_model_as_it_was(model):
     candidates = candidates_of(model)
     built = SuperModel.build(model, candidates)
-    named = [n for c, own in zip(candidates, built.names, strict=True)
-             if c.fixed_parameter is None for n in own.values()]
+    named = [
+        n
+        for c, own in zip(candidates, built.names, strict=True)
+        if c.fixed_parameter is None
+        for n in own.values()
+    ]
     assert len(set(named)) == len(named)
     x, u = random_states(model)
     np.testing.assert_allclose(rates(built.model, x, u), rates(model, x, u), rtol=1e-10, atol=1e-10)

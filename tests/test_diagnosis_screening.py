@@ -78,7 +78,13 @@ def excitation(rng: np.random.Generator) -> Callable:
 
 def solved(field: Callable, size: int) -> np.ndarray:
     found = solve_ivp(
-        field, (0, TIME[-1]), np.zeros(size), t_eval=TIME, method="LSODA", rtol=1e-7, atol=1e-9,
+        field,
+        (0, TIME[-1]),
+        np.zeros(size),
+        t_eval=TIME,
+        method="LSODA",
+        rtol=1e-7,
+        atol=1e-9,
         max_step=0.01,
     )
     return found.y
@@ -100,8 +106,12 @@ def two_axes(seed: int, kc: float) -> Recording:
 
     def field(t: float, s: np.ndarray) -> list[float]:
         pull = kc * (s[0] - s[1])
-        return [s[2], s[3], (u1(t) - 30 * s[0] - 2 * s[2] - pull) / 2.0,
-                u2(t) - 20 * s[1] - s[3] + pull]
+        return [
+            s[2],
+            s[3],
+            (u1(t) - 30 * s[0] - 2 * s[2] - pull) / 2.0,
+            u2(t) - 20 * s[1] - s[3] + pull,
+        ]
 
     x = solved(field, 4) + 1e-4 * rng.standard_normal((4, 2000))
     return Recording("two.csv", TIME, {"u1": u1(TIME), "u2": u2(TIME), "y1": x[0], "y2": x[1]})

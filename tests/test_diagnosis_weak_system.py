@@ -62,7 +62,10 @@ def rail_recording(rate: float = 500.0, speed: bool = False) -> Recording:
 
 def arm_torques(t: np.ndarray | float) -> np.ndarray:
     return np.array(
-        [9.0 * np.sin(1.9 * t) + 6.0 * np.sin(4.1 * t), 3.0 * np.sin(2.9 * t + 1.0) + np.sin(6.0 * t)]
+        [
+            9.0 * np.sin(1.9 * t) + 6.0 * np.sin(4.1 * t),
+            3.0 * np.sin(2.9 * t + 1.0) + np.sin(6.0 * t),
+        ]
     )
 
 
