@@ -46,7 +46,7 @@ def judge(found: Diagnosis, truth: dict[str, Any]) -> dict[str, bool]:
     """Return which of verdict, mechanism, site and interval are right."""
     if truth["mechanism"] is None:
         return {"verdict": found.verdict == truth["verdict"], "mechanism": not found.findings}
-    first = found.findings[0] if found.findings else {"mechanism": None, "site": None}
+    first: dict[str, Any] = {"mechanism": None, "site": None, **(found.findings or [{}])[0]}
     covered = all(
         _inside(first.get("parameters", {}).get(name), wanted["value"])
         for name, wanted in truth["parameters"].items()
