@@ -23,6 +23,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 import jaxsr
@@ -93,6 +94,7 @@ def diagnose(
     simulator = jaxsr.Simulator.from_file(model)
     found = jaxsr.diagnose(simulator, train, held_out=held_out, seed=SEED)
     seconds = time.perf_counter() - begin
+    jax.clear_caches()  # each diagnosis compiles its own simulators
     document = found.document
     kept = ("site", "mechanism", "probability", "alternatives", "term", "parameters", "share")
     case.diagnoses[name] = {
