@@ -10,7 +10,6 @@ from jaxsr._result import Verdict
 from jaxsr.models import Edit, Model, Parameter, apply_edit
 from jaxsr.models.edits import add_to_equation
 
-
 UNLIMITED = 1e12
 """Stands for no limit: bounds of a model file are numbers."""
 
@@ -147,7 +146,9 @@ class Candidate:
         parts += [t.format(**names) for _, _, t in self.inertia[:1]]
         parts += [t.format(old="reading", **names) for _, t in self.readings[:1]]
         text = parts[0] if parts else ""
-        return text.removeprefix("+ ").replace("- ", "-", 1) if text.startswith(("+ ", "- ")) else text
+        return (
+            text.removeprefix("+ ").replace("- ", "-", 1) if text.startswith(("+ ", "- ")) else text
+        )
 
 
 def _readable(spec: ParameterSpec, value: float) -> tuple[float, float]:
@@ -202,6 +203,4 @@ class SuperModel:
     def own_values(self, number: int, theta: Any) -> dict[str, float]:
         """A candidate's parameter values by its own names."""
         order = list(self.model.parameters)
-        return {
-            own: float(theta[order.index(full)]) for own, full in self.names[number].items()
-        }
+        return {own: float(theta[order.index(full)]) for own, full in self.names[number].items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.stats
@@ -105,7 +106,7 @@ def _pieces(counts: np.ndarray) -> tuple[tuple[int, int, int, int], ...]:
     pieces, number = [], 0
     for s, count in enumerate(counts):
         edges = np.linspace(0, count, each + 1).astype(int)
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in pairwise(edges):
             if b - a >= 2:
                 pieces.append((number, s, int(a), int(b)))
                 number += 1

@@ -18,13 +18,21 @@ from jaxsr.diagnosis.contest import (
     enter,
     neutral_values,
 )
-from jaxsr.diagnosis.decide import detect, plausible, simplest_adequate, without_duplicates
-from jaxsr.diagnosis.document import Ingredients, assemble
+from jaxsr.diagnosis.decide import (
+    Detection,
+    detect,
+    plausible,
+    simplest_adequate,
+    without_duplicates,
+)
+from jaxsr.diagnosis.document import UNEXPLAINED, Ingredients, assemble
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
+from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import free_run, horizons
 from jaxsr.diagnosis.screening import ScreenedSet
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all, state_scale
+from jaxsr.diagnosis.unnamed import propose_unnamed
 from jaxsr.models import Simulator
 from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import Prepared, cut
@@ -36,6 +44,8 @@ MAX_SAMPLES = 1000
 MANY_SEGMENTS = 20
 """Segments from which their scatter is well known, and the work well shared."""
 SMALL, SATURATED = 0.1, 1.3
+REMOVED = 0.3
+"""Share of the re-calibrated error up to which a mismatch counts as explained."""
 Start = tuple[tuple[int, ...], np.ndarray]
 """Members of a set and the parameter values its estimation starts from."""
 
@@ -103,17 +113,14 @@ def diagnose(
     case = Case(simulator, prepared, screen_all(simulator, prepared), budget, progress)
     arena, entries, headline = contest(case)
     progress.stage("deciding")
-    null = next(e for e in entries if not e.members)
-    good = [e for e in entries if not e.members or plausible(arena, e)]
-    good = without_duplicates(arena.super_model, good)
-    chosen = simplest_adequate(arena.super_model, good)
-    screened_count = len(case.screened.super_model.candidates) if case.screened else 10
-    detection = detect(null, chosen, screened_count)
-    if not detection.detected:
-        chosen = null
-    else:
-        chosen, extra = ablate(arena, chosen, good, case)
-        good += extra
+    arena, good, chosen, detection = decide(case, arena, entries)
+    if _unexplained(case, arena, good, chosen):
+        progress.stage("searching a term that no named mechanism covers")
+        proposal = propose_unnamed(case, arena, chosen, rng)
+        if proposal is not None:
+            again = with_candidate(case, arena, good, chosen, *proposal)
+            arena, good, chosen, detection = decide(case, *again)
+    null = next(e for e in good if not e.members)
     ingredients = Ingredients(
         case=case,
         arena=arena,
@@ -129,6 +136,60 @@ def diagnose(
         command=command,
     )
     return assemble(ingredients)
+
+
+def decide(
+    case: Case, arena: Arena, entries: list[Entry]
+) -> tuple[Arena, list[Entry], Entry, Detection]:
+    """Choose an entry; re-calibration alone unless another clearly beats it."""
+    null = next(e for e in entries if not e.members)
+    good = [e for e in entries if not e.members or plausible(arena, e)]
+    good = without_duplicates(arena.super_model, good)
+    chosen = simplest_adequate(arena.super_model, good)
+    count = len(case.screened.super_model.candidates) if case.screened else 10
+    detection = detect(null, chosen, count)
+    if not detection.detected:
+        return arena, good, null, detection
+    chosen, extra = ablate(arena, chosen, good, case)
+    return arena, good + extra, chosen, detection
+
+
+def _unexplained(case: Case, arena: Arena, entries: list[Entry], chosen: Entry) -> bool:
+    """Whether a mismatch far above the noise is left that no named mechanism removes."""
+    null = next(e for e in entries if not e.members)
+    if case.screened is None or case.budget.exhausted:
+        return False
+    left = np.sqrt(chosen.error / max(null.error, 1e-300))
+    return left > REMOVED and residual_to_noise(arena, chosen) > UNEXPLAINED
+
+
+def with_candidate(
+    case: Case,
+    arena: Arena,
+    entries: list[Entry],
+    chosen: Entry,
+    candidate: Candidate,
+    coefficients: np.ndarray,
+) -> tuple[Arena, list[Entry]]:
+    """Enter the contest again with one more candidate beside the best entries so far."""
+    old = arena.super_model
+    super_model = SuperModel.build(old.given, [*old.candidates, candidate])
+    simulator = Simulator(super_model.model, case.simulator.function)
+    stepping, scale = arena.problem.stepping, arena.problem.scale
+    new = build_arena(super_model, case.prepared, stepping, arena.seconds, scale, simulator)
+    number, added = len(old.candidates), neutral_values(super_model)[len(old.model.parameters) :]
+    leading = sorted(entries, key=lambda e: e.error)[:4]
+    null = next(e for e in entries if not e.members)
+    sets = {e.members: e for e in (null, chosen, *leading)}
+    again = []
+    for members, entry in sets.items():
+        theta = np.concatenate([entry.fit.theta, added])
+        again.append(enter(new, members, theta, x0=entry.fit.x0))
+    for members in {(), chosen.members}:
+        entry = sets[members]
+        theta = np.concatenate([entry.fit.theta, coefficients])
+        again.append(enter(new, (*members, number), theta, x0=entry.fit.x0))
+    return new, again
 
 
 def contest(case: Case) -> tuple[Arena, list[Entry], float]:
@@ -171,6 +232,7 @@ def _usable_starts(
     """
     shortest = horizons(case.prepared)[0]
     arena = build_arena(super_model, case.prepared, stepping, shortest, scale, simulator)
+    segments = arena.problem.segments
     base, neutral = super_model.base_index(), neutral_values(super_model)
     better: list[Start] = []
     for members, start in starts:
@@ -178,7 +240,9 @@ def _usable_starts(
         given[base] = neutral[base]
         costs = []
         for theta in (start, given):
-            y = outputs(simulator, stepping, arena.problem.segments, theta, arena.problem.segments.guess)
+            y = outputs(
+                simulator, stepping, arena.problem.segments, theta, arena.problem.segments.guess
+            )
             with np.errstate(all="ignore"):
                 cost = float(np.sum(arena.problem.residual(y) ** 2))
             costs.append(cost if np.isfinite(cost) else np.inf)
@@ -207,9 +271,7 @@ def _first_usable(
     return arena
 
 
-def _rescaled(
-    arena: Arena, entries: list[Entry], starts: list[Start]
-) -> tuple[Arena, list[Entry]]:
+def _rescaled(arena: Arena, entries: list[Entry], starts: list[Start]) -> tuple[Arena, list[Entry]]:
     """Weigh the outputs by the residual that the leading set leaves on each."""
     count = arena.problem.segments.weights.sum((1, 2))
     power = (entries[-1].fit.residual ** 2).sum((1, 2)) / np.maximum(count, 1.0)
@@ -244,7 +306,9 @@ def leading_sets(case: Case) -> list[ScreenedSet]:
             if len(seen) == number:
                 break
     # A larger set is worth a contest only where it gains clearly in the weak view.
-    best = {n: min((s.error for s in chosen if len(s.members) == n), default=np.inf) for n in (1, 2)}
+    best = {
+        n: min((s.error for s in chosen if len(s.members) == n), default=np.inf) for n in (1, 2)
+    }
     limit = 0.98
     keep = [s for s in chosen if len(s.members) == 1]
     keep += [s for s in chosen if len(s.members) == 2 and best[2] < limit * best[1]]
@@ -280,9 +344,7 @@ def _has_friction(given: object, candidate: Candidate, chosen: list[Candidate]) 
     return state in term.variables
 
 
-def contenders(
-    case: Case, sets: list[ScreenedSet]
-) -> tuple[SuperModel, list[Start]]:
+def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[Start]]:
     """Build the super-model of the leading candidates, and where each set's estimation starts.
 
     The first entry is re-calibration alone, the second the leading set; single sensor faults

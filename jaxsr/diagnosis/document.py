@@ -105,7 +105,7 @@ def judge(parts: Ingredients) -> Judged:
     )
     recalibrated = refine(ground, parts.null, thorough=not parts.chosen.members)
     if not parts.chosen.members:
-        return _without_finding(parts, ground, recalibrated)
+        return _without_finding(parts, recalibrated)
     numbers = parts.chosen.members
     best = refine(ground, parts.chosen)
     rows, rivals = [], []
@@ -131,7 +131,7 @@ def _verdict(parts: Ingredients, order: list[int], rivals: list) -> Verdict:
     return Verdict.UNDECIDED if doubt > TIE else own
 
 
-def _without_finding(parts: Ingredients, ground: Ground, recalibrated: Estimate) -> Judged:
+def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
     given_values = neutral_values(parts.arena.super_model)
     given = enter(_frozen(parts.arena), (), given_values)
@@ -144,11 +144,9 @@ def _without_finding(parts: Ingredients, ground: Ground, recalibrated: Estimate)
             rows.append((distance / max(half, 1e-300), name))
     if rows and p < 1e-3 and mean > 0.02:
         rows.sort(reverse=True)
-        findings = [
-            wrong_value_row(parts, recalibrated, name, given.fit.cost) for _, name in rows
-        ]
+        findings = [wrong_value_row(parts, recalibrated, name, given.fit.cost) for _, name in rows]
         return Judged(recalibrated, recalibrated, Verdict.PARAMETER, findings, [], True)
-    unexplained = residual_to_noise(ground, recalibrated.entry) > UNEXPLAINED
+    unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
     return Judged(recalibrated, recalibrated, verdict, [], [], False)
 
@@ -219,7 +217,7 @@ def _document(
     train: dict[str, list[FreeRun]],
     held_runs: dict[str, list[FreeRun]] | None,
     held: Sequence[Prepared],
-    force: dict[str, Any],
+    force: dict[str, Any] | None,
 ) -> dict[str, Any]:
     case, model = parts.case, parts.case.simulator.model
     inner = sensitivities(parts.arena, parts.chosen.fit, exclude=parts.chosen.members)
@@ -233,8 +231,8 @@ def _document(
         "force": force,
     }
     if held_runs is not None:
-        fit["held_out"] = {name: [r.nrmse for r in runs] for name, runs in held_runs.items()}
-        fit["held_out"]["files"] = [p.recording.name for p in held]
+        scores = {name: [r.nrmse for r in runs] for name, runs in held_runs.items()}
+        fit["held_out"] = {**scores, "files": [p.recording.name for p in held]}
     columns = [model.column(c) for c in (*model.inputs, *model.outputs)]
     inputs = [model.column(c) for c in model.inputs]
     checks = [

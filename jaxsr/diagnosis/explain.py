@@ -202,12 +202,12 @@ _ADVICE = {
 }
 
 
-def next_experiment(
-    parts: Ingredients, rivals: list[tuple[int, list[Alternative]]]
-) -> str | None:
+def next_experiment(parts: Ingredients, rivals: list[tuple[int, list[Alternative]]]) -> str | None:
     """Say which recording would separate the leading explanation from its runner-up."""
     candidates = parts.arena.super_model.candidates
-    best = [(others[0].probability, number, others[0].number) for number, others in rivals if others]
+    best = [
+        (others[0].probability, number, others[0].number) for number, others in rivals if others
+    ]
     if not best:
         return None
     _, number, other = max(best)

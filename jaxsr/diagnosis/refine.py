@@ -132,7 +132,7 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     half = np.zeros_like(theta)
     half[entry.fit.active] = half_widths(arena, entry.fit)
     options = [theta]
-    if thorough and model_limited(ground, entry):
+    if thorough and model_limited(arena, entry):
         options += _other_estimates(ground, entry.members, theta)
     best = _least_error(ground, options)
     spread = np.std(np.stack(options), axis=0, ddof=1) if len(options) > 1 else 0.0
@@ -142,19 +142,19 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     return Estimate(arena, entry, best, half, named)
 
 
-def model_limited(ground: Ground, entry: Entry) -> bool:
+def model_limited(arena: Arena, entry: Entry) -> bool:
     """Whether the residual stands clearly above the sensors' noise."""
-    return residual_to_noise(ground, entry) > MODEL_LIMITED
+    return residual_to_noise(arena, entry) > MODEL_LIMITED
 
 
-def residual_to_noise(ground: Ground, entry: Entry) -> float:
+def residual_to_noise(arena: Arena, entry: Entry) -> float:
     """Largest ratio, over the outputs, of rms residual to sensor noise."""
     ratios = []
-    for k, scale in enumerate(ground.arena.problem.scale):
+    for k, scale in enumerate(arena.problem.scale):
         residual = entry.fit.residual[k] * scale
         count = max(np.count_nonzero(residual), 1)
         rms = np.sqrt(np.sum(residual**2) / count)
-        noise = np.median([noise_level(p.time, p.outputs[:, k]) for p in ground.prepared])
+        noise = np.median([noise_level(p.time, p.outputs[:, k]) for p in arena.prepared])
         ratios.append(rms / max(float(noise), 1e-300))
     return float(max(ratios))
 

@@ -60,14 +60,14 @@ class Diagnosis:
 
 def verdict_sentence(verdict: str, findings: list[dict[str, Any]]) -> str:
     """Say the verdict in one plain sentence."""
-    named = " and ".join(
-        f"{f['mechanism'].replace('_', ' ')} at {f['site']}" for f in findings
-    )
+    named = " and ".join(f"{f['mechanism'].replace('_', ' ')} at {f['site']}" for f in findings)
+    if verdict == "undecided" and not findings:
+        return "There is a mismatch that no mechanism tried explains."
     return {
         "nothing": "No mismatch above the noise.",
         "parameter": f"The structure is right, a value is wrong: {named}.",
         "structure": f"Physics is missing: {named}.",
         "measurement": f"A sensor is wrong: {named}.",
         "external_input": f"Something acted that no column records: {named}.",
-        "undecided": f"There is a mismatch, but these data cannot tell its cause; leading: {named}.",
+        "undecided": f"A mismatch is there, the data cannot tell its cause; leading: {named}.",
     }[verdict]

@@ -100,9 +100,7 @@ def _beginnings(
     if segments.time.shape[0] > LONG:
         short = [(r, a, a + n) for (r, a, _), n in zip(rows, first, strict=True)]
         size = max(n for n in first)
-        return build_segments(
-            model, prepared, short, stepping.substeps, (size, segments.number)
-        )
+        return build_segments(model, prepared, short, stepping.substeps, (size, segments.number))
     measured = segments.outputs.copy()
     for s, n in enumerate(first):
         measured[:, n:, s] = np.nan

@@ -107,8 +107,7 @@ class _Search:
         self.power, self.rows = self.power[keep], self.rows[keep]
         self.base = super_model.base_index()
         self.index = [
-            super_model.index(i, coefficients_only=True)
-            for i in range(len(super_model.candidates))
+            super_model.index(i, coefficients_only=True) for i in range(len(super_model.candidates))
         ]
         order = list(super_model.model.parameters.values())
         self.low = np.array([p.bounds[0] if p.bounds else -np.inf for p in order])
@@ -172,8 +171,9 @@ class _Search:
                         grown[members] = scored
             found |= grown
             beam = sorted(grown.values(), key=lambda s: s.error)[:BEAM]
-            if not beam or beam[0].error > 0.999 * min(s.error for s in found.values()
-                                                     if len(s.members) < len(beam[0].members)):
+            if not beam or beam[0].error > 0.999 * min(
+                s.error for s in found.values() if len(s.members) < len(beam[0].members)
+            ):
                 break
         return list(found.values())
 
@@ -209,9 +209,12 @@ class _Search:
         value = theta[active] + step / self.column[active]
         added = np.arange(len(self.base), len(active))
         index = np.asarray(active)
-        if added.size and (
-            (value[added] < self.low[index[added]]) | (value[added] > self.high[index[added]])
-        ).any():
+        if (
+            added.size
+            and (
+                (value[added] < self.low[index[added]]) | (value[added] > self.high[index[added]])
+            ).any()
+        ):
             return None
         sse = self.power - 2 * np.einsum("bi,bi->b", m, held)
         sse = sse + np.einsum("bi,bij,bj->b", held, g, held)

@@ -87,7 +87,7 @@ class Sensitivities:
     def angle(self, i: int, j: int) -> float:
         """Degrees between two effects."""
         a, b = self.candidates.index(i), self.candidates.index(j)
-        norm = np.sqrt(self.gram[a, a] * self.gram[b, b]) + 1e-300
+        norm = np.sqrt(max(self.gram[a, a] * self.gram[b, b], 0.0)) + 1e-300
         return float(np.degrees(np.arccos(min(abs(self.gram[a, b]) / norm, 1.0))))
 
 
@@ -104,8 +104,14 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     )
     weight = problem.segments.weights / problem.scale[:, None, None]
     full = Fit(
-        result.theta, result.x0, result.cost, problem.residual(y), active, by_theta * weight,
-        np.where(problem.segments.free_start[:, None, None, :], by_start * weight, 0.0), True,
+        result.theta,
+        result.x0,
+        result.cost,
+        problem.residual(y),
+        active,
+        by_theta * weight,
+        np.where(problem.segments.free_start[:, None, None, :], by_start * weight, 0.0),
+        True,
     )
     total = full.normal_equations()[0].sum(0)
     raw = np.einsum("poks,poks->p", full.jacobian, full.jacobian)

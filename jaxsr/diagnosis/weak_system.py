@@ -104,10 +104,10 @@ def _one_recording(
     states: tuple[str, ...],
 ) -> tuple[np.ndarray, ...]:
     model = simulator.model
-    present = np.isfinite(item.states.values).all(1)
+    present = np.asarray(np.isfinite(item.states.values).all(1))
     for state, signal in item.states.measured.items():
         if state in model.states:
-            present &= np.isfinite(signal)
+            present = np.asarray(present & np.isfinite(signal))
     view = WeakView.build(item.time, half_width, spacing or half_width / 4, mask=present)
     x = tuple(np.where(np.isfinite(c), c, 0.0) for c in item.states.values.T)
     u = tuple(item.inputs.T)

@@ -89,7 +89,7 @@ def _reduce(function: Function) -> Function:
 
 
 def _sympy_heaviside(x: Any) -> Any:
-    return sympy.Heaviside(x, sympy.Rational(1, 2))
+    return sympy.Heaviside(x, sympy.S.Half)
 
 
 def _same(name: str, arity: int, text: str = "", **other: Function) -> Primitive:

@@ -84,7 +84,7 @@ class Term:
 
     def walk(self) -> Iterator[Term]:
         """Yield every node, parents first."""
-        stack = [self]
+        stack: list[Term] = [self]
         while stack:
             node = stack.pop()
             yield node

@@ -14,11 +14,13 @@ from jaxsr.expressions import is_identifier
 from jaxsr.models.model import FREE, Event, Model, Parameter
 from jaxsr.models.units import check_units
 
-_TABLES = (
-    "model definitions equations inertia readings parameters per_recording initial delays clock "
-    "noise events units columns additions"
-).split()
-_MODEL_KEYS = "name time states inputs outputs input_hold sample_time base".split()
+_TABLES: list[str] = [
+    *("model", "definitions", "equations", "inertia", "readings", "parameters", "per_recording"),
+    *("initial", "delays", "clock", "noise", "events", "units", "columns", "additions"),
+]
+_MODEL_KEYS: list[str] = [
+    *("name", "time", "states", "inputs", "outputs", "input_hold", "sample_time", "base"),
+]
 _HOLDS = ("linear", "zero", "bandlimited")
 
 

@@ -69,7 +69,9 @@ class Fit:
     @property
     def usable(self) -> bool:
         """Whether the derivatives are numbers; at an unstable point they overflow."""
-        largest = max(np.abs(self.jacobian).max(initial=0.0), np.abs(self.by_start).max(initial=0.0))
+        largest = max(
+            np.abs(self.jacobian).max(initial=0.0), np.abs(self.by_start).max(initial=0.0)
+        )
         return bool(np.isfinite(largest) and largest < 1e60 and np.isfinite(self.cost))
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:

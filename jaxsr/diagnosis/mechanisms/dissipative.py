@@ -56,7 +56,13 @@ def dissipative(site: Site) -> Iterator[Candidate]:
             f"- ({{Fc}} + ({{Fs}} - {{Fc}})*exp(-(Abs({v})/{{vs}})**2))*sign({v})",
             ParameterSpec("Fc", f, low=0.0),
             ParameterSpec("Fs", f, low=0.0),
-            ParameterSpec("vs", site.model.units.get(v), low=1e-3 * top, high=top,
-                          neutral=share * top, coefficient=False),
+            ParameterSpec(
+                "vs",
+                site.model.units.get(v),
+                low=1e-3 * top,
+                high=top,
+                neutral=share * top,
+                coefficient=False,
+            ),
             sentence="Dry friction along {site} is higher near standstill (Stribeck effect).",
         )

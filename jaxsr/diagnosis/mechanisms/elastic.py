@@ -50,7 +50,13 @@ def elastic(site: Site) -> Iterator[Candidate]:
             "piecewise_stiffness",
             f"- {{ks}}*Max({q} - {{qs}}, 0)",
             ParameterSpec("ks", site.per(q)),
-            ParameterSpec("qs", unit, low=float(values[0]), high=float(values[-1]) + 0.1 * spread,
-                          neutral=edge, coefficient=False),
+            ParameterSpec(
+                "qs",
+                unit,
+                low=float(values[0]),
+                high=float(values[-1]) + 0.1 * spread,
+                neutral=edge,
+                coefficient=False,
+            ),
             sentence="A second spring engages along {site} beyond a certain position.",
         )

@@ -87,8 +87,15 @@ def sites_of(model: Model, scale: Mapping[str, np.ndarray]) -> tuple[Site, ...]:
         turning = position is not None and model.units.get(position, "").strip() in ("rad", "deg")
         plain.append(Site(model, state, position, turning, _force_unit(model, state), scale))
     return tuple(
-        Site(s.model, s.state, s.position, s.turning, s.force_unit, scale,
-             tuple(o for o in plain if o.state != s.state))
+        Site(
+            s.model,
+            s.state,
+            s.position,
+            s.turning,
+            s.force_unit,
+            scale,
+            tuple(o for o in plain if o.state != s.state),
+        )
         for s in plain
     )
 
