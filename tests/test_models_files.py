@@ -289,7 +289,7 @@ def test_a_python_simulator_is_loaded_only_when_named(tmp_path: Path) -> None:
     assert [float(r) for r in rates] == pytest.approx([4.0, -9.81 + 2.0 - 2.0])
     assert parse_model(model_text(simulator.model)) == simulator.model
     (tmp_path / "fall.py").write_text("raise SystemExit('was run')\n")
-    with pytest.raises(InputError, match="stands on Python .* Name it in the call"):
+    with pytest.raises(InputError, match=r"stands on Python .* Name it in the call"):
         Simulator.from_file(tmp_path / "fall.toml")
 
 

@@ -65,6 +65,17 @@ class Simulator(eqx.Module):
             )
         return Simulator(model)
 
+    # Compiled runs are kept by simulator: properties already computed must not tell two apart,
+    # and parameters in another order must, since they are passed by position.
+    def __hash__(self) -> int:
+        return hash((self.model, self.function))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Simulator):
+            return False
+        same = self.model == other.model and self.function is other.function
+        return same and tuple(self.model.parameters) == tuple(other.model.parameters)
+
     @cached_property
     def smoothed_arguments(self) -> tuple[Term, ...]:
         """Distinct arguments of sign and Heaviside that depend on a state."""
