@@ -240,9 +240,7 @@ def _usable_starts(
         given[base] = neutral[base]
         costs = []
         for theta in (start, given):
-            y = outputs(
-                simulator, stepping, arena.problem.segments, theta, arena.problem.segments.guess
-            )
+            y = outputs(simulator, stepping, segments, theta, segments.guess)
             with np.errstate(all="ignore"):
                 cost = float(np.sum(arena.problem.residual(y) ** 2))
             costs.append(cost if np.isfinite(cost) else np.inf)

@@ -168,7 +168,8 @@ def confusable_rows(parts: Ingredients, table: Sensitivities) -> list[list[Any]]
 
 
 def _short(label: str) -> str:
-    return label
+    """Return the mechanism of a label."""
+    return label.partition("@")[0]
 
 
 def detectable_rows(parts: Ingredients, table: Sensitivities) -> dict[str, Any]:

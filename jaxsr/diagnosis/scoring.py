@@ -120,7 +120,8 @@ def _scored(
         measured = np.isfinite(item.outputs) & covered[r][:, None]
         error = np.where(measured, item.outputs - simulated[r], np.nan)
         diverged = (measured & ~np.isfinite(simulated[r])).any(0)
-        mse = np.nanmean(np.where(np.isfinite(error), error**2, np.nan), axis=0)
+        with np.errstate(over="ignore"):
+            mse = np.nanmean(np.where(np.isfinite(error), error**2, np.nan), axis=0)
         relative = np.where(diverged, DIVERGED**2, np.minimum(mse / scale[r] ** 2, DIVERGED**2))
         rmse.append(np.where(diverged, np.inf, np.sqrt(mse)))
         scores.append(float(np.sqrt(np.mean(relative))))

@@ -110,7 +110,7 @@ def _one_recording(
             present = np.asarray(present & np.isfinite(signal))
     view = WeakView.build(item.time, half_width, spacing or half_width / 4, mask=present)
     x = tuple(np.where(np.isfinite(c), c, 0.0) for c in item.states.values.T)
-    u = tuple(item.inputs.T)
+    u = tuple(_centred(column, model.input_hold) for column in item.inputs.T)
     env = simulator.environment(item.time, x, u, tuple(theta))
     widths = width_scales(simulator, env)
 
@@ -139,6 +139,17 @@ def _one_recording(
         np.repeat(index, count),
         np.tile(view.centres[good], len(states)),
     )
+
+
+def _centred(u: np.ndarray, hold: str) -> np.ndarray:
+    """Return an input as the quadrature needs it: a held one jumps at its sample, so take the mean.
+
+    The sample at t_k of a zero-order hold acts from t_k on; the trapezoid rule would let it act
+    half a sample earlier.
+    """
+    if hold != "zero":
+        return u
+    return np.concatenate([u[:1], 0.5 * (u[:-1] + u[1:])])
 
 
 def _equation(

@@ -197,8 +197,8 @@ def _linearised(problem: Problem, theta: np.ndarray, x0: np.ndarray, active: np.
         cost=_cost(residual),
         residual=residual,
         active=np.asarray(active, dtype=int),
-        jacobian=by_theta * weight,
-        by_start=np.where(free, by_start * weight, 0.0),
+        jacobian=np.where(weight > 0.0, by_theta * weight, 0.0),
+        by_start=np.where(free & (weight > 0.0), by_start * weight, 0.0),
         converged=False,
     )
 
@@ -219,12 +219,13 @@ def _blocks(
 def _schur(
     jj: np.ndarray, jx: np.ndarray, xx: np.ndarray, jr: np.ndarray, xr: np.ndarray, damping: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    scale = np.sqrt(np.einsum("sii->si", xx)) + 1e-300
+    scale = np.sqrt(np.einsum("sii->si", xx))
+    # A start that no sensor sees (zero column) is left where it is.
+    seen = scale > 1e-150
+    scale = np.where(seen, scale, 1.0)
     scaled = xx / scale[:, :, None] / scale[:, None, :]
     scaled += (damping + 1e-10) * np.eye(xx.shape[1])
     inverse = np.linalg.inv(scaled) / scale[:, :, None] / scale[:, None, :]
-    # A start that no sensor sees (zero column) is left where it is.
-    seen = scale > 1e-200
     inverse = inverse * seen[:, :, None] * seen[:, None, :]
     projected = jj - jx @ inverse @ jx.transpose(0, 2, 1)
     gradient = jr - (jx @ inverse @ xr[..., None])[..., 0]

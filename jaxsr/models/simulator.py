@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from jaxsr._result import InputError
@@ -124,8 +125,8 @@ class Simulator(eqx.Module):
             rates = {s: evaluate(e, env, "jax", shared) for s, e in self._smooth_equations.items()}
         if model.inertia:
             rates = self._accelerations(rates, env, shared)
-        like = sum(x) + 0.0 * t
-        return tuple(rates[s] + 0.0 * like for s in model.states)
+        like = jnp.zeros_like(sum(x) + 0.0 * t)
+        return tuple(rates[s] + like for s in model.states)
 
     def forces(self, t: Array, x: tuple, u: tuple, p: tuple, widths: tuple = ()) -> tuple:
         """Return the right-hand sides: generalised forces where a mass matrix stands."""
@@ -201,8 +202,6 @@ class Simulator(eqx.Module):
         return {**rates, **dict(zip(rows, solved, strict=True))}
 
     def _python_rates(self, t: Array, x: tuple, u: tuple, env: dict) -> tuple:
-        import jax.numpy as jnp
-
         p = {name: env[name] for name in self.model.parameters}
         # One call per segment through vmap: users write f for one state vector.
         import jax

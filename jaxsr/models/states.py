@@ -79,6 +79,9 @@ def estimate_states(model: Model, recording: Recording) -> StateEstimate:
         values[:, i] = smooth.get(state, np.full(len(recording), fallback))
         if fixed != FREE:
             values[0, i] = float(fixed)  # a run from the first sample begins there
+    for column in values.T:
+        # Inside a gap a straight line serves: a segment may begin there.
+        column[:] = fill_missing(time, column)
     hidden = frozenset(s for s in model.states if s not in smooth)
     return StateEstimate(values, readable, hidden)
 

@@ -84,7 +84,7 @@ def _slopes(
     All directions go through one vectorised pass, which keeps the compiled program small.
     """
     count = len(x)
-    like = 0.0 * (step.time + sum(x))
+    like = jnp.zeros_like(step.time + sum(x))
     time = jnp.concatenate([jnp.zeros((count, *like.shape)), (step.length + like)[None]])
     change = [b - a + like for a, b in zip(step.u_start, step.u_end, strict=True)]
     u = tuple(jnp.concatenate([jnp.zeros((count, *like.shape)), c[None]]) for c in change)

@@ -136,7 +136,8 @@ def unit_of(
     if term.op == "div":
         return parts[0] / parts[1]
     if term.op == "sqrt":
-        return parts[0] ** 0.5
+        root = parts[0]
+        return None if root is None else root**0.5
     if parts[0] != dimension(""):
         raise InputError(
             f"{to_text(term, 4)}: {term.op} of dimension {parts[0]}", where, "Make it dimensionless"
@@ -145,9 +146,10 @@ def unit_of(
 
 
 def _power(term: Term, parts: list[Dimension], where: str) -> Dimension:
-    exponent = term.args[1]
+    exponent, base = term.args[1], parts[0]
+    assert base is not None
     if exponent.is_constant:
-        return parts[0] ** exponent.value
+        return base**exponent.value
     if parts[1] is not None and parts[1] != dimension(""):
         raise InputError(f"{to_text(term, 4)}: the power has a unit", where)
     return dimension("") if parts[0] == parts[1] == dimension("") else None
