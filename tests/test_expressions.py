@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import jax
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from jaxsr._result import InputError
 from jaxsr.expressions import PRIMITIVES, Term, evaluate, from_sympy, parse, to_sympy, to_text
 
-NAMES = ("q", "v", "E", "I", "S", "N", "O", "Q", "beta", "gamma", "zeta")
+NAMES: tuple[str, ...] = ("q", "v", "E", "I", "S", "N", "O", "Q", "beta", "gamma", "zeta")
 BINARY = ("add", "sub", "mul", "div")
 UNARY = ("neg", "sin", "cos", "tanh", "exp", "abs", "sign", "sqrt", "atan", "heaviside")
 COMPARISONS = ("lt", "le", "gt", "ge", "eq", "ne")
@@ -74,7 +75,7 @@ def test_sympy_and_back_keeps_the_value() -> None:
     compared = 0
     for _ in range(150):
         term = draw(rng, int(rng.integers(1, 4)), smooth=True)
-        env = dict(zip(NAMES, rng.uniform(0.3, 2.0, len(NAMES)), strict=True))
+        env: dict[str, Any] = dict(zip(NAMES, rng.uniform(0.3, 2.0, len(NAMES)), strict=True))
         with np.errstate(all="ignore"):
             before = float(evaluate(term, env))
         if not math.isfinite(before) or abs(before) > 1e8:
@@ -94,7 +95,7 @@ def test_numpy_and_jax_agree() -> None:
     with jax.enable_x64(True):
         for _ in range(60):
             term = draw(rng, 3)
-            env = {name: rng.normal(size=4) for name in NAMES}
+            env: dict[str, Any] = {name: rng.normal(size=4) for name in NAMES}
             with np.errstate(all="ignore"):
                 plain = np.broadcast_to(evaluate(term, env), 4).astype(float)
             jitted = np.broadcast_to(np.asarray(evaluate(term, env, "jax")), 4).astype(float)
@@ -137,10 +138,10 @@ def test_precedence_and_meaning(text: str, value: float) -> None:
 
 
 @pytest.mark.parametrize("library", ["numpy", "jax"])
-def test_values_at_jumps(library: str) -> None:
+def test_values_at_jumps(library: Any) -> None:
     x = np.array([-2.0, 0.0, 2.0])
-    sign = evaluate(parse("sign(x)"), {"x": x}, library)  # pyright: ignore[reportArgumentType]
-    step = evaluate(parse("Heaviside(x)"), {"x": x}, library)  # pyright: ignore[reportArgumentType]
+    sign = evaluate(parse("sign(x)"), {"x": x}, library)
+    step = evaluate(parse("Heaviside(x)"), {"x": x}, library)
     np.testing.assert_array_equal(np.asarray(sign), [-1, 0, 1])
     np.testing.assert_array_equal(np.asarray(step), [0, 0.5, 1])
 
@@ -168,9 +169,9 @@ def test_gradients_are_numbers_where_formulas_are_delicate(
 
 
 def test_names_that_mean_something_elsewhere_are_plain_symbols() -> None:
-    names = ("E", "I", "S", "N", "O", "Q", "beta", "gamma", "zeta")
+    names: tuple[str, ...] = ("E", "I", "S", "N", "O", "Q", "beta", "gamma", "zeta")
     term = parse("*".join(names), names)
-    values = dict(zip(names, np.arange(1.0, 10.0), strict=True))
+    values: dict[str, Any] = dict(zip(names, np.arange(1.0, 10.0), strict=True))
     assert float(evaluate(term, values)) == math.factorial(9)
     assert from_sympy(to_sympy(term)).variables == frozenset(names)
     with pytest.raises(InputError, match="unknown symbol 'E'"):
