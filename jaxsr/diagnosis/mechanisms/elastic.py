@@ -10,10 +10,20 @@ from jaxsr.diagnosis.mechanisms.site import Site
 _SOURCE = "Kerschen, Worden, Vakakis & Golinval, Mech. Syst. Signal Process. 20 (2006)"
 
 
+def _returns(site: Site) -> bool:
+    """Whether the motion goes both ways for at least a twentieth of the time.
+
+    In a motion that never returns, position and velocity tell the same story, and a spring
+    cannot be told from a resistance.
+    """
+    speeds = site.scale.get(site.state)
+    return speeds is None or bool(speeds[1] < 0.0 < speeds[-2])
+
+
 def elastic(site: Site) -> Iterator[Candidate]:
     """Yield springs at an equation of motion."""
     q, v = site.position, site.state
-    if q is None:
+    if q is None or not _returns(site):
         return
 
     def make(name: str, term: str, *specs: ParameterSpec, sentence: str) -> Candidate:

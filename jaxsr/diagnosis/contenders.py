@@ -1,0 +1,123 @@
+"""Contenders: the sets of mechanisms that enter the contest, and where they start."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxsr.diagnosis.candidates import Candidate, SuperModel
+from jaxsr.diagnosis.contest import neutral_values
+from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
+from jaxsr.diagnosis.screening import ScreenedSet
+from jaxsr.diagnosis.setup import state_scale
+
+if TYPE_CHECKING:
+    from jaxsr.diagnosis.diagnose import Case
+
+SINGLES, PAIRS, LARGER = 5, 4, 3
+ALWAYS = frozenset({"viscous_damping", "quadratic_drag"})
+"""Mechanisms of a single axis whose smallest detectable size is told in any case."""
+Start = tuple[tuple[int, ...], np.ndarray]
+"""Members of a set and the parameter values its estimation starts from."""
+
+
+def leading_sets(case: Case) -> list[ScreenedSet]:
+    """Pick the sets that enter the contest: the best of each size, distinct mechanisms first."""
+    if case.screened is None:
+        return []
+    screening, super_model = case.screened.screening, case.screened.super_model
+    chosen: list[ScreenedSet] = []
+    for size, number in ((1, SINGLES), (2, PAIRS), (3, LARGER)):
+        seen: set[frozenset[str]] = set()
+        for item in (s for s in screening.sets if len(s.members) == size):
+            labels = frozenset(super_model.candidates[i].label for i in item.members)
+            if labels in seen or not screened_plausible(super_model, item):
+                continue
+            seen.add(labels)
+            chosen.append(item)
+            if len(seen) == number:
+                break
+    # A larger set is worth a contest only where it gains clearly in the weak view.
+    best = {
+        n: min((s.error for s in chosen if len(s.members) == n), default=np.inf) for n in (1, 2)
+    }
+    limit = 0.98
+    keep = [s for s in chosen if len(s.members) == 1]
+    keep += [s for s in chosen if len(s.members) == 2 and best[2] < limit * best[1]]
+    below = min(best.values())
+    keep += [s for s in chosen if len(s.members) == 3 and s.error < limit * below]
+    return sorted(keep, key=lambda s: s.error)
+
+
+def screened_plausible(super_model: SuperModel, item: ScreenedSet) -> bool:
+    """Whether a screened set obeys the order Fs >= Fc and names asymmetry beside friction only."""
+    chosen = [super_model.candidates[i] for i in item.members]
+    order = list(super_model.model.parameters)
+    for number, candidate in zip(item.members, chosen, strict=True):
+        names = super_model.names[number]
+        if candidate.mechanism == "stribeck_friction":
+            fc, fs = (item.values[order.index(names[n])] for n in ("Fc", "Fs"))
+            if not fc <= fs <= 3.0 * fc:
+                return False
+        if candidate.mechanism == "asymmetric_friction" and not _has_friction(
+            super_model.given, candidate, chosen
+        ):
+            return False
+    return True
+
+
+def _has_friction(given: object, candidate: Candidate, chosen: list[Candidate]) -> bool:
+    """Whether friction in the set or a velocity term in the model stands beside the asymmetry."""
+    beside = {"viscous_damping", "coulomb_friction", "stribeck_friction"}
+    if any(c.site == candidate.site and c.mechanism in beside for c in chosen):
+        return True
+    state = candidate.site.partition(":")[2]
+    term = given.equation_terms[state]  # type: ignore[attr-defined]  # a Model
+    return state in term.variables
+
+
+def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[Start]]:
+    """Build the super-model of the leading candidates, and where each set's estimation starts.
+
+    The first entry is re-calibration alone, the second the leading set; single sensor faults
+    come last.
+    """
+    given = case.simulator.model
+    sensors = sensor_candidates(given)
+    if case.screened is None:
+        forces = force_candidates(given, state_scale(given, case.prepared))
+        used = list(range(len(forces)))
+        super_model = SuperModel.build(given, [*forces, *sensors])
+        neutral = neutral_values(super_model)
+        starts = [((), neutral), *(((i,), neutral) for i in used)]
+        starts += [((len(used) + k,), neutral) for k in range(len(sensors))]
+        return super_model, starts
+    screened = case.screened
+    used = sorted({i for s in sets for i in s.members} | _always(screened.super_model))
+    chosen = [screened.super_model.candidates[i] for i in used]
+    super_model = SuperModel.build(given, [*chosen, *sensors])
+    order, full = list(super_model.model.parameters), list(screened.super_model.model.parameters)
+
+    def carried(item: ScreenedSet) -> np.ndarray:
+        theta = neutral_values(super_model)
+        for j in screened.super_model.base_index():
+            theta[order.index(full[j])] = item.values[j]
+        for i in item.members:
+            for own, name in screened.super_model.names[i].items():
+                target = super_model.names[used.index(i)][own]
+                theta[order.index(target)] = item.values[full.index(name)]
+        return theta
+
+    empty = carried(screened.screening.empty)
+    starts = [((), empty)]
+    starts += [(tuple(used.index(i) for i in s.members), carried(s)) for s in sets]
+    starts += [((len(used) + k,), empty) for k in range(len(sensors))]
+    return super_model, starts
+
+
+def _always(super_model: SuperModel) -> set[int]:
+    """Candidates that stand in the super-model without a set of their own."""
+    if len(super_model.given.dynamic_states) > 1:
+        return set()
+    return {i for i, c in enumerate(super_model.candidates) if c.mechanism in ALWAYS}
