@@ -110,6 +110,7 @@ def discover(
                 validation=validation or [],
                 budget=limit,
                 progress=progress,
+                command=command,
                 **options,
             )
             found.save(folder)
