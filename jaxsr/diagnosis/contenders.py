@@ -11,6 +11,7 @@ from jaxsr.diagnosis.contest import neutral_values
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.screening import ScreenedSet
 from jaxsr.diagnosis.setup import state_scale
+from jaxsr.models import Model
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.diagnose import Case
@@ -67,13 +68,13 @@ def screened_plausible(super_model: SuperModel, item: ScreenedSet) -> bool:
     return True
 
 
-def _has_friction(given: object, candidate: Candidate, chosen: list[Candidate]) -> bool:
+def _has_friction(given: Model, candidate: Candidate, chosen: list[Candidate]) -> bool:
     """Whether friction in the set or a velocity term in the model stands beside the asymmetry."""
     beside = {"viscous_damping", "coulomb_friction", "stribeck_friction"}
     if any(c.site == candidate.site and c.mechanism in beside for c in chosen):
         return True
     state = candidate.site.partition(":")[2]
-    term = given.equation_terms[state]  # type: ignore[attr-defined]  # a Model
+    term = given.equation_terms[state]
     return state in term.variables
 
 
