@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import Candidate, SuperModel
+from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contest import MIN_GAIN, Arena, Entry, correlation_length, gain, weights
 
 SIGNIFICANCE = 1e-3
@@ -194,6 +194,7 @@ def _independent(entry: Entry) -> float:
     return max(samples / correlation_length(entry.fit.residual) / entry.errors.size, 1.0)
 
 
-def equivalent(a: Candidate, b: Candidate, angle: float) -> bool:
-    """Whether two candidates act alike in the sensors (below 3 degrees)."""
-    return a.label != b.label and angle < 3.0
+def odds(super_model: SuperModel, chosen: Entry, rival: Entry, rng: np.random.Generator) -> float:
+    """Return the probability of one entry against another."""
+    price = penalties(super_model, [chosen, rival])
+    return float(weights([chosen, rival], _independent(chosen), price, rng)[0])

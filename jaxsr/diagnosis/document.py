@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxsr._result import Verdict
 from jaxsr.diagnosis.contest import Arena, Entry, enter, gain, neutral_values
-from jaxsr.diagnosis.decide import TIE, Alternative, Detection, alternatives
+from jaxsr.diagnosis.decide import TIE, Alternative, Detection, alternatives, odds
 from jaxsr.diagnosis.evidence import build_evidence, force_errors
 from jaxsr.diagnosis.explain import (
     calibration_rows,
@@ -144,7 +144,11 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
             rows.append((distance / max(half, 1e-300), name))
     if rows and p < 1e-3 and mean > 0.02:
         rows.sort(reverse=True)
-        findings = [wrong_value_row(parts, recalibrated, name, given.fit.cost) for _, name in rows]
+        probability = odds(parts.arena.super_model, recalibrated.entry, given, parts.rng)
+        findings = [
+            wrong_value_row(parts, recalibrated, name, given.fit.cost, probability)
+            for _, name in rows
+        ]
         return Judged(recalibrated, recalibrated, Verdict.PARAMETER, findings, [], True)
     unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING

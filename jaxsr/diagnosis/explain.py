@@ -9,7 +9,7 @@ import numpy as np
 from jaxsr.diagnosis.decide import Alternative
 from jaxsr.diagnosis.refine import Estimate
 from jaxsr.diagnosis.uncertainty import DETECTION, Sensitivities
-from jaxsr.models import Edit, Model, Parameter, with_values
+from jaxsr.models import Edit, Model, with_values
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.document import Ingredients
@@ -77,7 +77,7 @@ def _alternative(parts: Ingredients, other: Alternative) -> dict[str, Any]:
 
 
 def wrong_value_row(
-    parts: Ingredients, estimate: Estimate, name: str, given_cost: float
+    parts: Ingredients, estimate: Estimate, name: str, given_cost: float, probability: float
 ) -> dict[str, Any]:
     """A finding that a free parameter's given value is wrong."""
     given = parts.case.simulator.model
@@ -93,7 +93,7 @@ def wrong_value_row(
         "site": f"parameter:{name}",
         "mechanism": "wrong_value",
         "family": "parameter",
-        "probability": 0.99,
+        "probability": probability,
         "alternatives": [],
         "edit": Edit({f"parameters.{name}": changed}).as_json(),
         "term": name,
@@ -216,8 +216,3 @@ def next_experiment(parts: Ingredients, rivals: list[tuple[int, list[Alternative
     advice = [_ADVICE.get(c.family, "a richer excitation") for c in (first, second)]
     text = " and ".join(dict.fromkeys(advice))
     return f"{text[0].upper()}{text[1:]} would separate {first.label} from {second.label}."
-
-
-def added_parameters(edit: dict[str, Any]) -> dict[str, Parameter]:
-    """Parameters that an edit adds or changes."""
-    return {k.partition(".")[2]: v for k, v in edit.items() if k.startswith("parameters.")}

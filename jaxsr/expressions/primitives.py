@@ -97,9 +97,9 @@ def _same(name: str, arity: int, text: str = "", **other: Function) -> Primitive
     return Primitive(
         name,
         arity,
-        other.get("numpy", getattr(np, name, None)),  # type: ignore[arg-type]  # checked below
-        other.get("jax", getattr(jnp, name, None)),  # type: ignore[arg-type]  # checked below
-        other.get("sympy", getattr(sympy, name, None)),  # type: ignore[arg-type]  # checked below
+        other.get("numpy", getattr(np, name, None)),  # type: ignore[arg-type]  # every name given exists
+        other.get("jax", getattr(jnp, name, None)),  # type: ignore[arg-type]  # every name given exists
+        other.get("sympy", getattr(sympy, name, None)),  # type: ignore[arg-type]  # every name given exists
         text or name,
     )
 
