@@ -1,60 +1,22 @@
-"""Unit checks with pint, on whitelisted unit text."""
+"""Unit checks of a model file, in pint's dimensionalities."""
 
 from __future__ import annotations
 
-import re
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
-
-import pint
 
 from jaxsr._result import InputError
 from jaxsr.expressions import Term, to_text
+from jaxsr.expressions.dimensions import dimensionality as dimension
 
 if TYPE_CHECKING:
     from jaxsr.models.model import Model
 
-_TOKEN = re.compile(r"\s*(\*\*|[*/^()]|-?\d{1,2}(?:\.\d{1,3})?|[A-Za-zµΩ°%]+)")
-_MAX_EXPONENT = 9.0
 # Functions whose argument must have no dimension, or loses it.
 _SCALE_FREE = frozenset(
     "sin cos tan asin acos atan atan2 sinh cosh tanh exp log sign heaviside".split()
 )
 # A whole signature of dimensions; None stands for "not known" and silences the check.
 Dimension = Any
-
-
-@lru_cache(maxsize=1)
-def _registry() -> pint.UnitRegistry:
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
-
-
-@lru_cache(maxsize=512)
-def dimension(text: str, where: str = "") -> Dimension:
-    """Return the dimension of a unit text such as ``"N*s/m"``; ``"1"`` is dimensionless.
-
-    Raises
-    ------
-    InputError
-        The text holds anything but unit names, ``* / ^ **``, brackets and small powers.
-    """
-    position, power = 0, False
-    while position < len(text.rstrip()):
-        match = _TOKEN.match(text, position)
-        if match is None:
-            raise InputError(f"unit {text!r} is not a unit", where, "Write e.g. N*s/m or m/s^2")
-        token, position = match.group(1), match.end()
-        if token[-1].isdigit() and abs(float(token)) > (_MAX_EXPONENT if power else 1.0):
-            raise InputError(f"unit {text!r}: number {token} is out of place", where)
-        power = token in ("**", "^")
-    try:
-        return (
-            _registry().Unit(text.replace("^", "**") if text.strip() != "1" else "").dimensionality
-        )
-    except (pint.PintError, TypeError, ValueError, AttributeError, SyntaxError):
-        raise InputError(
-            f"unknown unit {text!r}", where, "Write e.g. m/s, N*s/m, kg*m^2 or 1"
-        ) from None
 
 
 def check_units(model: Model, source: str) -> None:
