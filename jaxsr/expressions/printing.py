@@ -18,13 +18,17 @@ def number_text(value: float, digits: int | None = None) -> str:
     """Print a number: shortest text that reads back exactly, or `digits` significant ones."""
     if digits is not None:
         value = float(f"{value:.{digits}g}")
-    if value == int(value) and abs(value) < 1e15:
+    if _is_whole(value):
         return str(int(value)) if digits is not None else repr(float(value))
     return repr(float(value))
 
 
+def _is_whole(value: float) -> bool:
+    return abs(value) < 1e15 and value == int(value)
+
+
 def to_text(term: Term, digits: int | None = None) -> str:
-    """Print a term in the model grammar.
+    """Print a term in the model grammar; whole exponents read ``x**2``, other numbers ``2.0``.
 
     Parameters
     ----------
@@ -69,10 +73,16 @@ def _binary(term: Term, digits: int | None) -> tuple[str, int]:
     left, right = term.args
     if term.op == "pow":
         a = _wrap(left, digits, _ATOM)
-        b = _wrap(right, digits, _ATOM)
-        return f"{a}**{b}", precedence
+        return f"{a}**{_exponent(right, digits)}", precedence
     a = _wrap(left, digits, precedence)
     # Operators group to the left, so a right operand of equal rank keeps its brackets.
     b = _wrap(right, digits, precedence + 1)
     gap = " " if precedence == 2 else ""
     return f"{a}{gap}{_SYMBOL[term.op]}{gap}{b}", precedence
+
+
+def _exponent(term: Term, digits: int | None) -> str:
+    if not (term.is_constant and _is_whole(term.value)):
+        return _wrap(term, digits, _ATOM)
+    whole = int(term.value)
+    return f"{whole}" if whole >= 0 else f"({whole})"
