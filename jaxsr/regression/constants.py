@@ -1,26 +1,21 @@
-r"""Inner constants by variable projection.
-
-Coefficients enter linearly, so only the constants inside terms are searched:
-:math:`\min_c \| P^\perp_{\Theta(c)}\, y \|`, with Kaufman's Jacobian
-:math:`J = -P^\perp_\Theta\, (\partial\Theta/\partial c)\,\xi` and Levenberg-Marquardt steps.
-"""
+"""The search over constants inside terms: its limits, and the one call to it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxsr._result import InputError
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
+from jaxsr.regression.marquardt import levenberg_marquardt
+from jaxsr.regression.slopes import Form, constants_of
 
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem
-
-# Central differences at the cube root of the float64 rounding: error about 1e-11.
-_STEP = 6e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,159 +30,58 @@ class Refinement:
         Loss relative to the target's at which a fit is exact to rounding.
     most_constants : int
         Individuals with more inner constants are left alone: they are not identifiable.
+    gain : float
+        A step that lowers the loss by less than this share of it, or promises no more, is the
+        last.
+    reach : float
+        Longest step of a constant relative to its size (or to one, for smaller constants).
     """
 
     iterations: int = 15
     floor: float = 1e-22
     most_constants: int = 10
+    gain: float = 1e-6
+    reach: float = 10.0
+
+    def __post_init__(self) -> None:
+        if self.iterations < 0 or self.most_constants < 0:
+            raise InputError("iterations and most_constants must not be negative", "Refinement")
+        if not self.reach > 0.0:
+            raise InputError(f"reach must be positive, got {self.reach}", "Refinement")
 
 
-def constants_of(term: Term) -> list[float]:
-    """Return the inner constants that may move, in preorder; whole exponents stay whole.
+def refine_many(
+    problem: RegressionProblem, sets: Sequence[Sequence[Term]], limits: Refinement | None = None
+) -> list[tuple[tuple[Term, ...], float]]:
+    """Move the inner constants of every set of terms to a local minimum of its loss.
 
-    A term that is itself a constant has none: its coefficient says it all.
+    Returns
+    -------
+    list of (terms, loss)
+        In the order of ``sets``: the given terms where nothing better was found, and the residual
+        sum of squares relative to the target's; inf where a term is not finite.
     """
-    return [leaf.value for leaf in _free(term)] if term.args else []
-
-
-def with_constants(term: Term, values: Iterator[float]) -> Term:
-    """Return the term with its movable constants taken from ``values``, in preorder."""
-    if not term.args:
-        return term
-    args = []
-    for place, arg in enumerate(term.args):
-        if arg.is_constant and not _is_whole_exponent(term, place):
-            args.append(Term.constant(next(values)))
-        else:
-            args.append(with_constants(arg, values))
-    return Term.apply(term.op, *args)
-
-
-def _free(term: Term) -> Iterator[Term]:
-    if term.op == "constant":
-        yield term
-    for place, arg in enumerate(term.args):
-        if not _is_whole_exponent(term, place):
-            yield from _free(arg)
-
-
-def _is_whole_exponent(term: Term, place: int) -> bool:
-    arg = term.args[place]
-    return (
-        term.op == "pow" and place == 1 and arg.op == "constant" and float(arg.value).is_integer()
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Point:
-    terms: tuple[Term, ...]
-    basis: Array
-    xi: Array
-    residual: Array
-    loss: float
+    return levenberg_marquardt(problem, sets, limits or Refinement())
 
 
 def refine(
     problem: RegressionProblem, terms: Sequence[Term], limits: Refinement | None = None
 ) -> tuple[tuple[Term, ...], float]:
-    """Move the inner constants of ``terms`` to a local minimum of the loss.
-
-    Returns
-    -------
-    terms : tuple of Term
-        The given ones where nothing better was found.
-    loss : float
-        Residual sum of squares relative to the target's; inf where a term is not finite.
-
-    References
-    ----------
-    Golub and Pereyra (1973); Kaufman (1975), BIT 15, 49-57.
-    """
-    limits = limits or Refinement()
-    point = _point(problem, tuple(terms))
-    start = np.array([c for term in terms for c in constants_of(term)])
-    total = problem.total or 1.0
-    if point is None:
-        return tuple(terms), np.inf
-    if not 0 < len(start) <= limits.most_constants:
-        return tuple(terms), point.loss / total
-    damping, c, gradient = 1e-3, start, None
-    for _ in range(limits.iterations):
-        if point.loss <= limits.floor * total:
-            break
-        if gradient is None:
-            gradient = _jacobian(problem, point)
-        moved = _step(problem, point, gradient, c, damping)
-        if moved is None:
-            damping *= 8.0
-            if damping > 1e6:
-                break
-            continue
-        fall = 1.0 - moved[0].loss / point.loss
-        point, c = moved
-        gradient, damping = None, damping / 6.0
-        if fall < 1e-6:
-            break
-    return point.terms, point.loss / total
-
-
-def _point(problem: RegressionProblem, terms: tuple[Term, ...]) -> _Point | None:
-    theta = problem.projected(terms)
-    if not np.all(np.abs(theta) < 1e100):  # also where not finite
-        return None
-    norms = np.linalg.norm(theta, axis=0)
-    if not np.all(norms > 1e-100):
-        return None
-    basis, upper = np.linalg.qr(theta / norms)
-    diagonal = np.abs(np.diag(upper))
-    if len(diagonal) and diagonal.min() < 1e-10:
-        return None
-    shares = basis.T @ problem.target
-    residual = problem.target - basis @ shares
-    # a second pass restores what cancellation took from an almost exact fit
-    residual -= basis @ (basis.T @ residual)
-    xi = np.linalg.solve(upper, shares) / norms
-    return _Point(terms, basis, xi, residual, float(residual @ residual))
+    """Move the inner constants of one set of terms; see :func:`refine_many`."""
+    return refine_many(problem, [terms], limits)[0]
 
 
 def constant_slopes(problem: RegressionProblem, terms: Sequence[Term], xi: Array) -> Array:
-    """Return d(theta xi)/dc (rows, constants) by central differences, in preorder of constants."""
-    owner = [j for j, term in enumerate(terms) for _ in constants_of(term)]
-    if not owner:
+    """Return d(theta xi)/dc (rows, constants), exact, in preorder of constants."""
+    slopes = []
+    for term, weight in zip(terms, xi, strict=True):
+        values = constants_of(term)
+        if not values:
+            continue
+        _, tangents = Form.of(term).columns(np.array([values]), problem.cache.column)
+        for place in range(len(values)):
+            slope = np.broadcast_to(tangents.get(place, 0.0), (1, problem.samples))[0]
+            slopes.append(weight * slope)
+    if not slopes:
         return np.zeros((problem.rows, 0))
-    shifted: list[Term] = []
-    steps: list[float] = []
-    for term in terms:
-        own = constants_of(term)
-        for k, value in enumerate(own):
-            steps.append(_STEP * max(abs(value), 1e-2))
-            for sign in (1.0, -1.0):
-                values = list(own)
-                values[k] += sign * steps[-1]
-                shifted.append(with_constants(term, iter(values)))
-    columns = problem.projected(shifted)
-    with np.errstate(invalid="ignore", over="ignore"):
-        slope = (columns[:, 0::2] - columns[:, 1::2]) / (2.0 * np.array(steps)) * xi[owner]
-    return np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
-
-
-def _jacobian(problem: RegressionProblem, point: _Point) -> Array:
-    """Return dresidual/dc, Kaufman's form."""
-    slope = constant_slopes(problem, point.terms, point.xi)
-    return -(slope - point.basis @ (point.basis.T @ slope))
-
-
-def _step(
-    problem: RegressionProblem, point: _Point, jacobian: Array, c: Array, damping: float
-) -> tuple[_Point, Array] | None:
-    """Return the point after one damped step, or None if it is no better."""
-    scale = np.linalg.norm(jacobian, axis=0)
-    scale = np.where(scale > 0.0, scale, 1.0)
-    unit = jacobian / scale
-    normal = unit.T @ unit + damping * np.eye(len(c))
-    moved = c - np.linalg.solve(normal, unit.T @ point.residual) / scale
-    if not np.all(np.isfinite(moved)):
-        return None
-    values = iter(moved)
-    after = _point(problem, tuple(with_constants(term, values) for term in point.terms))
-    return (after, moved) if after is not None and after.loss < point.loss else None
+    return np.nan_to_num(problem.seen(np.column_stack(slopes)), nan=0.0, posinf=0.0, neginf=0.0)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxsr._result import InputError
 from jaxsr.evaluation.cache import ColumnCache
 from jaxsr.expressions.term import Term
-from jaxsr.regression.constants import Refinement, refine
+from jaxsr.regression.constants import Refinement, refine, refine_many
 from jaxsr.regression.gram import Array, gather_gram, scale_columns
 from jaxsr.regression.ridge import least_squares, solve_ridge
 from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies
@@ -92,6 +92,7 @@ class RegressionProblem:
         self.threshold = threshold or HardThreshold()
         self.refinement = refinement or Refinement()
         self.rows = len(self.y)
+        self.samples = next((len(v) for v in self.variables.values()), self.rows)
         self._check_shapes()
         self.fixed = np.zeros((self.rows, 0)) if fixed is None else np.asarray(fixed, float)
         if self.fixed.shape[0] != self.rows:
@@ -126,14 +127,20 @@ class RegressionProblem:
 
     def columns(self, terms: Sequence[Term], *, keep: bool = True) -> Array:
         """Return the viewed columns (rows, terms); what is not finite stays so."""
-        samples = np.column_stack([self.cache.column(term, keep=keep) for term in terms])
+        return self._viewed(np.column_stack([self.cache.column(term, keep=keep) for term in terms]))
+
+    def _viewed(self, samples: Array) -> Array:
         if self.view is None:
             return samples
         finite = np.all(np.isfinite(samples), axis=0)
-        viewed = np.full((self.rows, len(terms)), np.nan)
+        viewed = np.full((self.rows, samples.shape[1]), np.nan)
         if np.any(finite):
             viewed[:, finite] = self.view(samples[:, finite])
         return viewed
+
+    def seen(self, samples: Array) -> Array:
+        """Return columns of samples in the view, without what the fixed columns explain."""
+        return self._project(self._viewed(samples))
 
     def projected(self, terms: Sequence[Term], *, keep: bool = False) -> Array:
         """Return the viewed columns without what the fixed columns explain."""
@@ -233,6 +240,10 @@ class RegressionProblem:
     def refine(self, terms: Sequence[Term]) -> tuple[tuple[Term, ...], float]:
         """Move inner constants to a local minimum; see :func:`jaxsr.regression.refine`."""
         return refine(self, terms, self.refinement)
+
+    def refine_many(self, sets: Sequence[Sequence[Term]]) -> list[tuple[tuple[Term, ...], float]]:
+        """Move inner constants of many sets at once; see :func:`jaxsr.regression.refine_many`."""
+        return refine_many(self, sets, self.refinement)
 
     def frequencies(self, terms: Sequence[Term], variable: str, count: int) -> list[float]:
         """Return frequencies in the residual; see :func:`residual_frequencies`."""
