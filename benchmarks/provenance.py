@@ -1,0 +1,45 @@
+"""What a committed result says of itself: machine, versions, seeds, command."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jaxsr
+from jaxsr._files import atomic_write_text, dump_json
+
+RESULTS = Path(__file__).parent / "results"
+_PACKAGES = ("jax", "numpy", "scipy", "sympy", "pyoperon", "pysindy")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of what is installed."""
+    out = {"jaxsr": jaxsr.__version__, "python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            out[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            out[name] = "not installed"
+    return out
+
+
+def machine() -> str:
+    """Return processor, system and number of cores in a line."""
+    return f"{platform.machine()}, {platform.system()}, {os.cpu_count()} cores"
+
+
+def write(name: str, title: str, seeds: Sequence[int], body: dict[str, Any]) -> None:
+    """Write ``results/NAME.json``: the title, the body, seeds, versions, machine."""
+    document = {
+        "case": title,
+        **body,
+        "seeds": list(seeds),
+        "versions": versions(),
+        "machine": machine(),
+    }
+    atomic_write_text(RESULTS / f"{name}.json", dump_json(document))
+    print(f"written: benchmarks/results/{name}.json")
