@@ -122,12 +122,16 @@ def levenberg_marquardt(
         the target's, inf where a term is not finite.
     """
     out: list[tuple[tuple[Term, ...], float]] = [(tuple(terms), np.inf) for terms in sets]
-    owned = [[k for k, term in enumerate(terms) if constants_of(term)] for terms in sets]
     counts = [sum(len(constants_of(t)) for t in terms) for terms in sets]
+    counts = [count if count <= limits.most_constants else 0 for count in counts]
+    owned = [
+        [k for k, term in enumerate(terms) if count and constants_of(term)]
+        for terms, count in zip(sets, counts, strict=True)
+    ]
     # sets of about as many constants together: little padding, few passes
     buckets: dict[int, list[int]] = {}
     for place, count in enumerate(counts):
-        buckets.setdefault(max(count - 1, 0).bit_length() if count else -1, []).append(place)
+        buckets.setdefault((count > 0) + (count > 3), []).append(place)
     widest = max((len(terms) for terms in sets), default=1)
     step = max(1, _CHUNK_BYTES // (8 * problem.rows * (3 * widest + 10)))
     for members in buckets.values():
@@ -312,10 +316,7 @@ def _descend(batch: Sets, limits: Refinement, total: float) -> tuple[Array, Arra
     every = np.arange(len(batch.start))
     c, damping = batch.start.copy(), np.full(len(every), 1e-3)
     point = evaluate(batch, c, every)
-    counts = np.array([0] * len(every))
-    for group in batch.groups:
-        np.add.at(counts, group.sets, group.form.constants)
-    live = np.isfinite(point.loss) & (counts > 0) & (counts <= limits.most_constants)
+    live = np.isfinite(point.loss) & np.any(batch.used, axis=1)
     matrix = np.zeros((*c.shape, c.shape[1]))
     moment, stale = np.zeros_like(c), np.ones(len(every), dtype=bool)
     for _ in range(limits.iterations):
