@@ -11,8 +11,7 @@ from jaxsr.evaluation import ColumnCache
 from jaxsr.expressions.term import Term
 from jaxsr.regression import Fit, RegressionProblem
 
-# Relative mean square below which two fits are both exact: a millionth of the target's rms.
-_EXACT = 1e-12
+_SAME = 9.0  # fits within three times the error of the target itself are both exact
 _BLOCKS = 20
 # A tenth of the rms error does not pay for another term: recordings are never quite of the
 # class of models searched, and with thousands of samples any term becomes significant.
@@ -46,6 +45,7 @@ def choose(
     sets: Sequence[Sequence[Term]],
     variables: Mapping[str, np.ndarray],
     y: np.ndarray,
+    weights: np.ndarray | None = None,
 ) -> tuple[list[Candidate], int]:
     """Fit every set on ``problem``, judge it on other rows, pick the least that is as good.
 
@@ -53,7 +53,8 @@ def choose(
     errors above its own by no more than one standard error of the difference, taken over
     consecutive blocks of rows: neighbours in time are not independent, and pairing removes what
     all candidates share. The fewest terms come first; between sets of equally many terms the
-    smaller wins if it is as good by the standard error, or within 2 %.
+    smaller wins if it is as good by the standard error, or within 2 %. Fits that leave no more than
+    the errors of the target itself are equally good.
 
     Returns
     -------
@@ -61,10 +62,11 @@ def choose(
         Smallest first.
     pick : int
     """
+    w = np.ones(len(y)) if weights is None else weights
     candidates, squares = [], []
     for terms in sets:
         fit = problem.fit(terms)
-        error = (y - predict(fit.terms, fit.coefficients, variables)) ** 2
+        error = (w * (y - predict(fit.terms, fit.coefficients, variables))) ** 2
         mse = float(np.mean(error)) if np.all(np.isfinite(error)) else np.inf
         size = sum(1 + term.size for term in terms)
         candidates.append(Candidate(fit, size, fit.loss, mse))
@@ -73,7 +75,7 @@ def choose(
     candidates, squares = [candidates[k] for k in order], [squares[k] for k in order]
     errors = np.array([c.validation_mse for c in candidates])
     terms = np.array([len(c.fit.terms) for c in candidates])
-    floor = _EXACT * float(np.mean(y**2))
+    floor = _SAME * problem.floor * float(np.mean((w * y) ** 2))
     good = _as_good(squares, errors, floor) | (errors <= _WORTH * np.min(errors))
     fewest = terms == np.min(terms[good])
     # among sets of that many terms size decides only where the errors do not

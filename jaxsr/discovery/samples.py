@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from jaxsr._result import InputError
+from jaxsr.discovery.treatment import estimated_derivative
 from jaxsr.expressions import is_identifier
 from jaxsr.recordings import Recording
-from jaxsr.views import derivative
 
 _EDGE = 4  # samples at each end at which an estimated derivative is one-sided
 
@@ -30,6 +30,8 @@ class Roles:
     inputs : tuple of str
     time : str
         Symbol of time.
+    autonomous : bool
+        Whether time is kept out of the equations.
     """
 
     states: tuple[str, ...]
@@ -37,6 +39,7 @@ class Roles:
     rate_of: dict[str, str]
     inputs: tuple[str, ...]
     time: str
+    autonomous: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +56,15 @@ class Samples:
         Number of the recording.
     estimated : frozenset of str
         States whose derivative was computed from their samples.
+    errors : dict of str to ndarray, (rows,)
+        Standard error of a computed derivative, where it is known.
     """
 
     variables: dict[str, np.ndarray]
     targets: dict[str, np.ndarray]
     group: np.ndarray
     estimated: frozenset[str]
+    errors: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.group)
@@ -70,6 +76,7 @@ class Samples:
             {k: v[rows] for k, v in self.targets.items()},
             self.group[rows],
             self.estimated,
+            {k: v[rows] for k, v in self.errors.items()},
         )
 
 
@@ -113,48 +120,42 @@ def roles(
 def samples(recordings: Sequence[Recording], roles: Roles) -> Samples:
     """Collect the rows of recordings; rows in which anything is missing are left out."""
     parts = [_of_one(recording, roles) for recording in recordings]
-    group = np.concatenate([np.full(len(p[0][roles.time]), k) for k, p in enumerate(parts)])
-    variables = {n: np.concatenate([p[0][n] for p in parts]) for n in parts[0][0]}
-    targets = {n: np.concatenate([p[1][n] for p in parts]) for n in roles.states}
+    group = np.concatenate([np.full(len(p), k) for k, p in enumerate(parts)])
+    variables = {n: np.concatenate([p.variables[n] for p in parts]) for n in parts[0].variables}
+    targets = {n: np.concatenate([p.targets[n] for p in parts]) for n in roles.states}
     complete = np.all([np.isfinite(v) for v in (*variables.values(), *targets.values())], axis=0)
     if not np.any(complete):
         names = ", ".join(recording.name for recording in recordings)
         raise InputError("no sample has every state, input and derivative", names)
-    estimated = frozenset().union(*(p[2] for p in parts))
-    return Samples(variables, targets, group, estimated).take(np.flatnonzero(complete))
+    estimated = frozenset().union(*(p.estimated for p in parts))
+    known = set.intersection(*(set(p.errors) for p in parts))
+    errors = {n: np.concatenate([p.errors[n] for p in parts]) for n in sorted(known)}
+    return Samples(variables, targets, group, estimated, errors).take(np.flatnonzero(complete))
 
 
-def _of_one(
-    recording: Recording, roles: Roles
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], frozenset[str]]:
+def _of_one(recording: Recording, roles: Roles) -> Samples:
     t = recording.time
-    values = {roles.time: t}
-    estimated: set[str] = set()
     displacement = {rate: q for q, rate in roles.rate_of.items()}
-    measured_rate = set()
+    computed = {r for r in displacement if r not in recording.channels}
+    values = {roles.time: t}
     for name in (*roles.states, *roles.inputs):
-        if name in displacement and name not in recording.channels:
-            values[name] = derivative(t, values[displacement[name]])
-        else:
-            values[name] = recording.channel(name)
-            measured_rate.add(name)
-    targets = {}
+        source = displacement[name] if name in computed else name
+        signal = recording.channel(source)
+        values[name] = estimated_derivative(t, signal)[0] if name in computed else signal
+    targets, errors = {}, {}
     for state in roles.states:
         if state in roles.rate_of:
             targets[state] = values[roles.rate_of[state]]
         elif state in roles.derivatives:
             targets[state] = recording.channel(roles.derivatives[state])
-        elif state in displacement and state not in measured_rate:
-            targets[state] = derivative(t, values[displacement[state]], order=2)
-            estimated.add(state)
         else:
-            targets[state] = derivative(t, values[state])
-            estimated.add(state)
-    if estimated and len(t) > 10 * _EDGE:
-        inside = slice(_EDGE, -_EDGE)
-        values = {k: v[inside] for k, v in values.items()}
-        targets = {k: v[inside] for k, v in targets.items()}
-    return values, targets, frozenset(estimated)
+            twice = state in computed
+            signal = values[displacement[state] if twice else state]
+            targets[state], errors[state] = estimated_derivative(t, signal, 2 if twice else 1)
+    known = {n: e for n, e in errors.items() if e is not None}
+    part = Samples(values, targets, np.zeros(len(t), int), frozenset(errors), known)
+    rough = len(known) < len(errors) or computed
+    return part.take(np.arange(_EDGE, len(t) - _EDGE)) if rough and len(t) > 10 * _EDGE else part
 
 
 def hold_back(group: np.ndarray, share: float = 0.25, count: int = 8) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from jaxsr._result import InputError
 from jaxsr.evaluation.cache import ColumnCache
 from jaxsr.expressions.term import Term
 from jaxsr.regression.constants import Refinement, refine, refine_many
+from jaxsr.regression.dictionary import Dictionary
 from jaxsr.regression.gram import Array, gather_gram, scale_columns
 from jaxsr.regression.ridge import least_squares, solve_ridge
 from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies
@@ -63,6 +64,8 @@ class RegressionProblem:
         search over inner constants.
     time : str
         Name of the variable that is time, if it is among the variables.
+    floor : float
+        Relative loss that errors of the target itself leave; a fit that good is exact.
     limit_bytes : int
         Memory for stored columns; what one call needs is held in any case.
     """
@@ -78,6 +81,7 @@ class RegressionProblem:
         threshold: HardThreshold | None = None,
         refinement: Refinement | None = None,
         time: str = "t",
+        floor: float = 1e-20,
         limit_bytes: int = 192 * 2**20,
     ) -> None:
         self.y = np.asarray(y, dtype=np.float64)
@@ -89,6 +93,8 @@ class RegressionProblem:
         self.view = view
         self.ridge = ridge
         self.time = time
+        self.floor = floor
+        self._dictionaries: dict[Hashable, Dictionary] = {}
         self.threshold = threshold or HardThreshold()
         self.refinement = refinement or Refinement()
         self.rows = len(self.y)
@@ -236,6 +242,12 @@ class RegressionProblem:
         gain = np.where(left > 1e-6, (store @ residual) ** 2 / np.maximum(left, 1e-6), -1.0)
         best = np.argsort(-gain)[:count]
         return [self._terms[k] for k in best if gain[k] > 0.0]
+
+    def dictionary(self, key: Hashable, make: Callable[[], Sequence[Term]]) -> Dictionary:
+        """Return the candidate columns known as ``key``, made at the first call."""
+        if key not in self._dictionaries:
+            self._dictionaries[key] = Dictionary(self, make())
+        return self._dictionaries[key]
 
     def refine(self, terms: Sequence[Term]) -> tuple[tuple[Term, ...], float]:
         """Move inner constants to a local minimum; see :func:`jaxsr.regression.refine`."""

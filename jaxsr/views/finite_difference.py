@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxsr._result import InputError
 
-ACCURACIES = (2, 4, 6)
+ACCURACIES = (2, 4, 6, 8)
 _CHUNK = 20_000
 
 
@@ -26,7 +26,7 @@ def finite_difference(
     derivative : int
         1 or 2.
     accuracy : int
-        Order of accuracy in the sample time: 2, 4 or 6, up to the ends, where one-sided
+        Order of accuracy in the sample time: 2, 4, 6 or 8, up to the ends, where one-sided
         stencils take one point more.
 
     Returns

@@ -1,0 +1,65 @@
+"""A fixed set of candidate columns, searched for what a residual holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxsr.expressions.term import Term
+
+if TYPE_CHECKING:
+    from jaxsr.regression.problem import RegressionProblem
+
+_CHUNK = 256
+_NEW = 1e-6  # share of a column's square that must be new beside the terms already there
+
+
+class Dictionary:
+    """Unit-norm columns of candidate terms in a problem's view, made once.
+
+    float32 is enough: only an order of merit is read from them.
+
+    Parameters
+    ----------
+    problem : RegressionProblem
+    terms : sequence of Term
+        Candidates; those without finite columns are left out.
+    """
+
+    def __init__(self, problem: RegressionProblem, terms: Sequence[Term]) -> None:
+        self._problem = problem
+        kept: list[Term] = []
+        columns = [np.zeros((0, problem.rows), np.float32)]
+        for start in range(0, len(terms), _CHUNK):
+            part = list(terms[start : start + _CHUNK])
+            with np.errstate(all="ignore"):
+                found = problem.projected(part)
+                norms = np.linalg.norm(found, axis=0)
+                full = np.linalg.norm(problem.columns(part, keep=False), axis=0)
+            usable = np.isfinite(norms) & (norms < 1e100) & (norms > 1e-9 * full)
+            kept += [term for term, ok in zip(part, usable, strict=True) if ok]
+            columns.append((found[:, usable] / norms[usable]).T.astype(np.float32))
+        self.terms = tuple(kept)
+        self.columns: NDArray[np.float32] = np.concatenate(columns)
+
+    def best(self, terms: Sequence[Term], count: int) -> list[Term]:
+        """Return the candidates that would lower the loss most if added to ``terms``."""
+        if not self.terms:
+            return []
+        problem = self._problem
+        theta = problem.projected(terms, keep=True)
+        basis = np.linalg.qr(theta / np.linalg.norm(theta, axis=0))[0] if len(terms) else theta
+        if not np.all(np.isfinite(basis)):
+            return []
+        residual = problem.target - basis @ (basis.T @ problem.target)
+        size = float(np.linalg.norm(residual)) or 1.0
+        shares = self.columns @ (residual / size).astype(np.float32)
+        left = 1.0 - np.sum((self.columns @ basis.astype(np.float32)) ** 2, axis=1)
+        gain = np.where(left > _NEW, shares**2 / np.maximum(left, _NEW), -1.0)
+        count = min(count, len(gain))
+        some = np.argpartition(-gain, count - 1)[:count]
+        order = some[np.argsort(-gain[some], kind="stable")]
+        return [self.terms[k] for k in order if gain[k] > 0.0]
