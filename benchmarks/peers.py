@@ -52,7 +52,7 @@ def operon(columns: Mapping[str, np.ndarray], y: np.ndarray, seed: int, seconds:
         random_state=seed,
     )
     began = time.perf_counter()
-    model.fit(X, y)
+    model.fit(X, np.array(y))  # a copy: it takes no read-only array
     spent = time.perf_counter() - began
     text = model.get_model_string(model.model_, precision=17)
     known: dict[str, Any] = {f"X{k + 1}": sympy.Symbol(n, real=True) for k, n in enumerate(names)}
