@@ -12,7 +12,8 @@ from jaxsr._result import InputError
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
 from jaxsr.regression.marquardt import levenberg_marquardt
-from jaxsr.regression.slopes import Form, constants_of
+from jaxsr.regression.projection import batches
+from jaxsr.regression.slopes import Form, constants_of, with_constants
 
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem
@@ -61,7 +62,18 @@ def refine_many(
         In the order of ``sets``: the given terms where nothing better was found, and the residual
         sum of squares relative to the target's; inf where a term is not finite.
     """
-    return levenberg_marquardt(problem, sets, limits or Refinement())
+    limits = limits or Refinement()
+    total = problem.total or 1.0
+    out: list[tuple[tuple[Term, ...], float]] = [(tuple(terms), np.inf) for terms in sets]
+    for places, batch in batches(problem, sets, limits.most_constants):
+        constants, loss = levenberg_marquardt(batch, limits, total)
+        for row, place in enumerate(places):
+            terms = sets[place]
+            if np.any(batch.used[row]):
+                moved = iter(constants[row].tolist())
+                terms = [with_constants(term, moved) for term in terms]
+            out[place] = (tuple(terms), float(loss[row] / total))
+    return out
 
 
 def refine(

@@ -12,6 +12,7 @@ from jaxsr.evaluation.cache import ColumnCache
 from jaxsr.expressions.term import Term
 from jaxsr.regression.constants import Refinement, refine, refine_many
 from jaxsr.regression.dictionary import Dictionary
+from jaxsr.regression.elimination import eliminate
 from jaxsr.regression.gram import Array, gather_gram, scale_columns
 from jaxsr.regression.ridge import least_squares, solve_ridge
 from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies
@@ -145,8 +146,17 @@ class RegressionProblem:
         return viewed
 
     def seen(self, samples: Array) -> Array:
-        """Return columns of samples in the view, without what the fixed columns explain."""
-        return self._project(self._viewed(samples))
+        """Return columns of samples in the view, without what the fixed columns explain.
+
+        A column that the fixed ones explain whole comes back as NaN.
+        """
+        viewed = self._viewed(samples)
+        if not self._basis.shape[1]:
+            return viewed
+        with np.errstate(all="ignore"):  # a column that is not finite stays so
+            left = self._project(viewed)
+            own = np.linalg.norm(left, axis=0) > _DEPENDENT * np.linalg.norm(viewed, axis=0)
+        return np.where(own, left, np.nan)
 
     def projected(self, terms: Sequence[Term], *, keep: bool = False) -> Array:
         """Return the viewed columns without what the fixed columns explain."""
@@ -248,6 +258,10 @@ class RegressionProblem:
         if key not in self._dictionaries:
             self._dictionaries[key] = Dictionary(self, make())
         return self._dictionaries[key]
+
+    def eliminate(self, terms: Sequence[Term], most: int) -> list[tuple[tuple[Term, ...], float]]:
+        """Remove terms one by one; see :func:`jaxsr.regression.elimination.eliminate`."""
+        return eliminate(self, terms, most)
 
     def refine(self, terms: Sequence[Term]) -> tuple[tuple[Term, ...], float]:
         """Move inner constants to a local minimum; see :func:`jaxsr.regression.refine`."""

@@ -8,18 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from jaxsr.expressions.primitives import PRIMITIVES
+from jaxsr.expressions.primitives import DISCONTINUOUS, PRIMITIVES
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
 
 # Central differences at the cube root of the float64 rounding: error about 1e-11.
 _STEP = 6e-6
 
-Values = list[Any]
 Tangents = dict[int, Any]
 
 # Partial derivatives (one for each argument) from the arguments and the value.
@@ -45,46 +44,44 @@ _PARTIALS: dict[str, Callable[..., tuple[Any, ...]]] = {
     "atan2": lambda a, b, f: (b / (a**2 + b**2), -a / (a**2 + b**2)),
     "abs": lambda a, f: (np.sign(a),),
 }
-_FLAT = frozenset({"sign", "floor", "heaviside", "lt", "le", "gt", "ge", "eq", "ne"}) | {
-    "and",
-    "or",
-    "not",
-}
-
-
-def is_whole_exponent(term: Term, place: int) -> bool:
-    """Tell whether an argument is a whole exponent: it is part of the form, not a constant."""
-    arg = term.args[place]
-    return term.op == "pow" and place == 1 and arg.is_constant and float(arg.value).is_integer()
+_FLAT = DISCONTINUOUS | {"and", "or", "not"}
+_KNOWN = _FLAT | _PARTIALS.keys() | {"max", "min", "piecewise"}
 
 
 def constants_of(term: Term) -> list[float]:
-    """Return the inner constants that may move, in preorder; whole exponents stay whole.
+    """Return the inner constants that may move, in preorder.
 
-    A term that is itself a constant has none: its coefficient says it all.
+    Whole exponents are part of the form, and a factor of the whole term is its coefficient's.
     """
-    return [leaf.value for leaf in _free(term)] if term.args else []
+    return [leaf.value for leaf in _movable(term, outer=True)]
 
 
 def with_constants(term: Term, values: Iterator[float]) -> Term:
     """Return the term with its movable constants taken from ``values``, in preorder."""
+    return _replaced(term, values, outer=True)
+
+
+def _replaced(term: Term, values: Iterator[float], outer: bool) -> Term:
+    if term.is_constant:
+        return term if outer else Term.constant(next(values))
     if not term.args:
         return term
-    args = []
-    for place, arg in enumerate(term.args):
-        if arg.is_constant and not is_whole_exponent(term, place):
-            args.append(Term.constant(next(values)))
-        else:
-            args.append(with_constants(arg, values))
-    return Term.apply(term.op, *args)
+    return Term(term.op, tuple(_replaced(a, values, still) for a, still in _parts(term, outer)))
 
 
-def _free(term: Term) -> Iterator[Term]:
-    if term.op == "constant":
+def _movable(term: Term, outer: bool) -> Iterator[Term]:
+    if term.is_constant and not outer:
         yield term
+    for arg, still in _parts(term, outer):
+        yield from _movable(arg, still)
+
+
+def _parts(term: Term, outer: bool) -> Iterator[tuple[Term, bool]]:
+    """Yield the arguments, and whether a constant that stands there is none that moves."""
+    factors = outer and term.op in ("mul", "div", "neg")
     for place, arg in enumerate(term.args):
-        if not is_whole_exponent(term, place):
-            yield from _free(arg)
+        whole = arg.is_constant and float(arg.value).is_integer()
+        yield arg, factors or (whole and term.op == "pow" and place == 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,50 +94,62 @@ class Node:
     args: tuple[int, ...] = ()
 
 
+class ColumnOf(Protocol):
+    """A cache's way to a term's column (samples,)."""
+
+    def __call__(self, term: Term, *, keep: bool = True) -> Array: ...
+
+
 @dataclass(frozen=True, slots=True)
 class Form:
-    """A term with its constants left open, as a list of steps in the order of evaluation."""
+    """A term with its constants left open, as a list of steps in the order of evaluation.
+
+    A primitive whose derivative is not known here, or that looks at a whole recording, makes the
+    term opaque: it is evaluated as a whole (``template``) and its slopes are differences.
+    """
 
     nodes: tuple[Node, ...]
     constants: int
+    template: Term | None = None
 
     @classmethod
     def of(cls, term: Term) -> Form:
         """Read the form of a term; constants are counted in preorder."""
+        if any(node.args and node.op not in _KNOWN for node in term.walk()):
+            count = len(constants_of(term))
+            return cls((), count, with_constants(term, iter([0.0] * count)))
         nodes: list[Node] = []
         count = 0
 
-        def visit(term: Term, movable: bool) -> int:
+        def visit(term: Term, outer: bool) -> int:
             nonlocal count
-            if term.is_constant and movable:
+            if term.is_constant and not outer:
                 nodes.append(Node("constant", place=count))
                 count += 1
-            elif next(_free(term), None) is None or not movable:
+            elif next(_movable(term, outer), None) is None:
                 nodes.append(Node("column", column=term))
             else:
-                args = tuple(
-                    visit(arg, not is_whole_exponent(term, k)) for k, arg in enumerate(term.args)
-                )
+                args = tuple(visit(arg, still) for arg, still in _parts(term, outer))
                 nodes.append(Node(term.op, args=args))
             return len(nodes) - 1
 
-        visit(term, bool(term.args))
+        visit(term, outer=True)
         return cls(tuple(nodes), count)
 
-    def columns(
-        self, constants: Array, column_of: Callable[[Term], Array], *, tangents: bool = True
-    ) -> tuple[Any, Tangents]:
+    def columns(self, constants: Array, column_of: ColumnOf) -> tuple[Any, Tangents]:
         """Return values (sets, samples) for sets of constants (sets, constants), and tangents.
 
         Tangents map the place of a constant to d value / d constant. What is not finite stays so.
         """
-        values: Values = []
+        if self.template is not None:
+            return _opaque(self.template, constants, column_of)
+        values: list[Any] = []
         slopes: list[Tangents] = []
         with np.errstate(all="ignore"):
             for node in self.nodes:
                 if node.op == "constant":
                     values.append(constants[:, node.place, None])
-                    slopes.append({node.place: 1.0} if tangents else {})
+                    slopes.append({node.place: 1.0})
                 elif node.column is not None:
                     values.append(column_of(node.column))
                     slopes.append({})
@@ -152,15 +161,24 @@ class Form:
         return values[-1], slopes[-1]
 
 
+def _opaque(template: Term, constants: Array, column_of: ColumnOf) -> tuple[Any, Tangents]:
+    def column(c: Array) -> Array:
+        return column_of(with_constants(template, iter(c.tolist())), keep=False)
+
+    values = np.array([column(c) for c in constants])
+    tangents: Tangents = {}
+    for place in range(constants.shape[1]):
+        steps = _STEP * np.maximum(np.abs(constants[:, place]), 1e-2)
+        shift = steps[:, None] * np.eye(constants.shape[1])[place]
+        pairs = zip(constants + shift, constants - shift, strict=True)
+        with np.errstate(all="ignore"):
+            rise = np.array([column(up) - column(down) for up, down in pairs])
+            tangents[place] = rise / (2.0 * steps[:, None])
+    return values, tangents
+
+
 def _apply(op: str, args: Sequence[Any]) -> Any:
-    function = PRIMITIVES[op].numpy
-    if op in _PARTIALS or op in _FLAT or op in ("max", "min", "piecewise"):
-        return np.asarray(function(*args), dtype=np.float64)
-    # A primitive that is not known to work element by element sees one recording's column.
-    whole = np.broadcast_arrays(*args)
-    rows = [np.atleast_2d(arg) for arg in whole]
-    out = [np.asarray(function(*row), dtype=np.float64) for row in zip(*rows, strict=True)]
-    return np.array([np.broadcast_to(row, rows[0].shape[1:]) for row in out])
+    return np.asarray(PRIMITIVES[op].numpy(*args), dtype=np.float64)
 
 
 def _chain(op: str, args: Sequence[Any], value: Any, inner: Sequence[Tangents]) -> Tangents:
