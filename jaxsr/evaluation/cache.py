@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr._result import InputError
+from jaxsr.evaluation.integration import cumulative_trapezoid, recording_starts
 from jaxsr.expressions.primitives import PRIMITIVES
 from jaxsr.expressions.term import BOOLEAN, Term
 
@@ -27,6 +28,10 @@ class ColumnCache:
         Memory for columns; the longest unused go first.
     dtype : dtype
         float64, or float32 for raw throughput.
+    time : str or ndarray, (samples,)
+        What ``integral`` integrates over, in seconds: a variable's name, or the instants.
+    group : ndarray, (samples,), optional
+        Number of the recording of each sample: integrals begin anew in each. One when None.
     """
 
     def __init__(
@@ -34,10 +39,15 @@ class ColumnCache:
         variables: Mapping[str, Array],
         limit_bytes: int = 128 * 2**20,
         dtype: type = np.float64,
+        *,
+        time: str | Array = "t",
+        group: Array | None = None,
     ) -> None:
         self._variables = {name: np.asarray(v, dtype=dtype) for name, v in variables.items()}
         self._shape = next((v.shape for v in self._variables.values()), (1,))
         self._dtype = dtype
+        self._time = time
+        self._starts = recording_starts(group, self._shape[0])
         self._room = max(64, limit_bytes // max(1, int(np.prod(self._shape)) * 8))
         self._columns: dict[Term, Array] = {}
         self.hits = 0
@@ -74,10 +84,28 @@ class ColumnCache:
             return found, True
         self.misses += 1
         parts = [self._evaluate(arg, keep) for arg in term.args]
-        value = np.asarray(PRIMITIVES[term.op].numpy(*(v for v, _ in parts)), dtype=self._dtype)
+        primitive = PRIMITIVES[term.op]
+        args = [v for v, _ in parts]
+        raw = primitive.numpy(*args) if primitive.pointwise else self._integral(*args)
+        value = np.asarray(raw, dtype=self._dtype)
         storable = all(ok for _, ok in parts)
         if storable and value.shape == self._shape:
             self._columns[term] = value
             while len(self._columns) > self._room:
                 del self._columns[next(iter(self._columns))]
         return value, storable
+
+    def _integral(self, f: Array, g: Array | None = None) -> Array:
+        """Return the integral of f over g, or over time, from the start of each recording."""
+        g = self._times() if g is None else np.broadcast_to(g, self._shape)
+        return cumulative_trapezoid(np.broadcast_to(f, self._shape), g, self._starts)
+
+    def _times(self) -> Array:
+        times = self._variables.get(self._time) if isinstance(self._time, str) else self._time
+        if times is None or np.shape(times) != self._shape:
+            raise InputError(
+                f"integral needs the instants of the samples, {self._time!r} are none",
+                "",
+                f"Give `time` as a variable ({', '.join(self._variables)}) or as an array.",
+            )
+        return np.asarray(times)

@@ -9,41 +9,47 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 from collections.abc import Iterable
 
 import numpy as np
 
-from jaxsr.expressions.primitives import PRIMITIVES
+from jaxsr.expressions.primitives import INTEGRALS, PRIMITIVES
+from jaxsr.expressions.signs import never_negative, never_positive, positive
 from jaxsr.expressions.term import Term
 
 ONE = Term.constant(1.0)
+NEVER = Term.constant(math.nan)
 _ODD = frozenset({"sin", "tan", "asin", "atan", "sinh", "tanh", "sign"})
 _EVEN = frozenset({"cos", "cosh", "abs"})
-_NEVER_NEGATIVE = frozenset({"abs", "exp", "sqrt", "cosh", "heaviside"})
-_OFTEN_ZERO = frozenset({"heaviside", "max", "min"})
+_SQUARED = {"abs": 1.0, "sqrt": 0.5}  # what is left of the exponent where it was even
+_REMEMBERED = 100_000  # terms whose form is kept; a search meets fewer that matter
+_HUGE = 1e100  # beyond it a constant is no number to reckon with
 _MOST_EXPANDED = 6  # a product of sums that expands to more parts stays a product
 
 Sum = dict[Term, float]
 Product = dict[Term, float]
 
 
-@functools.lru_cache(maxsize=200_000)
+@functools.lru_cache(maxsize=_REMEMBERED)
 def simplify(term: Term) -> Term:
     """Return the canonical form of a term."""
     if not term.args:
         return term
-    args = tuple(simplify(arg) for arg in term.args)
+    args = tuple([simplify(arg) for arg in term.args])
+    if any(_is_nan(arg) for arg in args):
+        return NEVER
+    if term.op in INTEGRALS:
+        return _integral(term.op, args)
     if all(arg.op == "constant" for arg in args):
         return _folded(term.op, args)
-    if any(_is_nan(arg) for arg in args):
-        return Term.constant(math.nan)
     match term.op:
         case "add" | "sub" | "neg":
-            return _build_sum(*_collect_sum(Term.apply(term.op, *args)))
+            return _build_sum(*_collect_sum(Term(term.op, args)))
         case "mul" | "div":
-            return _build_product(*_collect_product(Term.apply(term.op, *args)))
+            return _build_product(*_collect_product(Term(term.op, args)))
         case "pow" if args[1].op == "constant":
-            return _build_product(*_collect_product(Term.apply("pow", *args)))
+            return _build_product(*_collect_product(Term("pow", args)))
         case _:
             return _function(term.op, args)
 
@@ -73,11 +79,12 @@ def shorten(term: Term) -> Term:
     sin(sin(sin(sin(x)))) becomes sin(sin(x)): the repetition adds nodes, not physics (paper,
     section 4.2.1, a).
     """
-    if not term.args:
+    if term.operators < 3:
         return term
     if len(term.args) == 1 and term.args[0].op == term.op == _inner(term.args[0]):
         return shorten(term.args[0])
-    return Term.apply(term.op, *map(shorten, term.args))
+    args = tuple([shorten(arg) for arg in term.args])
+    return term if all(map(operator.is_, args, term.args)) else Term(term.op, args)
 
 
 def _inner(term: Term) -> str:
@@ -86,10 +93,16 @@ def _inner(term: Term) -> str:
 
 def edit(terms: Iterable[Term]) -> tuple[Term, ...]:
     """Return an individual's terms in canonical form, without repeats and hopeless terms."""
-    parts = dict.fromkeys(
-        part for term in terms for scale, part in split(shorten(term)) if math.isfinite(scale)
+    return tuple(dict.fromkeys(part for term in terms for part in _parts(term)))
+
+
+@functools.lru_cache(maxsize=_REMEMBERED)
+def _parts(term: Term) -> tuple[Term, ...]:
+    return tuple(
+        part
+        for scale, part in split(shorten(term))
+        if math.isfinite(scale) and not any(_is_nan(node) for node in part.walk())
     )
-    return tuple(part for part in parts if not any(_is_nan(node) for node in part.walk()))
 
 
 def _is_nan(term: Term) -> bool:
@@ -99,7 +112,7 @@ def _is_nan(term: Term) -> bool:
 def _folded(op: str, args: tuple[Term, ...]) -> Term:
     with np.errstate(all="ignore"):
         value = float(PRIMITIVES[op].numpy(*(np.float64(arg.value) for arg in args)))
-    return Term.constant(value if abs(value) < 1e100 else math.nan)
+    return Term.constant(value) if abs(value) < _HUGE else NEVER
 
 
 def _collect_sum(term: Term) -> tuple[float, Sum]:
@@ -123,14 +136,24 @@ def _collect_sum(term: Term) -> tuple[float, Sum]:
 
 
 def _build_sum(constant: float, parts: Sum) -> Term:
-    pieces = [_times(parts[base], base) for base in sorted(parts, key=_key)]
-    if constant != 0.0 or not pieces:
-        pieces.append(Term.constant(constant))
-    return functools.reduce(lambda a, b: Term.apply("add", a, b), pieces)
+    """Write a sum, what is added before what is taken away: c - x, not -x + c."""
+    bases = sorted(parts, key=_key)
+    added = [_times(parts[base], base) for base in bases if parts[base] > 0.0]
+    taken = [base for base in bases if not parts[base] > 0.0]
+    if constant > 0.0 or not parts:
+        added.append(Term.constant(constant))
+    if not added:
+        added.append(_times(parts[taken[0]], taken.pop(0)))
+    total = functools.reduce(lambda a, b: Term("add", (a, b)), added)
+    for base in taken:
+        total = Term("sub", (total, _times(-parts[base], base)))
+    if constant < 0.0 and parts:
+        total = Term("sub", (total, Term.constant(-constant)))
+    return total
 
 
 def _times(coefficient: float, base: Term) -> Term:
-    return base if coefficient == 1.0 else Term.apply("mul", Term.constant(coefficient), base)
+    return base if coefficient == 1.0 else Term("mul", (Term.constant(coefficient), base))
 
 
 def _collect_product(term: Term) -> tuple[float, Product]:
@@ -138,22 +161,36 @@ def _collect_product(term: Term) -> tuple[float, Product]:
     coefficient, powers = 1.0, {}
     stack = [(1.0, term)]
     while stack:
-        exponent, node = stack.pop()
-        if node.op == "constant":
-            coefficient *= _power(node.value, exponent)
-        elif node.op == "neg":
-            coefficient *= _power(-1.0, exponent)
-            stack.append((exponent, node.args[0]))
-        elif node.op in ("mul", "div") and _keeps(exponent):
-            sign = -1.0 if node.op == "div" else 1.0
-            stack += [(exponent * sign, node.args[1]), (exponent, node.args[0])]
-        elif node.op == "pow" and node.args[1].op == "constant" and _keeps(exponent):
-            stack.append((exponent * node.args[1].value, node.args[0]))
-        else:
-            scale, base = _unit_sum(node) if _keeps(exponent) else (1.0, node)
-            coefficient *= _power(scale, exponent)
-            powers[base] = powers.get(base, 0.0) + exponent
-    return coefficient, _merge({k: e for k, e in powers.items() if e != 0.0})
+        while stack:
+            coefficient *= _take_factor(*stack.pop(), stack, powers)
+        _merge_signs(powers)
+        # Abs(a)**2 = a**2 and sqrt(a)**2 = a, whose factors are then collected in turn
+        for base in [b for b, e in powers.items() if b.op in _SQUARED and e % 2.0 == 0.0 and e]:
+            stack.append((powers.pop(base) * _SQUARED[base.op], base.args[0]))
+    return coefficient, {k: e for k, e in powers.items() if e != 0.0}
+
+
+def _take_factor(
+    exponent: float, node: Term, stack: list[tuple[float, Term]], powers: Product
+) -> float:
+    """Put node**exponent into ``powers``, or its factors on the stack; return its constant."""
+    if node.op == "constant":
+        return _power(node.value, exponent)
+    whole = _keeps(exponent)
+    if node.op == "neg":
+        stack.append((exponent, node.args[0]))
+        return _power(-1.0, exponent)
+    if node.op in ("mul", "div") and whole:
+        sign = -1.0 if node.op == "div" else 1.0
+        stack += [(exponent * sign, node.args[1]), (exponent, node.args[0])]
+        return 1.0
+    if node.op == "pow" and node.args[1].op == "constant" and whole:
+        stack.append((exponent * node.args[1].value, node.args[0]))
+        return 1.0
+    # a positive scale leaves a power of any exponent
+    scale, base = _unit_sum(node) if whole else _scale_apart(node)
+    powers[base] = powers.get(base, 0.0) + exponent
+    return _power(scale, exponent)
 
 
 def _keeps(exponent: float) -> bool:
@@ -171,20 +208,22 @@ def _power(value: float, exponent: float) -> float:
 
 def _unit_sum(node: Term) -> tuple[float, Term]:
     """Scale a sum so that its first part has coefficient 1."""
-    if node.op != "add":
+    if node.op not in ("add", "sub"):
         return 1.0, node
     constant, parts = _collect_sum(node)
     if not parts:
         return 1.0, node
     lead = parts[min(parts, key=_key)]
+    if lead == 1.0:
+        return 1.0, node
     return lead, _build_sum(constant / lead, {k: c / lead for k, c in parts.items()})
 
 
-def _merge(powers: Product) -> Product:
+def _merge_signs(powers: Product) -> None:
     """Join x with sign(x) and Abs(x): x*sign(x) = Abs(x), sign(x)*Abs(x) = x."""
     for base in [b for b in powers if b.op == "sign" and powers[b] == 1.0]:
         inner = base.args[0]
-        magnitude = Term.apply("abs", inner)
+        magnitude = Term("abs", (inner,))
         if powers.get(inner, 0.0) >= 1.0 and _keeps(powers[inner]):
             source, target = inner, magnitude
         elif powers.get(magnitude, 0.0) >= 1.0:
@@ -194,51 +233,71 @@ def _merge(powers: Product) -> Product:
         del powers[base]
         powers[source] -= 1.0
         powers[target] = powers.get(target, 0.0) + 1.0
-    for base in [b for b in powers if b.op == "abs" and powers[b] % 2.0 == 0.0 and powers[b]]:
-        exponent = powers.pop(base)
-        powers[base.args[0]] = powers.get(base.args[0], 0.0) + exponent
-    for base in [b for b in powers if b.op == "sqrt" and powers[b] % 2.0 == 0.0 and powers[b]]:
-        exponent = powers.pop(base)
-        powers[base.args[0]] = powers.get(base.args[0], 0.0) + exponent / 2.0
-    return {k: e for k, e in powers.items() if e != 0.0}
 
 
 def _build_product(coefficient: float, powers: Product) -> Term:
     if coefficient == 0.0 or not math.isfinite(coefficient):
-        return Term.constant(coefficient)
-    above = [_raised(b, powers[b]) for b in sorted(powers, key=_key) if powers[b] > 0.0]
-    below = [_raised(b, -powers[b]) for b in sorted(powers, key=_key) if powers[b] < 0.0]
-    top = functools.reduce(lambda a, b: Term.apply("mul", a, b), above) if above else ONE
+        return Term.constant(coefficient) if coefficient == 0.0 else NEVER
+    bases = sorted(powers, key=_key)
+    above = [_raised(b, powers[b]) for b in bases if powers[b] > 0.0]
+    below = [_raised(b, -powers[b]) for b in bases if powers[b] < 0.0]
+    top = functools.reduce(_product, above) if above else ONE
     if below:
-        bottom = functools.reduce(lambda a, b: Term.apply("mul", a, b), below)
-        top = Term.apply("div", top, bottom)
+        top = Term("div", (top, functools.reduce(_product, below)))
     if top.op == "constant":
         return Term.constant(coefficient * top.value)
-    if top.op == "add":  # 2*(x + y) is the sum 2*x + 2*y
+    if top.op in ("add", "sub") and coefficient != 1.0:  # 2*(x + y) is the sum 2*x + 2*y
         constant, parts = _collect_sum(top)
         return _build_sum(coefficient * constant, {k: coefficient * c for k, c in parts.items()})
     return _times(coefficient, top)
 
 
+def _product(a: Term, b: Term) -> Term:
+    return Term("mul", (a, b))
+
+
 def _raised(base: Term, exponent: float) -> Term:
-    return base if exponent == 1.0 else Term.apply("pow", base, Term.constant(exponent))
+    return base if exponent == 1.0 else Term("pow", (base, Term.constant(exponent)))
 
 
 def _expand(base: Term) -> list[Term]:
-    """Return a product of sums as its parts, or the product itself where they are many."""
+    """Return a product of sums, or the integral of a sum, as its parts where they are few."""
+    if base.op in INTEGRALS and base.args[0].op in ("add", "sub"):
+        whole = [Term(base.op, (piece, *base.args[1:])) for piece in _pieces(base.args[0])]
+        return [simplify(part) for part in whole]
+    if base.op not in ("mul", "div", "pow"):
+        return [base]
     _, powers = _collect_product(base)
     for factor, exponent in powers.items():
-        if factor.op != "add" or exponent not in (1.0, 2.0):
+        if factor.op not in ("add", "sub") or exponent not in (1.0, 2.0):
             continue
         rest = dict(powers)
         rest[factor] = exponent - 1.0
         others = _build_product(1.0, {k: e for k, e in rest.items() if e != 0.0})
-        constant, parts = _collect_sum(factor)
-        pieces = [_times(c, part) for part, c in parts.items()]
-        pieces += [Term.constant(constant)] if constant else []
+        pieces = _pieces(factor)
         if len(pieces) <= _MOST_EXPANDED:
-            return [simplify(Term.apply("mul", piece, others)) for piece in pieces]
+            return [simplify(_product(piece, others)) for piece in pieces]
     return [base]
+
+
+def _pieces(term: Term) -> list[Term]:
+    constant, parts = _collect_sum(term)
+    pieces = [_times(c, part) for part, c in parts.items()]
+    return [*pieces, Term.constant(constant)] if constant else pieces
+
+
+def _integral(op: str, args: tuple[Term, ...]) -> Term:
+    """Take constant factors out of an integral; what it integrates over has no offset."""
+    factors, inner = 1.0, []
+    for place, arg in enumerate(args):
+        constant, parts = _collect_sum(arg)
+        constant = constant if place == 0 else 0.0
+        if not parts and constant == 0.0:
+            return Term.constant(0.0)
+        lead = parts[min(parts, key=_key)] if parts else constant
+        factors *= lead
+        inner.append(_build_sum(constant / lead, {k: c / lead for k, c in parts.items()}))
+    return _times(factors, Term(op, tuple(inner)))
 
 
 def _function(op: str, args: tuple[Term, ...]) -> Term:
@@ -246,38 +305,64 @@ def _function(op: str, args: tuple[Term, ...]) -> Term:
     if len(args) != 1:
         return _two_arguments(op, args)
     (arg,) = args
+    sign = 1.0
     if op in _ODD or op in _EVEN:
         sign, arg = _sign_apart(arg)
-        if op in ("sign", "abs", "heaviside"):
-            scale, arg = _scale_apart(arg)
-        else:
-            scale = 1.0
-        inner = _plain(op, arg)
-        factor = (sign if op in _ODD else 1.0) * (scale if op == "abs" else 1.0)
-        return _build_product(*_collect_product(_times(factor, inner)))
-    return _plain(op, arg)
+        sign = sign if op in _ODD else 1.0
+    scale = 1.0
+    if op in ("sign", "abs", "heaviside"):
+        scale, arg = _scale_apart(arg)
+        scale = scale if op == "abs" else 1.0
+    inner = _sign_definite(op, arg) or _inverse(op, arg) or Term(op, (arg,))
+    return _build_product(*_collect_product(_times(sign * scale, inner)))
 
 
-def _plain(op: str, arg: Term) -> Term:
-    if op == "abs" and _never_negative(arg):
-        return arg
-    if op == "sign" and _never_negative(arg) and not arg.uses(_OFTEN_ZERO):
-        return ONE
-    if op == "log" and arg.op == "exp":
+def _sign_definite(op: str, arg: Term) -> Term | None:
+    """Return what a function becomes where its argument cannot change its sign."""
+    match op:
+        case "abs" if never_negative(arg):
+            return arg
+        case "sign" | "heaviside" if positive(arg):
+            return ONE
+        case "heaviside" if positive(arg, -1):
+            return Term.constant(0.0)
+        case "sqrt" if positive(arg, -1):
+            return NEVER
+        case "log" if never_positive(arg):
+            return NEVER
+    return None
+
+
+def _inverse(op: str, arg: Term) -> Term | None:
+    """Return what is left of a function of its inverse, of a power or of a scaled argument."""
+    if (op, arg.op) in (("log", "exp"), ("exp", "log")):
         return arg.args[0]
-    if op == "sqrt" and arg.op == "pow" and arg.args[1] == Term.constant(2.0):
-        return simplify(Term.apply("abs", arg.args[0]))
-    if op == "sqrt" and arg.op in ("add", "mul"):
+    if op == "sqrt":
+        if arg.op == "pow" and arg.args[1] == Term.constant(2.0):
+            return simplify(Term("abs", (arg.args[0],)))
         scale, rest = _scale_apart(arg)
-        return _times(math.sqrt(scale), Term.apply("sqrt", rest))
-    return Term.apply(op, arg)
+        if scale != 1.0:
+            return _times(math.sqrt(scale), simplify(Term("sqrt", (rest,))))
+    if op == "log":  # log(2*x) = log(2) + log(x)
+        scale, rest = _scale_apart(arg)
+        if scale != 1.0:
+            inner = simplify(Term("log", (rest,)))
+            return simplify(Term("add", (inner, Term.constant(math.log(scale)))))
+    if op == "exp" and arg.op in ("add", "sub"):  # exp(x + 2) = exp(2)*exp(x)
+        constant, parts = _collect_sum(arg)
+        if constant and abs(constant) < math.log(_HUGE):
+            inner = simplify(Term("exp", (_build_sum(0.0, parts),)))
+            return _times(math.exp(constant), inner)
+    return None
 
 
 def _two_arguments(op: str, args: tuple[Term, ...]) -> Term:
-    if op in ("max", "min"):
+    if op in ("max", "min") and len(args) == 2:
         first, second = sorted(args, key=_key)
-        return first if first == second else Term.apply(op, first, second)
-    return Term.apply(op, *args)
+        return first if first == second else Term(op, (first, second))
+    if op == "pow" and args[0] == ONE:
+        return ONE
+    return Term(op, args)
 
 
 def _sign_apart(arg: Term) -> tuple[float, Term]:
@@ -289,25 +374,17 @@ def _sign_apart(arg: Term) -> tuple[float, Term]:
 
 
 def _scale_apart(arg: Term) -> tuple[float, Term]:
-    """Return (s, arg/s) with s > 0 the leading coefficient."""
+    """Return (s, arg/s) with s > 0 the size of the leading coefficient."""
+    if arg.op not in ("add", "sub", "mul"):
+        return 1.0, arg
     constant, parts = _collect_sum(arg)
-    lead = parts[min(parts, key=_key)] if parts else 1.0
-    if lead <= 0.0 or lead == 1.0:
+    lead = abs(parts[min(parts, key=_key)]) if parts else 1.0
+    if lead == 1.0:
         return 1.0, arg
     return lead, _build_sum(constant / lead, {k: c / lead for k, c in parts.items()})
 
 
-def _never_negative(term: Term) -> bool:
-    if term.op == "constant":
-        return term.value > 0.0
-    if term.op == "pow" and term.args[1].op == "constant":
-        return term.args[1].value % 2.0 == 0.0 or _never_negative(term.args[0])
-    if term.op in ("mul", "div"):
-        return all(_never_negative(arg) for arg in term.args)
-    return term.op in _NEVER_NEGATIVE
-
-
-@functools.lru_cache(maxsize=200_000)
+@functools.lru_cache(maxsize=_REMEMBERED)
 def _key(term: Term) -> str:
     """Order terms by what they are made of, so that sums and products read the same each time."""
     inside = ",".join(_key(arg) for arg in term.args)

@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection
 
 from jaxsr._result import InputError
-from jaxsr.expressions.primitives import FUNCTIONS_BY_TEXT
+from jaxsr.expressions.primitives import FUNCTIONS_BY_TEXT, INTEGRALS
 from jaxsr.expressions.term import Term
 
 MAX_CHARACTERS = 10_000
@@ -45,7 +45,13 @@ def is_identifier(name: str) -> bool:
     )
 
 
-def parse(text: str, symbols: Collection[str] | None = None, where: str = "") -> Term:
+def parse(
+    text: str,
+    symbols: Collection[str] | None = None,
+    where: str = "",
+    *,
+    integrals: bool = False,
+) -> Term:
     """Read an expression of the model grammar.
 
     Parameters
@@ -56,6 +62,9 @@ def parse(text: str, symbols: Collection[str] | None = None, where: str = "") ->
         Names that may occur; any identifier when None.
     where : str
         File and key for error messages.
+    integrals : bool
+        Whether ``integral(f)`` and ``integral_over(f, g)`` may occur: terms of a search may hold
+        them, a model file may not.
 
     Returns
     -------
@@ -83,7 +92,7 @@ def parse(text: str, symbols: Collection[str] | None = None, where: str = "") ->
             f"cannot read {_short(text)!r} ({reason})", where, "Use + - * / ** and functions"
         ) from None
     try:
-        return _Reader(symbols, where).read(tree.body, 0)
+        return _Reader(symbols, where, integrals).read(tree.body, 0)
     except OverflowError:
         raise InputError(f"a number in {_short(text)!r} is too large", where) from None
 
@@ -103,8 +112,8 @@ def _nesting(text: str) -> int:
 class _Reader:
     """Walk the syntax tree and build terms."""
 
-    def __init__(self, symbols: Collection[str] | None, where: str) -> None:
-        self.symbols, self.where = symbols, where
+    def __init__(self, symbols: Collection[str] | None, where: str, integrals: bool) -> None:
+        self.symbols, self.where, self.integrals = symbols, where, integrals
 
     def fail(self, what: str, remedy: str = "") -> InputError:
         return InputError(what, self.where, remedy)
@@ -179,6 +188,11 @@ class _Reader:
 
     def call(self, name: str, args: list[ast.expr], depth: int) -> Term:
         primitive = FUNCTIONS_BY_TEXT.get(name)
+        if primitive is None and name in INTEGRALS:
+            if not self.integrals:
+                remedy = "Make it a state with an equation of its own"
+                raise self.fail(f"{name} is not part of the grammar", remedy)
+            primitive = INTEGRALS[name]
         if primitive is None:
             close = difflib.get_close_matches(name, FUNCTIONS_BY_TEXT, 1)
             hint = f"Did you mean {close[0]!r}?" if close else ""

@@ -16,7 +16,9 @@ from jaxsr.expressions.term import Term
 NOP, CONSTANT, VARIABLE = 0, 1, 2
 # Max and Min of several arguments are written as nested pairs.
 OPERATORS: tuple[str, ...] = tuple(
-    name for name, p in PRIMITIVES.items() if p.arity in (1, 2) or name in ("max", "min")
+    name
+    for name, p in PRIMITIVES.items()
+    if p.pointwise and (p.arity in (1, 2) or name in ("max", "min"))
 )
 _OPCODE = {name: 3 + k for k, name in enumerate(OPERATORS)}
 
@@ -107,7 +109,9 @@ def compile_postfix(
             elif node.op in _OPCODE:
                 opcode[row, slot] = _OPCODE[node.op]
             else:
-                raise InputError(f"{node.op} has no postfix code", "compile_postfix")
+                raise InputError(
+                    f"{node.op} has no postfix code", "compile_postfix", "Evaluate it by columns."
+                )
     return PostfixBatch(opcode, operand, constants, tuple(variables))
 
 

@@ -10,6 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import sympy
 
+from jaxsr._result import InputError
+
 Function = Callable[..., Any]
 
 
@@ -29,6 +31,8 @@ class Primitive:
         The SymPy function of the same meaning.
     text : str
         Name in the model grammar; empty for operators.
+    pointwise : bool
+        Whether a sample's value depends on that sample alone.
     """
 
     name: str
@@ -37,6 +41,10 @@ class Primitive:
     jax: Function
     sympy: Function
     text: str = ""
+    pointwise: bool = True
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PRIMITIVES.__getitem__, (self.name,)
 
 
 def _safe_sqrt(x: Any) -> Any:
@@ -104,6 +112,19 @@ def _same(name: str, arity: int, text: str = "", **other: Function) -> Primitive
     )
 
 
+def _integral(name: str, arity: int) -> Primitive:
+    """Build a primitive that needs the samples of a whole recording."""
+
+    def refuse(*args: Any) -> Any:
+        raise InputError(
+            f"{name} has no value at a single sample",
+            "",
+            "Evaluate it with ColumnCache, or make it a state with an equation of its own.",
+        )
+
+    return Primitive(name, arity, refuse, refuse, sympy.Function(name), name, pointwise=False)
+
+
 _OPERATORS = (
     Primitive("add", 2, np.add, jnp.add, lambda a, b: a + b),
     Primitive("sub", 2, np.subtract, jnp.subtract, lambda a, b: a - b),
@@ -146,7 +167,12 @@ _FUNCTIONS = (
     Primitive("not", 1, np.logical_not, jnp.logical_not, sympy.Not, "Not"),
 )
 
-PRIMITIVES: dict[str, Primitive] = {p.name: p for p in (*_OPERATORS, *_FUNCTIONS)}
+INTEGRALS: dict[str, Primitive] = {
+    "integral": _integral("integral", 1),
+    "integral_over": _integral("integral_over", 2),
+}
+"""Cumulative integrals from the start of a recording: of f dt, and of f dg."""
+PRIMITIVES: dict[str, Primitive] = {p.name: p for p in (*_OPERATORS, *_FUNCTIONS)} | INTEGRALS
 FUNCTIONS_BY_TEXT: dict[str, Primitive] = {p.text: p for p in _FUNCTIONS}
 DISCONTINUOUS = frozenset({"sign", "floor", "heaviside", "lt", "le", "gt", "ge", "eq", "ne"})
 """Primitives whose value jumps; a simulation has to smooth or resolve them."""

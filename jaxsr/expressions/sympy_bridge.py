@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import sympy
+from sympy.core.function import AppliedUndef
 
 from jaxsr.expressions.primitives import PRIMITIVES
 from jaxsr.expressions.term import BOOLEAN, Term
@@ -80,10 +83,17 @@ def from_sympy(expression: sympy.Basic) -> Term:
     if isinstance(expression, sympy.Piecewise):
         flat = [part for pair in expression.args for part in (pair.args[0], pair.args[1])]
         return Term.apply("piecewise", *(from_sympy(part) for part in flat))
-    op = _NUMBER_FUNCTIONS.get(expression.func)
+    op = _NUMBER_FUNCTIONS.get(expression.func) or _defined(expression.func)
     if op is None:
         raise ValueError(f"{expression.func} is not part of the model grammar")
     return Term.apply(op, *(from_sympy(arg) for arg in expression.args))
+
+
+def _defined(function: Any) -> str | None:
+    """Return the primitive of a SymPy function that is undefined there, or a user's meaning."""
+    if issubclass(function, AppliedUndef) and function.__name__ in PRIMITIVES:
+        return str(function.__name__)
+    return next((name for name, p in PRIMITIVES.items() if p.sympy is function), None)
 
 
 def _chain(expression: sympy.Basic) -> Term:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
-from jaxsr.expressions.primitives import PRIMITIVES
+from jaxsr.expressions.primitives import PRIMITIVES, Primitive
 
 CONSTANT = "constant"
 VARIABLE = "variable"
@@ -18,16 +19,38 @@ class Term:
 
     Terms compare and hash by structure; the hash is computed once, so that equal subtrees of a
     population can be shared through a dictionary.
+
+    Attributes
+    ----------
+    size : int
+        Number of nodes.
+    operators : int
+        Number of inner nodes.
     """
 
     op: str
     args: tuple[Term, ...] = ()
     name: str = ""
     value: float = 0.0
+    size: int = field(init=False, repr=False, default=1)
+    operators: int = field(init=False, repr=False, default=0)
     _hash: int = field(init=False, repr=False, default=0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_hash", hash((self.op, self.args, self.name, self.value)))
+        store = object.__setattr__
+        store(self, "_hash", hash((self.op, self.args, self.name, self.value)))
+        if self.args:
+            size = operators = 1
+            for arg in self.args:
+                size += arg.size
+                operators += arg.operators
+            store(self, "size", size)
+            store(self, "operators", operators)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The hash of text differs between processes, and a user's function travels along.
+        op = PRIMITIVES.get(self.op, self.op)
+        return _restored, (op, self.args, self.name, self.value)
 
     @staticmethod
     def constant(value: float) -> Term:
@@ -91,19 +114,9 @@ class Term:
             stack.extend(reversed(node.args))
 
     @property
-    def size(self) -> int:
-        """Number of nodes."""
-        return sum(1 for _ in self.walk())
-
-    @property
     def depth(self) -> int:
         """Number of levels below the root."""
         return 1 + max(arg.depth for arg in self.args) if self.args else 0
-
-    @property
-    def operators(self) -> int:
-        """Number of inner nodes."""
-        return sum(1 for node in self.walk() if node.args)
 
     @property
     def variables(self) -> frozenset[str]:
@@ -135,3 +148,7 @@ class Term:
                 return Term(self.op, (*self.args[:i], changed, *self.args[i + 1 :]))
             position += size
         raise IndexError(f"`index` must be below the size {self.size}, got {index}")
+
+
+def _restored(op: str | Primitive, args: tuple[Term, ...], name: str, value: float) -> Term:
+    return Term(op if isinstance(op, str) else op.name, args, name, value)
