@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from jaxsr._result import InputError
 from jaxsr.expressions.primitives import PRIMITIVES
 
-DEFAULT_FUNCTIONS = ("add", "mul", "div", "sin", "cos", "sqrt", "abs", "exp", "sign", "pow")
+DEFAULT_FUNCTIONS = (
+    *("add", "mul", "div", "pow", "sin", "cos", "sqrt", "abs", "exp", "log", "sign"),
+)
+"""What a search uses unless told otherwise."""
+PAPER_FUNCTIONS = (*DEFAULT_FUNCTIONS, "log", "asin", "tanh", "heaviside", "integral")
+"""The function set of the paper's Eqs. 5 and 6; ``integral`` needs the instants of the samples."""
+# Conditions and their joints take truth values, which random terms do not keep apart.
+_UNFIT = frozenset({"and", "or", "piecewise"})
 
 
 def _require(holds: bool, what: str, where: str) -> None:
@@ -17,27 +25,58 @@ def _require(holds: bool, what: str, where: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class PrimitiveSet:
-    """What terms are made of (paper Eqs. 4 and 5), beside the problem's variables.
+    """What terms are made of (paper Eqs. 4 and 5), beside the problem's variables and 1.
 
     Attributes
     ----------
     functions : tuple of str
-        Names of primitives.
+        Names of primitives, those of :func:`jaxsr.expressions.define_primitive` included.
     constants : tuple of float
         Range of constants at birth.
+    exponents : tuple of float
+        Range of the exponents of ``pow`` at birth.
+    real_exponents : float
+        Share of exponents at birth that are real numbers; the others are whole. A real power of
+        a variable that takes both signs is not finite and drops out.
     """
 
     functions: tuple[str, ...] = DEFAULT_FUNCTIONS
     constants: tuple[float, float] = (-10.0, 10.0)
+    exponents: tuple[float, float] = (2.0, 3.0)
+    real_exponents: float = 0.0
 
     def __post_init__(self) -> None:
-        unknown = sorted(set(self.functions) - set(PRIMITIVES))
-        _require(not unknown, f"unknown functions {unknown}", "PrimitiveSet.functions")
+        where = "PrimitiveSet"
         _require(
-            self.constants[0] < self.constants[1],
-            f"constants must be (low, high), got {self.constants}",
-            "PrimitiveSet.constants",
+            not isinstance(self.functions, str),
+            f"functions must be a tuple of names, got {self.functions!r}",
+            where,
         )
+        unknown = sorted(str(f) for f in self.functions if f not in PRIMITIVES or f in _UNFIT)
+        _require(not unknown, f"unknown functions {unknown}", "PrimitiveSet.functions")
+        for name in ("constants", "exponents"):
+            _require_range(getattr(self, name), f"{where}.{name}")
+        low, high = self.exponents
+        _require(
+            0.0 <= self.real_exponents <= 1.0,
+            f"real_exponents must lie in [0, 1], got {self.real_exponents}",
+            where,
+        )
+        _require(
+            self.real_exponents == 1.0 or bool(whole_between(low, high)),
+            f"no whole exponent but 0 and 1 lies in {self.exponents}",
+            where,
+        )
+
+
+def whole_between(low: float, high: float) -> list[int]:
+    """Return the whole exponents in a range that make a power: not 0, not 1."""
+    return [k for k in range(math.ceil(low), math.floor(high) + 1) if k not in (0, 1)]
+
+
+def _require_range(pair: tuple[float, float], where: str) -> None:
+    fits = len(pair) == 2 and all(math.isfinite(v) for v in pair) and pair[0] < pair[1]
+    _require(fits, f"a range must be (low, high) with low < high, got {pair}", where)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +88,15 @@ class SizeLimits:
     terms: int = 10
 
     def __post_init__(self) -> None:
-        _require(1 <= self.at_birth <= self.later, "need 1 <= at_birth <= later", "SizeLimits")
-        _require(self.terms >= 1, f"terms must be at least 1, got {self.terms}", "SizeLimits")
+        for name in ("at_birth", "later", "terms"):
+            value = getattr(self, name)
+            whole = isinstance(value, int) and not isinstance(value, bool)
+            _require(
+                whole and value >= 1,
+                f"{name} must be a whole number >= 1, got {value!r}",
+                f"SizeLimits.{name}",
+            )
+        _require(self.at_birth <= self.later, "need at_birth <= later", "SizeLimits")
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +124,11 @@ class MutationWeights:
 
     def __post_init__(self) -> None:
         weights = self.as_tuple()
-        _require(min(weights) >= 0.0 < sum(weights), "weights must be >= 0", "MutationWeights")
+        _require(
+            all(map(math.isfinite, weights)) and min(weights) >= 0.0 < sum(weights),
+            f"weights must not be negative and not all be zero, got {weights}",
+            "MutationWeights",
+        )
 
     def as_tuple(self) -> tuple[float, ...]:
         """Return the weights in the order of the attributes."""

@@ -8,8 +8,13 @@ import numpy as np
 
 from jaxsr.evolution.config import PrimitiveSet, SizeLimits
 from jaxsr.evolution.create import random_term
+from jaxsr.evolution.crossover import constant_places, cross_constant
 from jaxsr.evolution.individual import Individual
+from jaxsr.expressions.editing import shorten
 from jaxsr.expressions.term import Term
+
+_REDO = 5
+_CROSSED = 0.3  # share of constants that are crossed; the paper keeps that inside mutation
 
 
 def mutate_subtree(
@@ -19,19 +24,22 @@ def mutate_subtree(
     primitives: PrimitiveSet,
     sizes: SizeLimits,
 ) -> tuple[Term, ...]:
-    """Replace a random subtree of a random term by a new one of at most the birth size."""
+    """Replace a random subtree of a random term by a new one of at most the birth size.
+
+    At times the old subtree stays as an argument of the new one. A child over the later size is
+    redone; after five tries the parent comes back unchanged.
+    """
     out = list(terms)
     k = int(rng.integers(len(out)))
-    size = int(rng.integers(1, sizes.at_birth + 1))
-    new = random_term(rng, names, primitives, size)
-    nodes = out[k].size
-    place = int(rng.integers(nodes))
-    if rng.random() < 0.3:  # grow: the old subtree stays as an argument of the new one
-        old = list(out[k].walk())[place]
-        new = new.replace_at(int(rng.integers(new.size)), old)
-    changed = out[k].replace_at(place, new)
-    if changed.size <= sizes.later:
-        out[k] = changed
+    nodes = list(out[k].walk())
+    for _ in range(_REDO):
+        new = random_term(rng, names, primitives, int(rng.integers(1, sizes.at_birth + 1)))
+        place = int(rng.integers(len(nodes)))
+        if rng.random() < 0.3:  # grow
+            new = new.replace_at(int(rng.integers(new.size)), nodes[place])
+        if out[k].size - nodes[place].size + new.size <= sizes.later:
+            out[k] = shorten(out[k].replace_at(place, new))
+            break
     return tuple(out)
 
 
@@ -42,31 +50,23 @@ def mutate_constant(
     vartheta: float,
     best: Sequence[Individual] = (),
 ) -> tuple[Term, ...]:
-    r"""Move one constant by Eq. 7, or give it the value of a constant of the best set.
+    r"""Move one constant by Eq. 7, or cross it with one of the best set.
 
     .. math:: c_{new} = c_{old} + \frac{2\kappa - \vartheta}{\vartheta + 2j},
               \qquad 0 \le \kappa < \vartheta,
 
     with generation j. Terms without a constant come back unchanged.
     """
+    if best and rng.random() < _CROSSED:
+        return cross_constant(rng, terms, best)
     out = list(terms)
-    places = [
-        (k, i)
-        for k, term in enumerate(out)
-        for i, node in enumerate(term.walk())
-        if node.is_constant
-    ]
-    if not places:
-        return tuple(out)
-    k, i = places[rng.integers(len(places))]
-    known = [n.value for ind in best for t in ind.terms for n in t.walk() if n.is_constant]
-    if known and rng.random() < 0.3:
-        value = known[rng.integers(len(known))]
-    else:
+    places = constant_places(out)
+    if places:
+        k, i = places[rng.integers(len(places))]
         kappa = rng.uniform(0.0, vartheta)
         old = list(out[k].walk())[i].value
         value = old + (2.0 * kappa - vartheta) / (vartheta + 2.0 * generation)
-    out[k] = out[k].replace_at(i, Term.constant(value))
+        out[k] = out[k].replace_at(i, Term.constant(value))
     return tuple(out)
 
 
