@@ -180,9 +180,9 @@ def _wave_errors(found: Wave, true: Wave) -> list[float]:
 
 def values(expression: Formula, data: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return an expression on data (samples,); NaN where it is not finite."""
-    expression = as_sympy(expression)
-    names = sorted(str(s) for s in expression.free_symbols)
-    function = sympy.lambdify([sympy.Symbol(n, real=True) for n in names], expression, "numpy")
+    written = as_sympy(expression)
+    names = sorted(str(s) for s in written.free_symbols)
+    function = sympy.lambdify([sympy.Symbol(n, real=True) for n in names], written, "numpy")
     with np.errstate(all="ignore"):
         out = np.asarray(function(*(data[n] for n in names)), dtype=float)
     out = np.broadcast_to(out, np.shape(next(iter(data.values()))))
@@ -201,5 +201,5 @@ def _rms(expression: Formula, data: Mapping[str, np.ndarray]) -> float:
 
 def is_rational(expression: Formula) -> bool:
     """Tell whether something that varies stands in a denominator."""
-    expression = as_sympy(expression)
-    return any(p.exp.is_negative and p.base.free_symbols for p in expression.atoms(sympy.Pow))
+    written = as_sympy(expression)
+    return any(p.exp.is_negative and p.base.free_symbols for p in written.atoms(sympy.Pow))
