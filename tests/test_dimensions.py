@@ -10,7 +10,7 @@ import pytest
 from jaxsr._result import InputError
 from jaxsr.evolution import PrimitiveSet
 from jaxsr.evolution.create import random_term
-from jaxsr.expressions import Term, evaluate, parse
+from jaxsr.expressions import PRIMITIVES, Term, evaluate, parse
 from jaxsr.expressions.dimensions import NONE, Dimensions, Open, admissible, dimension
 from jaxsr.expressions.editing import simplify
 
@@ -61,6 +61,15 @@ def test_roots_of_powers_come_back_whole():
     cube = Term.apply("pow", Term.variable("x"), Term.constant(3.0))
     back = Term.apply("pow", cube, Term.constant(1.0 / 3.0))
     assert Dimensions(UNITS).of(back) == dimension("m")
+
+
+def test_integrals_multiply_by_what_they_run_over():
+    if "integral" not in PRIMITIVES:
+        pytest.skip("no integrals in this primitive set")
+    known = Dimensions(UNITS)
+    assert known.of(Term.apply("integral", Term.variable("v"))) == dimension("m")
+    work = Term.apply("integral_over", Term.variable("F"), Term.variable("x"))
+    assert known.of(work) == dimension("J")
 
 
 def test_constants_and_unlabelled_variables_fit_anywhere():

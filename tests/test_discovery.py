@@ -91,7 +91,7 @@ def test_files_are_complete_and_the_model_reads_back(found, tmp_path):
     assert model.states == ("q", "v") and model.inputs == ("u",)
     assert model.equations["v"] == equation["expression"]
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "data:image/png;base64" in page and "http" not in page
+    assert "data:image/png;base64" in page and "://" not in page
     assert (tmp_path / "out" / "fit_v.png").stat().st_size > 1000
 
 

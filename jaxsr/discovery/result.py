@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+import sympy
 
 import jaxsr
 from jaxsr._files import atomic_directory, dump_json
+from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation, weighted_sum
 from jaxsr.discovery.samples import Roles, Samples
-from jaxsr.expressions import to_text
+from jaxsr.expressions import to_jax, to_numpy, to_sympy, to_text
+from jaxsr.expressions.editing import ONE
+from jaxsr.expressions.term import Term
 from jaxsr.models.model import Model
 from jaxsr.models.writing import model_text
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_EXACT = 1e-30  # two losses below this share of the largest differ by rounding alone
 
 
 @dataclass(frozen=True)
@@ -57,6 +66,63 @@ class Discovery:
         names = ["state", "complexity", "operators", "mse", "validation_mse"]
         return pd.DataFrame(rows, columns=[*names, "expression", "picked"])
 
+    def __getitem__(self, state: str) -> Equation:
+        """Return the equation of a state."""
+        for equation in self.equations:
+            if equation.state == state:
+                return equation
+        known = ", ".join(equation.state for equation in self.equations)
+        raise InputError(f"no equation of {state!r}", "", f"There are those of {known}.")
+
+    def sympy(self, state: str) -> Any:
+        """Return the right-hand side of a state's equation as a SymPy expression."""
+        return to_sympy(self[state].term)
+
+    def latex(self, state: str, digits: int = 4) -> str:
+        """Return the right-hand side in LaTeX, its numbers to ``digits`` significant ones."""
+        return latex_text(self[state].term, digits)
+
+    def to_numpy(self) -> Callable[[Mapping[str, Any]], dict[str, np.ndarray]]:
+        """Return a NumPy function: named arrays (time, states, inputs) to the states' rates."""
+        functions = {e.state: to_numpy(e.term) for e in self.equations}
+        return lambda values: {state: f(values) for state, f in functions.items()}
+
+    def to_jax(self) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
+        """Return a JAX function: named arrays (time, states, inputs) to the states' rates."""
+        states = [e.state for e in self.equations]
+        function = to_jax([e.term for e in self.equations])
+        return lambda values: dict(zip(states, function(values), strict=True))
+
+    def plot_front(self, state: str, ax: Axes | None = None) -> Axes:
+        """Plot the candidates of a state: error over size, the pick ringed."""
+        from jaxsr.discovery import plots
+
+        ax = plots.plot_front(front_table(self[state]), ax)
+        ax.set_title(f"rate of {state}")
+        return ax
+
+    def plot_fit(self, state: str, ax: Axes | None = None, *, recording: int = 0) -> Axes:
+        """Plot the derivative of a state in one recording, and what its equation gives."""
+        from jaxsr.discovery import plots
+
+        return plots.plot_fit(*self._fitted(state, recording), ax, name=f"rate of {state}")
+
+    def plot_residual(self, state: str, ax: Axes | None = None, *, recording: int = 0) -> Axes:
+        """Plot what the equation of a state leaves in one recording."""
+        from jaxsr.discovery import plots
+
+        return plots.plot_residual(*self._fitted(state, recording), ax, name=f"rate of {state}")
+
+    def _fitted(self, state: str, recording: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return derivative, fit and time of one recording."""
+        equation = self[state]
+        rows = np.flatnonzero(self.samples.group == recording)
+        if not len(rows):
+            raise InputError(f"there is no recording {recording}", "recording", "Count from 0.")
+        part = self.samples.take(rows)
+        time = part.variables[next(iter(part.variables))]
+        return part.targets[state], equation.predict(part), time
+
     def to_dict(self) -> dict[str, Any]:
         """Return the contents of ``discovery.json``."""
         keys = ("complexity", "mse", "expression")
@@ -82,6 +148,80 @@ class Discovery:
             (folder / "discovery.json").write_text(dump_json(self.to_dict()), encoding="utf-8")
             (folder / "model.toml").write_text(model_text(self.model), encoding="utf-8")
             write_page(self, folder)
+
+
+def term_at(equation: Equation, index: int | None = None) -> Term:
+    """Return the picked right-hand side, or that of row ``index`` of the front.
+
+    Raises
+    ------
+    InputError
+        The front has no such row.
+    """
+    if index is None:
+        return equation.term
+    rows = max(len(equation.front), 1)
+    if not -rows <= index < rows:
+        raise InputError(f"there is no equation {index}", "index", f"Count from 0 to {rows - 1}.")
+    if not equation.front:
+        return equation.term
+    fit = equation.front[index].fit
+    return weighted_sum(fit.terms, list(fit.coefficients))
+
+
+def latex_text(term: Term, digits: int = 4) -> str:
+    """Return a term in LaTeX, its numbers to ``digits`` significant ones."""
+    expression = to_sympy(term)
+    rounded = {n: sympy.Float(n, digits) for n in expression.atoms(sympy.Float)}
+    return sympy.latex(expression.xreplace(rounded))
+
+
+def front_table(equation: Equation) -> pd.DataFrame:
+    r"""Return the candidates of one equation, smallest first, the pick marked.
+
+    Columns: complexity (terms), size (nodes and coefficients), loss and validation_loss (mean
+    squares), score (:math:`-\Delta\log loss / \Delta size` to the best smaller one), equation,
+    picked.
+    """
+    rows = [
+        {
+            "complexity": len(c.fit.terms),
+            "size": c.size,
+            "loss": c.train_mse,
+            "validation_loss": c.validation_mse,
+            "equation": to_text(weighted_sum(c.fit.terms, list(c.fit.coefficients)), 6),
+            "picked": k == equation.pick,
+        }
+        for k, c in enumerate(equation.front)
+    ]
+    if not rows:  # recognised or constant: nothing to choose from
+        size = sum(1 + (0 if t.term == ONE else t.term.size) for t in equation.terms)
+        rows = [
+            {
+                "complexity": equation.complexity,
+                "size": size,
+                "loss": equation.train_mse,
+                "validation_loss": equation.validation_mse,
+                "equation": to_text(equation.term, 6),
+                "picked": True,
+            }
+        ]
+    table = pd.DataFrame(rows)
+    table.insert(4, "score", _scores(table["size"].to_numpy(), table["loss"].to_numpy()))
+    return table
+
+
+def _scores(size: np.ndarray, loss: np.ndarray) -> np.ndarray:
+    """Return how fast the log of the loss falls with size; 0 for what no smaller one beats."""
+    floor = max(_EXACT * float(np.max(loss)), np.finfo(float).tiny)
+    level = np.log(np.maximum(loss, floor))
+    score = np.zeros(len(size))
+    last = 0
+    for k in range(1, len(size)):
+        if level[k] < level[last] and size[k] > size[last]:
+            score[k] = (level[last] - level[k]) / (size[k] - size[last])
+            last = k
+    return score
 
 
 def _equation_dict(equation: Equation) -> dict[str, Any]:

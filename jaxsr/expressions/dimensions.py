@@ -36,6 +36,7 @@ _MOST_KEPT = 200_000  # terms whose dimension is remembered
 Dimension = tuple[float, ...]
 NONE: Dimension = (0.0,) * len(BASES)
 """The dimension of a pure number."""
+TIME: Dimension = tuple(float(base == "[time]") for base in BASES)
 
 
 class Open(enum.Enum):
@@ -205,13 +206,13 @@ def _combined(term: Term, parts: list[Dimension | Open]) -> Dimension | Open:
         return NONE
     if op == "pow":
         return _power(term.args[1], parts[0], parts[1])
-    if op in ("mul", "div", "sqrt"):
-        first, last = parts[0], parts[-1]
+    if op in ("mul", "div", "sqrt", "integral", "integral_over"):
+        first, last = parts[0], parts[-1] if op != "integral" else TIME
         if isinstance(first, Open) or isinstance(last, Open):
             return Open.ANY
         if op == "sqrt":
             return tuple(_rounded(0.5 * a) for a in first)
-        return _times(first, last, 1.0 if op == "mul" else -1.0)
+        return _times(first, last, -1.0 if op == "div" else 1.0)
     # sin, exp, tanh and whatever else a user defines: a function of a number, to a number
     return NONE if all(part in (NONE, Open.ANY) for part in parts) else Open.NEVER
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from jaxsr.report.equation_figures import fit_figures, is_pick, mode_figure, pareto_figure
 from jaxsr.report.evidence import EquationFit
-from jaxsr.report.formatting import estimate, listing, number
+from jaxsr.report.formatting import estimate, is_number, listing, number, percent
 from jaxsr.report.page import write_page
 
 
@@ -76,9 +76,11 @@ def _equation(equation: Mapping[str, Any]) -> dict[str, Any]:
         value, interval = estimate(term.get("coefficient"), term.get("ci95"))
         row = {"expression": term.get("expression"), "value": value, "interval": interval}
         terms.append(row)
-    errors = (("Training", "train_mse"), ("Validation", "validation_mse"))
-    facts = [(words, number(equation.get(key), 3)) for words, key in errors]
-    facts.append(("Held out", number(equation.get("held_out_mse"), 3)))
+    errors = (("training", "train_mse"), ("validation", "validation_mse"))
+    errors += (("held out", "held_out_mse"),)
+    facts = [(f"Mean square error, {words}", number(equation.get(key), 3)) for words, key in errors]
+    if is_number(equation.get("relative_error")):
+        facts.insert(0, ("Residual over rate, rms", percent(equation["relative_error"])))
     return {
         "state": str(equation.get("state")),
         "expression": equation.get("expression"),

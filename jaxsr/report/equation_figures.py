@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -30,10 +31,13 @@ MOST_FRONTS = 6
 MOST_FITS = 6
 _MOST_RECORDINGS = 12  # of the mode figure
 _COLUMNS = 3
+_PLAIN = re.compile(r"[A-Za-z_]\w{0,40}", re.ASCII)  # states that may name a file
 
 
 def is_pick(point: Mapping[str, Any], equation: Mapping[str, Any]) -> bool:
-    """Whether a point of the front is the equation that was taken."""
+    """Whether a point of the front is the equation that was taken, marked as such or alike."""
+    if "picked" in point:
+        return bool(point["picked"])
     if point.get("expression") == equation.get("expression"):
         return True
     return point.get("complexity") == equation.get("complexity")
@@ -75,8 +79,9 @@ def _front(
     error = [p["mse"] for p in points]
     ax.plot(size, error, color=GIVEN, lw=1.1, drawstyle="steps-post", zorder=1.5)
     ax.plot(size, error, "o", ms=5, color=AFTER)
-    exact = [p for p in points if p.get("expression") == equation.get("expression")]
-    for pick in exact or [p for p in points if is_pick(p, equation)]:
+    picks = [p for p in points if is_pick(p, equation)]
+    exact = [p for p in picks if p.get("expression") == equation.get("expression")]
+    for pick in exact or picks:
         place = (pick["complexity"], pick["mse"])
         ax.plot(*place, "o", ms=12, mfc="none", mec=BEFORE, mew=2)
     if min(error) > 0:
@@ -102,12 +107,13 @@ def fit_figures(fits: Sequence[EquationFit]) -> list[Drawing]:
             states.setdefault(fit.state, []).append(fit)
     drawings = []
     wide = len(states) <= 2
-    for number, group in enumerate(list(states.values())[:MOST_FITS], start=1):
+    for number, (state, group) in enumerate(list(states.items())[:MOST_FITS], start=1):
         fit = max(group, key=lambda f: rms(f.target - f.predicted))
         note = f"The recording with the largest residual of {len(group)}." if len(group) > 1 else ""
-        png = draw((10.0, 4.2) if wide else (6.6, 4.2), lambda figure, f=fit: _fit(figure, f))
+        png = draw((10.0, 4.2) if wide else (5.4, 3.7), lambda figure, f=fit: _fit(figure, f))
         caption = f"Rate of {shorten(fit.state)}, {shorten(fit.recording, 32)}"
-        drawings.append(Drawing(f"fit_{number}.png", png, caption, note, wide))
+        name = f"fit_{state if _PLAIN.fullmatch(state) else number}.png"
+        drawings.append(Drawing(name, png, caption, note, wide))
     return drawings
 
 
