@@ -12,6 +12,8 @@ from jaxsr.expressions.term import Term
 from jaxsr.regression import Fit, RegressionProblem
 
 _SAME = 9.0  # fits within three times the error of the target itself are both exact
+_ROUNDING = 1e-20  # mean square, relative to the target's, at which a fit is exact to rounding
+_HUGE = 1e3  # size of the terms relative to their sum at which they cancel
 _BLOCKS = 20
 # A tenth of the rms error does not pay for another term: recordings are never quite of the
 # class of models searched, and with thousands of samples any term becomes significant.
@@ -46,6 +48,7 @@ def choose(
     variables: Mapping[str, np.ndarray],
     y: np.ndarray,
     weights: np.ndarray | None = None,
+    floor: float = 0.0,
 ) -> tuple[list[Candidate], int]:
     """Fit every set on ``problem``, judge it on other rows, pick the least that is as good.
 
@@ -54,7 +57,8 @@ def choose(
     consecutive blocks of rows: neighbours in time are not independent, and pairing removes what
     all candidates share. The fewest terms come first; between sets of equally many terms the
     smaller wins if it is as good by the standard error, or within 2 %. Fits that leave no more than
-    the errors of the target itself are equally good.
+    ``floor``, the mean square error of the target itself in the weighted rows, are all exact, and
+    one is no better than another; sets whose terms cancel each other almost wholly come last.
 
     Returns
     -------
@@ -67,28 +71,40 @@ def choose(
     for terms in sets:
         fit = problem.fit(terms)
         error = (w * (y - predict(fit.terms, fit.coefficients, variables))) ** 2
-        mse = float(np.mean(error)) if np.all(np.isfinite(error)) else np.inf
-        size = sum(1 + term.size for term in terms)
+        error = np.where(np.isfinite(error) & ~_cancel(problem, fit), error, np.inf)
+        mse = float(np.mean(error))
+        size = sum(2 + term.size for term in terms)
         candidates.append(Candidate(fit, size, fit.loss, mse))
         squares.append(error)
     order = sorted(range(len(candidates)), key=lambda k: candidates[k].size)
     candidates, squares = [candidates[k] for k in order], [squares[k] for k in order]
     errors = np.array([c.validation_mse for c in candidates])
     terms = np.array([len(c.fit.terms) for c in candidates])
-    floor = _SAME * problem.floor * float(np.mean((w * y) ** 2))
-    good = _as_good(squares, errors, floor) | (errors <= _WORTH * np.min(errors))
+    exact = max(_SAME * floor, _ROUNDING * float(np.mean((w * y) ** 2)))
+    good = _as_good(squares, errors, exact) | (errors <= _WORTH * np.min(errors))
     fewest = terms == np.min(terms[good])
     # among sets of that many terms size decides only where the errors do not
     rivals = np.flatnonzero(fewest)
-    tied = _as_good([squares[k] for k in rivals], errors[rivals], floor)
+    tied = _as_good([squares[k] for k in rivals], errors[rivals], exact)
     tied |= errors[rivals] <= _TIE * np.min(errors[rivals])
     return candidates, int(rivals[np.argmax(tied)])
 
 
-def _as_good(squares: Sequence[np.ndarray], errors: np.ndarray, floor: float) -> np.ndarray:
+def _cancel(problem: RegressionProblem, fit: Fit) -> bool:
+    """Tell whether the terms are huge beside their sum: a difference quotient, not a law."""
+    if not fit.terms:
+        return False
+    parts = problem.columns(fit.terms) * fit.coefficients
+    with np.errstate(over="ignore"):
+        return bool(np.sum(parts**2) > _HUGE**2 * float(problem.y @ problem.y))
+
+
+def _as_good(squares: Sequence[np.ndarray], errors: np.ndarray, exact: float) -> np.ndarray:
     """Tell which sets err no more than the best, within one standard error of the difference."""
     best = int(np.argmin(errors))
-    good = errors <= max(floor, errors[best])
+    good = errors <= max(exact, errors[best])
+    if errors[best] <= exact:
+        return good
     for k in np.flatnonzero(np.isfinite(errors) & ~good).tolist():
         parts = np.array_split(squares[k] - squares[best], min(_BLOCKS, len(squares[k])))
         means = np.array([np.mean(part) for part in parts])

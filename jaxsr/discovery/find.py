@@ -10,6 +10,7 @@ import numpy as np
 from jaxsr._progress import Budget
 from jaxsr.discovery.choose import choose, predict
 from jaxsr.discovery.equation import Equation, FittedTerm
+from jaxsr.discovery.rounding import rounded
 from jaxsr.discovery.samples import Samples, thinned
 from jaxsr.evolution import SearchConfig, SearchInfo, search
 from jaxsr.expressions.editing import edit, split
@@ -79,6 +80,12 @@ def row_weights(samples: Samples, state: str) -> np.ndarray:
     return weights / np.sqrt(np.mean(weights**2))
 
 
+def error_floor(samples: Samples, state: str) -> float:
+    """Return the mean square that errors of the derivative leave in the weighted rows."""
+    error = samples.errors.get(state)
+    return 0.0 if error is None else 1.0 / float(np.mean(error**-2.0))
+
+
 def expected_loss(y: np.ndarray, error: np.ndarray | None) -> float:
     """Return the relative residual that errors of the derivative alone leave."""
     if error is None:
@@ -123,6 +130,7 @@ def find_equation(
         validation.variables,
         task.remainder(validation),
         row_weights(validation, task.state),
+        error_floor(validation, task.state),
     )
     chosen = candidates[pick]
     final = final_estimate(task, chosen.fit.terms, every)
@@ -139,7 +147,7 @@ def find_equation(
 def final_estimate(task: Task, terms: Sequence[Term], samples: Samples) -> Equation:
     """Estimate the chosen terms on all rows, with intervals."""
     problem = task.problem(samples)
-    terms = edit(problem.refine(terms)[0]) if terms else ()
+    terms = edit(rounded(problem, terms)) if terms else ()
     fit = problem.fit(terms)
     theta = problem.projected(terms)
     residual = problem.y - theta @ fit.coefficients

@@ -13,11 +13,12 @@ from jaxsr.evolution.fitness import FitnessState, fitness
 from jaxsr.evolution.front import Front
 from jaxsr.evolution.individual import Individual, Problem
 from jaxsr.evolution.mutate import mutate_constant, mutate_subtree
+from jaxsr.evolution.offers import small_offers
 from jaxsr.evolution.select import tournament
 from jaxsr.expressions.term import Term
 
 Terms = tuple[Term, ...]
-_SCREENED = 8  # library terms offered to a greedy child
+_SCREENED = 8  # small terms offered to a greedy child
 
 
 def breed(
@@ -62,7 +63,7 @@ def breed(
             case 4:
                 out.append(_without(parent.terms, int(rng.integers(len(parent.terms)))))
             case _:
-                out.append(_greedy(rng, parent.terms, problem, offers))
+                out.append(_greedy(rng, parent.terms, problem, config, offers))
         if len(out) >= config.population:
             break
     return out
@@ -73,13 +74,17 @@ def _without(terms: Terms, place: int) -> Terms:
 
 
 def _greedy(
-    rng: np.random.Generator, terms: Terms, problem: Problem, offers: dict[Terms, list[Term]]
+    rng: np.random.Generator,
+    terms: Terms,
+    problem: Problem,
+    config: SearchConfig,
+    offers: dict[Terms, list[Term]],
 ) -> Terms:
-    """Add, or put in place of a random term, a known term that explains most of the residual."""
+    """Add, or put in place of a random term, a small term that explains most of the residual."""
     if len(terms) > 1 and rng.random() < 0.5:
         terms = _without(terms, int(rng.integers(len(terms))))
     if terms not in offers:
-        offers[terms] = problem.screen(terms, _SCREENED)
+        offers[terms] = small_offers(problem, config, terms, _SCREENED)
     if not offers[terms]:
         return terms
     # the best offers first: a geometric draw

@@ -176,6 +176,8 @@ class SearchConfig:
         Individuals whose constants are refined in a generation; 0 leaves constants to mutation.
     patience : int
         Generations without a better description after which the search has converged.
+    restarts : int
+        Fresh populations in a row that may lead nowhere before the search has converged.
     target : float
         Loss, relative to the target's sum of squares, at which the fit is exact.
     vartheta : float
@@ -183,12 +185,13 @@ class SearchConfig:
     """
 
     population: int = 200
-    generations: int = 100
+    generations: int = 500
     elite: float = 0.1
     reproduction: float = 0.1
     refined: int = 12
     patience: int = 8
-    target: float = 1e-14
+    restarts: int = 2
+    target: float = 1e-20
     vartheta: float = 5.0
     primitives: PrimitiveSet = field(default_factory=PrimitiveSet)
     sizes: SizeLimits = field(default_factory=SizeLimits)

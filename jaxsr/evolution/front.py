@@ -14,9 +14,17 @@ ROUNDING = 1e-24  # relative losses below this differ by rounding alone
 
 @dataclass(frozen=True, slots=True)
 class Front:
-    """Individuals none of which is beaten in both size and loss, smallest first."""
+    """Individuals none of which is beaten in both size and loss, smallest first.
+
+    Attributes
+    ----------
+    members : tuple of Individual
+    floor : float
+        Losses below it differ by errors of the target alone.
+    """
 
     members: tuple[Individual, ...] = ()
+    floor: float = ROUNDING
 
     def with_(self, individuals: Iterable[Individual]) -> Front:
         """Return the front after more individuals have been seen; the first of equals stays."""
@@ -24,9 +32,9 @@ class Front:
         pool.sort(key=lambda ind: (ind.size, ind.loss))
         kept: list[Individual] = []
         for individual in pool:
-            if not kept or max(individual.loss, ROUNDING) < kept[-1].loss:
+            if not kept or max(individual.loss, self.floor) < kept[-1].loss:
                 kept.append(individual)
-        return Front(tuple(kept))
+        return Front(tuple(kept), self.floor)
 
     @property
     def best_loss(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -21,7 +21,7 @@ class Individual:
     loss : float
         Residual sum of squares relative to the target's.
     size : int
-        Complexity: one for each coefficient and one for each node.
+        Complexity: two for each coefficient and one for each node.
     operators : int
         Operators over all terms.
     """
@@ -37,7 +37,7 @@ class Individual:
         return cls(
             tuple(terms),
             float(loss),
-            sum(1 + term.size for term in terms),
+            sum(2 + term.size for term in terms),
             sum(term.operators for term in terms),
         )
 
@@ -49,6 +49,7 @@ class Problem(Protocol):
     rows: int
     total: float
     time: str
+    floor: float
 
     def solve(self, individuals: Sequence[Sequence[Term]]) -> tuple[list[Any], np.ndarray]:
         """Return coefficients of unit-norm columns, and relative losses (inf if unusable)."""
@@ -62,12 +63,17 @@ class Problem(Protocol):
         """Return the terms that survive hard thresholding."""
         ...
 
-    def screen(self, terms: Sequence[Term], count: int) -> list[Term]:
-        """Return known terms that would lower the loss most beside ``terms``."""
+    def dictionary(self, key: Hashable, make: Callable[[], Sequence[Term]]) -> Any:
+        """Return candidate columns, made at the first call, whose ``best(terms, count)`` would
+        lower the loss most beside ``terms``."""
         ...
 
-    def refine(self, terms: Sequence[Term]) -> tuple[tuple[Term, ...], float]:
-        """Return the terms with inner constants at a local minimum, and the relative loss."""
+    def eliminate(self, terms: Sequence[Term], most: int) -> list[tuple[tuple[Term, ...], float]]:
+        """Return the chain of sets that backward elimination makes, at most ``most`` terms."""
+        ...
+
+    def refine_many(self, sets: Sequence[Sequence[Term]]) -> list[tuple[tuple[Term, ...], float]]:
+        """Return each set with inner constants at a local minimum, and its relative loss."""
         ...
 
     def frequencies(self, terms: Sequence[Term], variable: str, count: int) -> list[float]:

@@ -46,7 +46,7 @@ def small_terms(names: Sequence[str], primitives: PrimitiveSet, most: int = 2000
 
 
 def shape_terms(
-    variables: Mapping[str, np.ndarray], primitives: PrimitiveSet, most: int = 3000
+    variables: Mapping[str, np.ndarray], primitives: PrimitiveSet, most: int = 4000
 ) -> list[Term]:
     """Return terms that hold an inner constant, its values on a grid that suits the data.
 
@@ -67,11 +67,17 @@ def shape_terms(
         if "mul" in functions:
             for factor in (name, *others):
                 out += [_product(Term.variable(factor), shape) for shape in shapes]
+            pairs = itertools.combinations_with_replacement([name, *others[:2]], 2)
             out += [
                 _product(_product(Term.variable(a), Term.variable(b)), shape)
-                for a, b in itertools.combinations_with_replacement(others[:2], 2)
+                for a, b in pairs
+                if (a, b) != (name, name)
                 for shape in shapes
             ]
+    if len(names) <= _FEW and {"exp", "div"} <= functions:
+        out += [
+            term for a, b in itertools.combinations(names, 2) for term in _steps(a, b, variables)
+        ]
     return list(edit(out[:most]))
 
 
@@ -111,20 +117,42 @@ def _shapes(name: str, values: np.ndarray, functions: set[str]) -> Iterator[Term
         yield from (Term.apply("sqrt", _plus(v, span * s - low)) for s in (0.1, 1.0))
 
 
+def _steps(a: str, b: str, variables: Mapping[str, np.ndarray]) -> Iterator[Term]:
+    """Return logistic steps of a weighted sum of two variables."""
+    parts = []
+    for name in (a, b):
+        values = np.asarray(variables[name], dtype=np.float64)
+        span = float(np.ptp(values)) or 1.0
+        parts.append((Term.variable(name), span, float(np.min(values)) + 0.5 * span))
+    (v, wide, centre), (w, other, middle) = parts
+    for first, second in itertools.product((1.5, 5.0), (-5.0, -1.5, 1.5, 5.0)):
+        slopes = first / wide, second / other
+        inner = Term.apply("add", _times(slopes[0], v), _times(slopes[1], w))
+        for shift in (-2.0, 0.0, 2.0):
+            offset = shift - slopes[0] * centre - slopes[1] * middle
+            yield _over(_plus(Term.apply("exp", _plus(inner, offset)), 1.0))
+
+
 def _is_unary(name: object) -> bool:
     known = PRIMITIVES.get(name) if isinstance(name, str) else None
     return known is not None and known.arity == 1 and known.name not in ("neg", "integral")
 
 
+def monomials(variables: Sequence[Term], degree: int) -> list[Term]:
+    """Return every product of ``degree`` variables, ONE for degree 0."""
+    if degree == 0:
+        return [ONE]
+    draws = itertools.combinations_with_replacement(variables, degree)
+    return [_chain(parts) for parts in draws]
+
+
 def _monomials(variables: list[Term]) -> list[Term]:
     out: list[Term] = []
     for degree in range(2, 6):
-        found = (
-            [_chain(parts) for parts in itertools.combinations_with_replacement(variables, degree)]
-            if len(variables) ** degree < 40_000
-            else []
-        )
-        if degree > 2 and (not found or len(out) + len(found) > _MONOMIALS):
+        if len(variables) ** degree > 40_000:
+            break
+        found = monomials(variables, degree)
+        if degree > 2 and len(out) + len(found) > _MONOMIALS:
             break
         out += found
     return out

@@ -15,15 +15,21 @@ from jaxsr._progress import Budget, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.evolution.breed import breed
 from jaxsr.evolution.config import SearchConfig
-from jaxsr.evolution.create import random_terms, small_terms
+from jaxsr.evolution.create import random_terms
 from jaxsr.evolution.fitness import FitnessState, fitness, next_state
-from jaxsr.evolution.front import Front
+from jaxsr.evolution.front import ROUNDING, Front
 from jaxsr.evolution.individual import Individual, Problem
+from jaxsr.evolution.library import small_terms
+from jaxsr.evolution.offers import with_shapes
 from jaxsr.evolution.polish import polish, promising, with_frequencies
+from jaxsr.evolution.seeds import thinned_bases
 from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
 
 Terms = tuple[Term, ...]
+_SAME = 4.0  # a loss within twice the target's own error, squared, is exact
+_SETTLED = 6  # generations that look for a simpler fit once one is exact
+_LEAST = 1e-22  # relative losses below this differ by rounding alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +47,12 @@ class SearchState:
         Sets of terms whose constants have been refined, and what came of it.
     idle : int
         Generations since the front last described the data better.
+    exact : float
+        Relative loss that errors of the target itself leave.
+    fruitless : int
+        Fresh populations in a row that did not lead to a better description.
+    described : float
+        Shortest description of the data when the population was last drawn.
     """
 
     config: SearchConfig
@@ -50,6 +62,9 @@ class SearchState:
     rule: FitnessState
     refined: frozenset[Terms] = frozenset()
     idle: int = 0
+    exact: float = 0.0
+    fruitless: int = 0
+    described: float = np.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,24 +86,48 @@ def init(
     guesses: Iterable[Sequence[Term]] = (),
 ) -> SearchState:
     """Create the first population: small terms, random ones of ramped size, and guesses."""
-    names = list(problem.variables)
-    library = small_terms(names, config.primitives)
+    sets = [*map(edit, guesses), *thinned_bases(problem, config)]
+    population = _drawn(rng, problem, config, sets)
+    rule = FitnessState(increment=config.fitness.increment)
+    ranked = _ranked(population, rule, config)[: config.population]
+    front = Front(floor=max(problem.floor, ROUNDING)).with_(ranked)
+    exact = _SAME * problem.floor
+    described = front.best_description(problem.rows, max(problem.floor, _LEAST))
+    return SearchState(config, 0, tuple(ranked), front, rule, exact=exact, described=described)
+
+
+def restart(rng: np.random.Generator, state: SearchState, problem: Problem) -> SearchState:
+    """Draw a fresh population beside the front, which goes on."""
+    described = state.front.best_description(problem.rows, max(problem.floor, _LEAST))
+    rule = FitnessState(increment=state.config.fitness.increment)
+    drawn = _drawn(rng, problem, state.config, [])
+    ranked = _ranked([*state.front.members, *drawn], rule, state.config)
+    return replace(
+        state,
+        population=tuple(ranked[: state.config.population]),
+        rule=rule,
+        idle=0,
+        fruitless=0 if described < state.described - 1.0 else state.fruitless + 1,
+        described=described,
+    )
+
+
+def _drawn(
+    rng: np.random.Generator, problem: Problem, config: SearchConfig, sets: list[Terms]
+) -> list[Individual]:
+    """Return twice a population: small terms alone and together, and random ones."""
+    library = small_terms(list(problem.variables), config.primitives)
     usable = [t for t, k in zip(library, problem.index(library), strict=True) if k >= 0]
-    sets: list[Terms] = [edit(guess) for guess in guesses]
-    sets += [(term,) for term in usable[: config.population // 3]]
+    sets = [*sets, *((term,) for term in usable[: config.population // 3])]
     while len(sets) < 2 * config.population:
         count = int(rng.integers(1, min(6, config.sizes.terms) + 1))
         if usable and rng.random() < 0.5:
             picked = rng.integers(len(usable), size=count)
             sets.append(tuple(dict.fromkeys(usable[k] for k in picked)))
         else:
-            size = config.sizes.at_birth
+            names, size = list(problem.variables), config.sizes.at_birth
             sets.append(random_terms(rng, names, config.primitives, size, count))
-    population = weigh(problem, sets, config)
-    rule = FitnessState(increment=config.fitness.increment)
-    order = np.argsort(fitness(population, rule, config.fitness.tau), kind="stable")
-    ranked = tuple(population[k] for k in order[: config.population])
-    return SearchState(config, 0, ranked, Front().with_(ranked), rule)
+    return weigh(problem, sets, config)
 
 
 def weigh(problem: Problem, sets: Iterable[Terms], config: SearchConfig) -> list[Individual]:
@@ -129,16 +168,19 @@ def step(
     front = state.front.with_(ranked)
     refined = state.refined
     if config.refined:
-        chosen = promising(ranked, front, refined, config.refined, problem.rows)
-        better, refined = _refine(problem, chosen, refined)
-        waves, refined = _refine(
-            problem, with_frequencies(problem, front, generation, config), refined
-        )
-        front, found, refined = polish(problem, front.with_([*better, *waves]), config, refined)
-        ranked = _ranked(_distinct([*found, *better, *waves, *ranked]), state.rule, config)
+        sets = [
+            *promising(ranked, front, refined, config.refined, problem.rows),
+            *with_frequencies(problem, front, generation, config),
+            *with_shapes(problem, front, generation, config),
+        ]
+        better, refined = _refine(problem, sets, refined)
+        front, found, refined = polish(problem, front.with_(better), config, refined)
+        ranked = _ranked(_distinct([*found, *better, *ranked]), state.rule, config)
     front = front.with_(ranked)
     rule = next_state(state.rule, config.fitness, ranked[: len(elite)], generation)
-    gain = state.front.best_description(problem.rows) - front.best_description(problem.rows)
+    floor = max(problem.floor, _LEAST)
+    gain = state.front.best_description(problem.rows, floor)
+    gain -= front.best_description(problem.rows, floor)
     after = replace(
         state,
         generation=generation,
@@ -157,7 +199,7 @@ def step(
 
 def stopped(state: SearchState) -> StoppedBy | None:
     """Tell whether the search is over: target reached and settled, patience or generations out."""
-    if state.front.best_loss <= state.config.target and state.idle >= 2:
+    if state.front.best_loss <= max(state.config.target, state.exact) and state.idle >= _SETTLED:
         return StoppedBy.TARGET
     if state.idle >= state.config.patience or state.generation >= state.config.generations:
         return StoppedBy.CONVERGED
@@ -183,7 +225,9 @@ def search(
         while True:
             reason = stopped(state)
             if reason is not None:
-                return state, reason
+                if not _worth_restarting(state):
+                    return state, reason
+                state = restart(rng, state, problem)
             if limit.exhausted:
                 return state, limit.stopped_by
             state, info = step(rng, state, problem)
@@ -191,6 +235,13 @@ def search(
                 progress(info)
     except KeyboardInterrupt:
         return state, StoppedBy.INTERRUPTED
+
+
+def _worth_restarting(state: SearchState) -> bool:
+    """Tell whether something is left to explain and fresh populations may still help."""
+    config = state.config
+    left = state.front.best_loss > max(config.target, state.exact)
+    return left and state.generation < config.generations and state.fruitless < config.restarts
 
 
 def _ranked(
@@ -207,11 +258,9 @@ def _distinct(individuals: Iterable[Individual]) -> list[Individual]:
 def _refine(
     problem: Problem, sets: Iterable[Terms], refined: frozenset[Terms]
 ) -> tuple[list[Individual], frozenset[Terms]]:
-    out, seen = [], set(refined)
-    for terms in sets:
-        moved, loss = problem.refine(terms)
-        seen |= {terms, moved}
-        moved = edit(moved)
-        if np.isfinite(loss) and moved:
-            out.append(Individual.of(moved, loss))
-    return out, frozenset(seen)
+    """Refine the sets that are new; remember them and what they became."""
+    fresh = [terms for terms in dict.fromkeys(map(edit, sets)) if terms and terms not in refined]
+    moved = problem.refine_many(fresh)
+    edited = [(edit(terms), loss) for terms, loss in moved]
+    out = [Individual.of(terms, loss) for terms, loss in edited if terms and np.isfinite(loss)]
+    return out, refined.union(fresh, (terms for terms, _ in edited))

@@ -10,6 +10,7 @@ from jaxsr.evolution.config import SearchConfig
 from jaxsr.evolution.front import Front
 from jaxsr.evolution.individual import Individual, Problem
 from jaxsr.evolution.mutate import simpler_terms
+from jaxsr.evolution.offers import few
 from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
 
@@ -53,12 +54,8 @@ def with_frequencies(
     others = [n for n in problem.variables if n != problem.time]
     if others and generation % 3 == 0:
         names.append(others[(generation // 3) % len(others)])
-    members = [m for m in front.members if len(m.terms) < config.sizes.terms]
-    if len(members) > 4:  # the smallest, the largest and two between change with the generation
-        picks = {(generation * 2) % len(members), (generation * 2 + 1) % len(members)}
-        members = [members[k] for k in sorted({0, len(members) - 1, *picks})]
     out: list[Terms] = []
-    for member in members:
+    for member in few(front, config.sizes.terms - 1, generation):
         for name in names:
             for w in problem.frequencies(member.terms, name, 2):
                 out += _waves(member.terms, name, w)
@@ -98,17 +95,10 @@ def _worth(front: Front, rows: int) -> list[Individual]:
 
 
 def _eliminated(problem: Problem, member: Individual) -> list[Individual]:
-    out: list[Individual] = []
-    terms = member.terms
-    while len(terms) > 1:
-        fewer = [terms[:k] + terms[k + 1 :] for k in range(len(terms))]
-        _, losses = problem.solve(fewer)
-        terms = fewer[int(np.argmin(losses))]
-        out.append(Individual.of(terms, float(np.min(losses))))
-        if has_constants(terms):
-            moved, loss = problem.refine(terms)
-            out.append(Individual.of(edit(moved), loss))
-    return out
+    chain = problem.eliminate(member.terms, len(member.terms) - 1)
+    out = [Individual.of(terms, loss) for terms, loss in chain]
+    moved = problem.refine_many([terms for terms, _ in chain if has_constants(terms)])
+    return [*out, *(Individual.of(edit(terms), loss) for terms, loss in moved)]
 
 
 def _simplified(problem: Problem, member: Individual, seen: set[Terms]) -> list[Individual]:
@@ -118,14 +108,9 @@ def _simplified(problem: Problem, member: Individual, seen: set[Terms]) -> list[
     if not options:
         return []
     _, losses = problem.solve(options)
-    out = []
-    for k in np.argsort(losses)[:_TRIED]:
-        seen.add(options[k])
-        if has_constants(options[k]):
-            moved, loss = problem.refine(options[k])
-            moved = edit(moved)
-        else:
-            moved, loss = options[k], float(losses[k])
-        if moved and np.isfinite(loss):
-            out.append(Individual.of(moved, loss))
-    return out
+    best = [int(k) for k in np.argsort(losses)[:_TRIED]]
+    seen.update(options[k] for k in best)
+    out = [Individual.of(options[k], float(losses[k])) for k in best]
+    moved = problem.refine_many([options[k] for k in best if has_constants(options[k])])
+    out += [Individual.of(edit(terms), loss) for terms, loss in moved if edit(terms)]
+    return [individual for individual in out if np.isfinite(individual.loss)]

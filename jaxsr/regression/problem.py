@@ -22,6 +22,7 @@ View = Callable[[Array], Array]
 
 # A column that keeps less than this of its norm beside the fixed columns adds only rounding.
 _DEPENDENT = 1e-9
+_NORMAL_EQUATIONS = 1e-8  # relative loss below which Gram matrices are too coarse
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +226,10 @@ class RegressionProblem:
         xi = solve_ridge(gram, self.ridge)
         losses = np.where(unusable, np.inf, gram.loss(xi))
         losses = np.where(np.isfinite(losses), losses, np.inf)
+        # normal equations lose half the digits: a fit better than that is weighed again by QR
+        for row in np.flatnonzero(losses < _NORMAL_EQUATIONS):
+            theta = self._store[index[row, : len(individuals[row])]].T
+            losses[row] = least_squares(theta, self.target / self._scale)[1]
         return [xi[row, : len(terms)] for row, terms in enumerate(individuals)], losses
 
     def prune(self, terms: Sequence[Term]) -> tuple[Term, ...]:

@@ -29,7 +29,7 @@ Mask = NDArray[np.bool_]
 Places = NDArray[np.intp]
 
 # A column that keeps less than this of its norm beside the others depends on them.
-_DEPENDENT = 1e-10
+_DEPENDENT = 1e-6
 _CHUNK_BYTES = 64 * 2**20
 
 

@@ -1,0 +1,46 @@
+"""Whole numbers in place of constants that the data cannot tell from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxsr.expressions.editing import edit
+from jaxsr.expressions.term import Term
+from jaxsr.regression import RegressionProblem
+
+_NEAR = 0.02  # distance from a whole number, relative to the larger of it and one
+_RISE = 4.0  # of the residual sum of squares, in units of its mean square: two standard errors
+
+
+def rounded(problem: RegressionProblem, terms: Sequence[Term]) -> tuple[Term, ...]:
+    """Round inner constants that lie next to whole numbers, where the fit does not suffer.
+
+    x**1.9999999 is the square, and sin(x - 1.0000002*y) the sine of a difference. A constant is
+    rounded if the residual sum of squares, other constants refined again, rises by no more than
+    a parameter at its true value would cost, or stays within the errors of the target.
+    """
+    terms, loss = problem.refine(terms)
+    for old, new in _candidates(terms):
+        if old not in terms:
+            continue
+        trial = tuple(new if term == old else term for term in terms)
+        moved, after = problem.refine(trial)
+        allowed = max(loss * (1.0 + _RISE / problem.rows), loss + problem.floor)
+        if edit(moved) and np.isfinite(after) and after <= allowed:
+            terms, loss = edit(moved), after
+    return tuple(terms)
+
+
+def _candidates(terms: Sequence[Term]) -> list[tuple[Term, Term]]:
+    """Return (term, the same with one constant rounded)."""
+    out = []
+    for term in terms:
+        for place, node in enumerate(term.walk()):
+            if not node.is_constant or not term.args or node.value.is_integer():
+                continue
+            whole = float(np.round(node.value))
+            if abs(node.value - whole) <= _NEAR * max(abs(whole), 1.0):
+                out.append((term, term.replace_at(place, Term.constant(whole))))
+    return out

@@ -1,0 +1,73 @@
+"""Terms offered to the front: known small ones, and shapes whose constants start on a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from jaxsr.evolution.config import SearchConfig
+from jaxsr.evolution.front import Front
+from jaxsr.evolution.individual import Individual, Problem
+from jaxsr.evolution.library import shape_terms, small_terms
+from jaxsr.evolution.seeds import complete
+from jaxsr.expressions.term import Term
+
+Terms = tuple[Term, ...]
+_MEMBERS = 4  # of the front that are offered shapes in a generation
+_SHAPES = 4  # different shapes offered to each
+_ALL = 24  # and to a whole basis
+_LOOKED_AT = 10  # grid points looked at for each different shape
+
+
+def small_offers(problem: Problem, config: SearchConfig, terms: Terms, count: int) -> list[Term]:
+    """Return the small terms that would lower the loss most beside ``terms``."""
+    primitives = config.primitives
+    library = problem.dictionary(
+        ("small", primitives), lambda: small_terms(list(problem.variables), primitives)
+    )
+    return library.best(terms, count)
+
+
+def with_shapes(
+    problem: Problem, front: Front, generation: int, config: SearchConfig
+) -> list[Terms]:
+    """Return members of the front joined by a shape that explains most of their residual.
+
+    The first generation looks at whole bases of monomials too: the right part of a law without
+    its shape is often no member of any front.
+    """
+    primitives = config.primitives
+    shapes = problem.dictionary(
+        ("shapes", primitives), lambda: shape_terms(problem.variables, primitives)
+    )
+    out: list[Terms] = []
+    most = config.sizes.terms - 1
+    members = [(member.terms, _SHAPES) for member in few(front, most, generation)]
+    if generation == 1:
+        members += [(basis, _ALL) for basis in complete(problem, config)]
+    for terms, count in members:
+        kinds: dict[str, Term] = {}
+        for term in shapes.best(terms, _LOOKED_AT * count):
+            kinds.setdefault(kind(term), term)
+        out += [(*terms, term) for term in list(kinds.values())[:count]]
+    return out
+
+
+def few(front: Front, most: int, generation: int) -> list[Individual]:
+    """Return the smallest and largest members and two between that change with the generation."""
+    members = [m for m in front.members if len(m.terms) <= most]
+    if len(members) <= _MEMBERS:
+        return members
+    picks = {(generation * 2) % len(members), (generation * 2 + 1) % len(members)}
+    return [members[k] for k in sorted({0, len(members) - 1, *picks})]
+
+
+def kind(term: Term) -> str:
+    """Return the term's form without the values of its constants; whole numbers stay."""
+    if not term.args:
+        return term.name or (f"{term.value:g}" if term.value.is_integer() else "c")
+    return f"{term.op}({','.join(map(kind, term.args))})"
+
+
+def distinct(sets: Sequence[Terms]) -> list[Terms]:
+    """Return each set once, whatever the order of its terms."""
+    return list({frozenset(terms): terms for terms in sets}.values())
