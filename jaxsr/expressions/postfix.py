@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr._result import InputError
-from jaxsr.expressions.primitives import PRIMITIVES
+from jaxsr.expressions.primitives import BUILT_IN, PRIMITIVES
 from jaxsr.expressions.term import Term
 
 NOP, CONSTANT, VARIABLE = 0, 1, 2
 # Max and Min of several arguments are written as nested pairs.
 OPERATORS: tuple[str, ...] = tuple(
     name
-    for name, p in PRIMITIVES.items()
-    if p.pointwise and (p.arity in (1, 2) or name in ("max", "min"))
+    for name in BUILT_IN
+    if PRIMITIVES[name].pointwise and (PRIMITIVES[name].arity in (1, 2) or name in ("max", "min"))
 )
 _OPCODE = {name: 3 + k for k, name in enumerate(OPERATORS)}
 

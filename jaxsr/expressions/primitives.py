@@ -44,7 +44,11 @@ class Primitive:
     pointwise: bool = True
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return PRIMITIVES.__getitem__, (self.name,)
+        return _of_name, (self.name,)
+
+
+def _of_name(name: str) -> Primitive:
+    return PRIMITIVES[name]
 
 
 def _safe_sqrt(x: Any) -> Any:
@@ -173,6 +177,8 @@ INTEGRALS: dict[str, Primitive] = {
 }
 """Cumulative integrals from the start of a recording: of f dt, and of f dg."""
 PRIMITIVES: dict[str, Primitive] = {p.name: p for p in (*_OPERATORS, *_FUNCTIONS)} | INTEGRALS
+BUILT_IN: tuple[str, ...] = tuple(PRIMITIVES)
+"""Names that mean the same in every process; what a user defines comes on top."""
 FUNCTIONS_BY_TEXT: dict[str, Primitive] = {p.text: p for p in _FUNCTIONS}
 DISCONTINUOUS = frozenset({"sign", "floor", "heaviside", "lt", "le", "gt", "ge", "eq", "ne"})
 """Primitives whose value jumps; a simulation has to smooth or resolve them."""
