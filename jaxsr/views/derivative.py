@@ -11,12 +11,15 @@ from jaxsr._result import InputError
 from jaxsr.recordings.noise import noise_level
 from jaxsr.views.finite_difference import finite_difference
 from jaxsr.views.savitzky_golay import savitzky_golay
+from jaxsr.views.tikhonov import adaptive_spline, tikhonov
 from jaxsr.views.total_variation import total_variation
 
 DERIVATIVES: Mapping[str, Callable[..., np.ndarray]] = {
     "finite_difference": finite_difference,
     "savitzky_golay": savitzky_golay,
     "total_variation": total_variation,
+    "tikhonov": tikhonov,
+    "adaptive_spline": adaptive_spline,
 }
 _CLEAN = 1e-3  # noise of the finite difference, relative to the derivative
 

@@ -1,4 +1,4 @@
-"""Derivatives regularised by total variation, which keep jumps sharp."""
+"""Smoothing and derivatives regularised by total variation, which keep jumps sharp."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from scipy.linalg import solveh_banded
 
 from jaxsr._result import InputError
 from jaxsr.recordings.noise import noise_level
+from jaxsr.views.penalised import gcv
 
 _ITERATIONS = 40
 _SMOOTHING = 1e-4  # of the spread of the jumps: makes |jump| differentiable
 _TOLERANCE = 1e-5  # change of the residual between iterations that ends them
 _BISECTIONS = 24
 _FAINT = 1e-6
+_ACTIVE = 0.1  # of the mean jump: one of this size counts half as a degree of freedom
 _MARGIN = 1.03  # on the noise: to fit noise costs more than to smooth a little too much
 _STIFFEST = 1e11  # largest entry of the normal equations, next to 1 for a sample
 
@@ -22,13 +24,15 @@ def total_variation(
     y: np.ndarray,
     derivative: int = 1,
     strength: float | None = None,
-    noise: float | None = None,
+    noise: float | np.ndarray | None = None,
+    order: int | None = None,
 ) -> np.ndarray:
-    r"""Differentiate under a penalty on the total variation of the derivative.
+    r"""Smooth or differentiate under a penalty on the total variation of a derivative.
 
-    Minimises over the smoothed signal x, with u = x^(derivative),
+    Minimises over the smoothed signal x, with u = x^(order) and weights w_i proportional to
+    1 / noise_i^2 and of mean 1,
 
-        1/2 sum_i (y_i - x_i)^2 + strength * sum_i |u_{i+1} - u_i|.
+        1/2 sum_i w_i (y_i - x_i)^2 + strength * sum_i |u_{i+1} - u_i|.
 
     This is the functional of Chartrand with u = dx/dt as the unknown's derivative, so that every
     matrix is banded and an iteration costs O(samples). Solved by lagged diffusivity.
@@ -40,12 +44,15 @@ def total_variation(
     y : ndarray, shape (samples,)
         Signal. Missing samples (NaN) are filled by the regularisation.
     derivative : int
-        1, or 2 (total variation of the second derivative).
+        0 (the smoothed signal), 1 or 2.
     strength : float, optional
         Weight of the penalty. By default the discrepancy principle: the residual's root mean
         square equals the noise.
-    noise : float, optional
-        Standard deviation of the noise; `noise_level` by default.
+    noise : float or ndarray, shape (samples,), optional
+        Standard deviation of the noise, for each sample if it varies; `noise_level` by default.
+    order : int, optional
+        Derivative whose variation counts, from `derivative` to 3: 0 keeps steps of the signal,
+        1 kinks. By default `derivative`, and 2 for the smoothed signal.
 
     Returns
     -------
@@ -54,7 +61,7 @@ def total_variation(
     Raises
     ------
     InputError
-        For another derivative, a negative strength or too few samples.
+        For another derivative or order, a negative strength or too few samples.
 
     References
     ----------
@@ -62,25 +69,80 @@ def total_variation(
     (2011), Eq. 2 and section 2; the principle is Morozov's.
     """
     t, y = np.asarray(t, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    present = np.isfinite(y)
-    if derivative not in (1, 2):
-        raise InputError(f"total variation of derivative {derivative}", remedy="Use 1 or 2")
+    order = (derivative or 2) if order is None else order
+    _check(t, y, derivative, order, strength, noise)
+    h, middle, spread = _units(t, y)
+    if spread == 0.0:
+        return np.full(t.size, 0.0 if derivative else middle)
+    problem, smooth = _fit(t, y, strength, noise, order)
+    x = problem.differentiate(smooth, derivative) * (spread / h**derivative)
+    return x if derivative else x + middle
+
+
+def total_variation_score(
+    t: np.ndarray, y: np.ndarray, noise: float | np.ndarray | None, order: int
+) -> float:
+    """Log of the GCV score of the smoothed signal, comparable to `PenalisedSpline.score`."""
+    _check(t, y, 0, order, None, noise)
+    spread = _units(t, y)[2]
+    if spread == 0.0:
+        return -np.inf
+    problem, smooth = _fit(t, y, None, noise, order)
+    count = int(np.count_nonzero(np.isfinite(y)))
+    return gcv(problem.residual(smooth) ** 2, problem.freedom(smooth), count) + 2 * np.log(spread)
+
+
+def _check(
+    t: np.ndarray,
+    y: np.ndarray,
+    derivative: int,
+    order: int,
+    strength: float | None,
+    noise: float | np.ndarray | None,
+) -> None:
+    count = int(np.count_nonzero(np.isfinite(y)))
+    if derivative not in (0, 1, 2):
+        raise InputError(f"total variation for derivative {derivative}", remedy="Use 0, 1 or 2")
+    if not derivative <= order <= 3:
+        raise InputError(
+            f"variation of derivative {order}", remedy=f"Use an order from {derivative} to 3"
+        )
     if strength is not None and not strength >= 0.0:
         raise InputError(f"strength={strength} of the penalty", remedy="Give a number from 0 up")
-    if np.count_nonzero(present) < derivative + 3:
-        raise InputError(f"{np.count_nonzero(present)} samples", remedy="Give more")
-    # unit spacing and unit spread keep the equations well scaled
-    h = (t[-1] - t[0]) / (t.size - 1)
-    middle, spread = float(np.mean(y[present])), float(np.ptp(y[present]))
-    if spread == 0.0:
-        return np.zeros(t.size)
-    problem = _Problem((t - t[0]) / h, (y - middle) / spread, present, derivative)
+    if isinstance(noise, np.ndarray) and not np.all(np.asarray(noise) > 0.0):
+        raise InputError("noise is not positive everywhere", remedy="Give deviations above 0")
+    if count < order + 3:
+        raise InputError(f"{count} samples", remedy=f"Give at least {order + 3}")
+
+
+def _units(t: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+    """Mean interval, mean and spread: in these units the equations are well scaled."""
+    known = y[np.isfinite(y)]
+    return (t[-1] - t[0]) / (t.size - 1), float(np.mean(known)), float(np.ptp(known))
+
+
+def _fit(
+    t: np.ndarray,
+    y: np.ndarray,
+    strength: float | None,
+    noise: float | np.ndarray | None,
+    order: int,
+) -> tuple[_Problem, np.ndarray]:
+    """The problem in `_units` and its solution there."""
+    h, middle, spread = _units(t, y)
+    present = np.isfinite(y)
+    weights = present.astype(np.float64)
+    level = noise
+    if isinstance(noise, np.ndarray):
+        sigma = np.broadcast_to(noise, y.shape)
+        inverse = np.where(present, (np.min(sigma) / sigma) ** 2, 0.0)
+        weights = inverse / np.mean(inverse[present])
+        level = float(np.min(sigma) / np.sqrt(np.mean(inverse[present])))
+    problem = _Problem((t - t[0]) / h, (y - middle) / spread, present, order, weights)
     if strength is not None:
-        smooth = problem.solve(strength / (spread * h**derivative))
-    else:
-        noise = noise_level(t, y) if noise is None else noise
-        smooth = _by_discrepancy(problem, noise / spread)
-    return problem.differentiate(smooth) * (spread / h**derivative)
+        return problem, problem.solve(strength / (spread * h**order))
+    level = noise_level(t, y) if level is None else float(level)
+    return problem, _by_discrepancy(problem, level / spread)
 
 
 def _by_discrepancy(problem: _Problem, noise: float) -> np.ndarray:
@@ -110,16 +172,22 @@ def _by_discrepancy(problem: _Problem, noise: float) -> np.ndarray:
 class _Problem:
     """The functional on a grid of unit mean spacing."""
 
-    def __init__(self, t: np.ndarray, y: np.ndarray, present: np.ndarray, derivative: int) -> None:
+    def __init__(
+        self,
+        t: np.ndarray,
+        y: np.ndarray,
+        present: np.ndarray,
+        order: int,
+        weights: np.ndarray,
+    ) -> None:
         index = np.arange(y.size)
         self.filled = np.interp(index, index[present], y[present])
         # missing samples weigh next to nothing, enough to keep the equations regular
-        self.present = np.where(present, 1.0, _FAINT)
-        self.derivative = derivative
+        self.weights = np.where(present, weights, _FAINT)
         # bands[r, j]: coefficient of x[r + j]; level k holds the k-th derivative
         self.bands = [np.ones((t.size, 1))]
         self.times = [t]
-        for _ in range(derivative):
+        for _ in range(order):
             above, times = self.bands[-1], self.times[-1]
             step = np.diff(times)[:, None]
             self.bands.append(_difference(above) / step)
@@ -141,29 +209,35 @@ class _Problem:
         return smooth
 
     def _weighted(self, weights: np.ndarray) -> np.ndarray:
-        """Solve (P + J' diag(weights) J) x = P y, P one for the present samples."""
+        """Solve (W + J' diag(weights) J) x = W y, W the weights of the samples."""
         rows, width = self.jump.shape
         # beyond this the present samples would be lost in rounding
         weights = np.minimum(weights, _STIFFEST / np.sum(self.jump**2, axis=1))
         upper = np.zeros((width, self.filled.size))
-        upper[-1] = self.present
+        upper[-1] = self.weights
         for j in range(width):
             for k in range(j, width):
                 upper[width - 1 - (k - j), k : k + rows] += (
                     weights * self.jump[:, j] * self.jump[:, k]
                 )
-        return solveh_banded(upper, self.present * self.filled, check_finite=False)
+        return solveh_banded(upper, self.weights * self.filled, check_finite=False)
+
+    def freedom(self, smooth: np.ndarray) -> float:
+        """Degrees of freedom: the jumps that are not zero, and those of the null space."""
+        jumps = np.abs(_apply(self.jump, smooth))
+        floor = _ACTIVE * max(float(np.mean(jumps)), 1e-300)
+        return self.jump.shape[1] - 1.0 + float(np.sum(jumps**2 / (jumps**2 + floor**2)))
 
     def residual(self, smooth: np.ndarray) -> float:
         """Root mean square of what the smoothing took away."""
         return float(
-            np.sqrt(np.sum(self.present * (self.filled - smooth) ** 2) / self.present.sum())
+            np.sqrt(np.sum(self.weights * (self.filled - smooth) ** 2) / self.weights.sum())
         )
 
-    def differentiate(self, smooth: np.ndarray) -> np.ndarray:
-        """The derivative at the samples; it is piecewise constant between them."""
-        between = _apply(self.bands[-1], smooth)
-        return np.interp(self.times[0], self.times[-1], between)
+    def differentiate(self, smooth: np.ndarray, derivative: int) -> np.ndarray:
+        """A derivative at the samples, from its values between them."""
+        between = _apply(self.bands[derivative], smooth)
+        return np.interp(self.times[0], self.times[derivative], between)
 
 
 def _difference(bands: np.ndarray) -> np.ndarray:
