@@ -1,9 +1,9 @@
 """Searches that outlive their process: a state and its random numbers in one file, and back.
 
 The file is JSON with terms in the model grammar and numbers that read back exactly; nothing in it
-is executed. What a search does next depends on the state, the generator and the problem, which
-offers the terms it has met: all three come back, so a search that was stopped and resumed ends
-with the same front, bit for bit, as one that was not.
+is executed. What a search does next depends on the state, the generator and the problem as it was
+made, not on what it was asked before; so a search that was stopped and resumed ends with the same
+front, bit for bit, as one that was not.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import json
 import math
 import time
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -34,19 +34,12 @@ _GENERATORS = ("PCG64", "PCG64DXSM", "MT19937", "Philox", "SFC64")
 
 
 class Data(Protocol):
-    """What tells one regression problem from another, and the terms that it has met."""
+    """What tells one regression problem from another."""
 
     variables: dict[str, np.ndarray]
     target: np.ndarray
+    floor: float
     time: str
-
-    def known(self) -> Sequence[Term]:
-        """Return every term whose column is stored, in the order in which they came."""
-        ...
-
-    def index(self, terms: Sequence[Term]) -> list[int]:
-        """Store the columns of terms that are new."""
-        ...
 
 
 class Keeper:
@@ -123,7 +116,6 @@ def save(path: str | Path, state: SearchState, rng: np.random.Generator, problem
         "config": _config_print(state.config),
         "rng": table.encode(rng.bit_generator.state),
         "state": table.encode(state),
-        "known": table.encode(tuple(problem.known())),
         "terms": table.rows,
     }
     text = json.dumps(body, allow_nan=False)
@@ -134,14 +126,14 @@ def save(path: str | Path, state: SearchState, rng: np.random.Generator, problem
 def load(
     path: str | Path, problem: Data, config: SearchConfig
 ) -> tuple[SearchState, np.random.Generator]:
-    """Read what :func:`save` wrote, and make a fresh ``problem`` meet the terms of that run.
+    """Read what :func:`save` wrote.
 
     Parameters
     ----------
     path : path
     problem, config
-        What the search runs on. Settings that only end a search (generations, patience, target)
-        may differ from those of the file: a longer search goes on from a shorter one.
+        What the search runs on. ``config.generations`` may differ from the file's: a longer
+        search goes on from a shorter one.
 
     Raises
     ------
@@ -157,15 +149,17 @@ def load(
     try:
         decoder = _Decoder(config, body["terms"])
         state = decoder.decode(body["state"])
-        known = decoder.decode(body["known"])
         saved = decoder.decode(body["rng"])
         if not isinstance(state, SearchState) or saved["bit_generator"] not in _GENERATORS:
             raise ValueError("no search state")
         bits = getattr(np.random, saved["bit_generator"])()
         bits.state = saved
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        raise InputError("the checkpoint was written by another version", str(path)) from error
-    problem.index(known)
+        raise InputError(
+            "the checkpoint was written by another version, or with functions not defined here",
+            str(path),
+            remedy,
+        ) from error
     return state, np.random.Generator(bits)
 
 
@@ -185,8 +179,8 @@ def _read(path: Path) -> Mapping[str, Any]:
 
 
 def fingerprint(problem: Data) -> str:
-    """Return the SHA-256 of target, variables and the name of time."""
-    digest = hashlib.sha256(problem.time.encode())
+    """Return the SHA-256 of target, its error, variables and the name of time."""
+    digest = hashlib.sha256(f"{problem.time}|{problem.floor!r}".encode())
     for name, values in [("", problem.target), *problem.variables.items()]:
         array = np.ascontiguousarray(values, dtype="<f8")
         digest.update(f"|{name}|{array.shape}|".encode())
@@ -195,10 +189,7 @@ def fingerprint(problem: Data) -> str:
 
 
 def _config_print(config: SearchConfig) -> str:
-    usual = SearchConfig()
-    same_end = replace(
-        config, generations=usual.generations, patience=usual.patience, target=usual.target
-    )
+    same_end = replace(config, generations=1)
     return _digest(json.dumps(_described(same_end), allow_nan=True))
 
 
