@@ -1,6 +1,7 @@
 """Inner constants: exact slopes, and a search that reaches rounding, one set or many."""
 
 import warnings
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from jaxsr.regression import (
     constants_of,
     with_constants,
 )
+from jaxsr.regression.descent import descend, descent_shapes
+from jaxsr.regression.projection import batches, evaluate
 from jaxsr.regression.slopes import Form
 
 T = np.linspace(0.0, 10.0, 300)
@@ -224,3 +227,56 @@ def test_what_a_coefficient_says_is_no_constant_and_redundant_ones_stay_small():
     (terms, loss) = problem.refine(_terms("exp(0.25*x + 0.7)", "1.0"))
     assert loss < 1e-20
     np.testing.assert_allclose(constants_of(terms[0]), [0.3, 0.7], rtol=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "iterations"), [("adam", 60), ("lbfgs", 100)])
+def test_descent_through_the_ridge_solve_lowers_every_loss(method, iterations):
+    rng = np.random.default_rng(8)
+    variables = {name: column[::6] for name, column in _variables(rng).items()}
+    y = _law(variables)
+    limits = Refinement(method=method, iterations=iterations)
+    problem = RegressionProblem(y, variables, refinement=limits)
+    sets = [*_perturbed(rng, 4), _terms("x", "z"), _terms("sqrt(x)", "sin(2.0*t)")]
+    exact = RegressionProblem(y, variables)
+    before = exact.solve(sets)[1]
+    after = problem.refine_many(sets)
+    for start, (_, loss) in zip(before[:4], after, strict=False):
+        assert loss < 0.3 * start
+    assert after[4] == (tuple(sets[4]), pytest.approx(before[4], rel=1e-6))
+    assert np.isinf(after[5][1])
+    shapes = descent_shapes(limits)
+    # other counts of sets, terms and constants in the same buckets: nothing new is compiled
+    problem.refine_many([*_perturbed(rng, 3), _terms("sqrt(x)", "sin(2.0*t)", "z")])
+    assert descent_shapes(limits) == shapes
+
+
+def test_gradient_of_a_descent_is_that_of_the_loss():
+    rng = np.random.default_rng(9)
+    a = rng.normal(size=(60, len(T)))
+    variables = _variables(rng)
+    view = RegressionProblem(a @ _law(variables), variables, view=lambda c: a @ c)
+    terms = _terms("x", "sin(2.4*t + 0.4)", "exp(0.4*z)/(x**2 + 1.5)")
+    ((_, batch),) = batches(view, [terms], 10)
+    # the first step goes down the gradient in constants relative to their sizes, a length of 1e-6
+    limits = Refinement(method="lbfgs", iterations=1, learning_rate=1e-6)
+    start = batch.start[0]
+    moved = (descend(view, batch, [terms[1:]], limits)[0] - start) / np.abs(start)
+    slopes = []
+    for k, value in enumerate(start):
+        ends = [batch.start + s * 1e-6 * value * np.eye(len(start))[k] for s in (1.0, -1.0)]
+        up, down = (evaluate(batch, c, np.array([0])).loss[0] for c in ends)
+        slopes.append(up - down)
+    # differences of the loss: rounding 1e-16 of it against changes of 1e-6
+    np.testing.assert_allclose(moved, -1e-6 * np.array(slopes) / np.linalg.norm(slopes), rtol=1e-4)
+
+
+def test_terms_without_postfix_code_are_left_to_levenberg_marquardt():
+    variables = _variables(np.random.default_rng(10))
+    y = np.where(variables["z"] > 0.0, np.sin(2.5 * T), variables["x"])
+    problem = RegressionProblem(y, variables, refinement=Refinement(method="adam"))
+    ((term,), loss) = problem.refine(_terms("Piecewise((sin(2.45*t), z > 0), (x, True))"))
+    assert loss < 1e-20
+    assert constants_of(term)[0] == pytest.approx(2.5, rel=1e-8)
+    with pytest.raises(InputError, match="method"):
+        Refinement(method=cast(Any, "newton"))

@@ -4,29 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from jaxsr._result import InputError
+from jaxsr.expressions.postfix import OPERATORS
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
 from jaxsr.regression.marquardt import levenberg_marquardt
-from jaxsr.regression.projection import batches
+from jaxsr.regression.projection import Sets, batches, evaluate
 from jaxsr.regression.slopes import Form, constants_of, with_constants
 
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem
 
 
+METHODS = ("levenberg_marquardt", "adam", "lbfgs")
+
+
 @dataclass(frozen=True, slots=True)
 class Refinement:
-    """Limits of the search over inner constants.
+    """Method and limits of the search over inner constants.
 
     Attributes
     ----------
+    method : str
+        "levenberg_marquardt", or a descent by optax through the ridge solve: "adam" (needs
+        hundreds of iterations), "lbfgs". Terms without postfix code are left to the first.
     iterations : int
-        Levenberg-Marquardt steps tried.
+        Steps tried.
     floor : float
         Loss relative to the target's at which a fit is exact to rounding.
     most_constants : int
@@ -36,15 +43,23 @@ class Refinement:
         last.
     reach : float
         Longest step of a constant relative to its size (or to one, for smaller constants).
+    learning_rate : float
+        Adam's, relative to the constants' sizes.
     """
 
+    method: Literal["levenberg_marquardt", "adam", "lbfgs"] = "levenberg_marquardt"
     iterations: int = 15
     floor: float = 1e-22
     most_constants: int = 10
     gain: float = 1e-6
     reach: float = 10.0
+    learning_rate: float = 0.01
 
     def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(
+                f"unknown method {self.method!r}", "Refinement", f"Use one of {', '.join(METHODS)}."
+            )
         if self.iterations < 0 or self.most_constants < 0:
             raise InputError("iterations and most_constants must not be negative", "Refinement")
         if not self.reach > 0.0:
@@ -66,14 +81,37 @@ def refine_many(
     total = problem.total or 1.0
     out: list[tuple[tuple[Term, ...], float]] = [(tuple(terms), np.inf) for terms in sets]
     for places, batch in batches(problem, sets, limits.most_constants):
-        constants, loss = levenberg_marquardt(batch, limits, total)
-        for row, place in enumerate(places):
-            terms = sets[place]
+        own = [sets[place] for place in places]
+        constants, loss = _search(problem, batch, own, limits, total)
+        for row, terms in enumerate(own):
             if np.any(batch.used[row]):
                 moved = iter(constants[row].tolist())
                 terms = [with_constants(term, moved) for term in terms]
-            out[place] = (tuple(terms), float(loss[row] / total))
+            out[places[row]] = (tuple(terms), float(loss[row] / total))
     return out
+
+
+def _search(
+    problem: RegressionProblem,
+    batch: Sets,
+    sets: Sequence[Sequence[Term]],
+    limits: Refinement,
+    total: float,
+) -> tuple[Array, Array]:
+    """Return constants and losses of a batch, never worse than the start."""
+    moving = [[term for term in terms if constants_of(term)] for terms in sets]
+    nodes = [node for terms in moving for term in terms for node in term.walk()]
+    coded = all(node.op in OPERATORS for node in nodes if node.args)
+    if limits.method == "levenberg_marquardt" or not coded or not batch.used.shape[1]:
+        return levenberg_marquardt(batch, limits, total)
+    from jaxsr.regression.descent import descend  # optax is loaded only when asked for
+
+    every = np.arange(len(sets))
+    before = evaluate(batch, batch.start, every).loss
+    found = descend(problem, batch, moving, limits)
+    after = evaluate(batch, found, every).loss
+    better = after < before
+    return np.where(better[:, None], found, batch.start), np.where(better, after, before)
 
 
 def refine(

@@ -58,15 +58,18 @@ def constants_of(term: Term) -> list[float]:
 
 def with_constants(term: Term, values: Iterator[float]) -> Term:
     """Return the term with its movable constants taken from ``values``, in preorder."""
-    return _replaced(term, values, outer=True)
+    return with_leaves(term, map(Term.constant, values))
 
 
-def _replaced(term: Term, values: Iterator[float], outer: bool) -> Term:
+def with_leaves(term: Term, leaves: Iterator[Term], *, outer: bool = True) -> Term:
+    """Return the term with ``leaves`` in place of its movable constants, in preorder."""
     if term.is_constant:
-        return term if outer else Term.constant(next(values))
+        return term if outer else next(leaves)
     if not term.args:
         return term
-    return Term(term.op, tuple(_replaced(a, values, still) for a, still in _parts(term, outer)))
+    return Term(
+        term.op, tuple(with_leaves(a, leaves, outer=still) for a, still in _parts(term, outer))
+    )
 
 
 def _movable(term: Term, outer: bool) -> Iterator[Term]:
