@@ -22,8 +22,8 @@ def noise_by_sample(t: np.ndarray, y: np.ndarray) -> np.ndarray:
     with the share p of noise proportional to the signal from `SHARES`. It is taken above zero only
     if the normal likelihood of r gains more than 4 in the logarithm. A floor of a tenth of the
     variance stays, because weights that trust samples near zero without limit make the fit
-    follow them. s is set so that the mean variance is that of r, divided by 1 - df / n, or that
-    of `noise_level` on r / sqrt(v) where this is clearly less: a step that x could not follow.
+    follow them. s is set so that the mean variance is that of r, divided by 1 - df / n. If
+    p = 0 and `noise_level` finds clearly less in r, that is taken: x could not follow a step.
 
     Parameters
     ----------
@@ -54,9 +54,8 @@ def noise_by_sample(t: np.ndarray, y: np.ndarray) -> np.ndarray:
         if share == 0.0 or lost < best - (_CERTAIN if np.all(chosen == 1.0) else 0.0):
             best, chosen = lost, shape
     left = max(1.0 - fit.freedom / count, 0.05)
-    even = rest / np.sqrt(chosen[present])
-    size = float(np.sqrt(np.mean(even**2) / left))
-    alone = noise_level(t[present], even)
-    if alone < _LESS * size:
-        size = alone
+    size = float(np.sqrt(np.mean(rest**2 / chosen[present]) / left))
+    if np.all(chosen == 1.0):
+        alone = noise_level(t[present], rest)
+        size = alone if alone < _LESS * size else size
     return np.sqrt(chosen) * (size or noise_level(t, y) or 1.0)

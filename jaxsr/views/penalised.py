@@ -113,7 +113,7 @@ class PenalisedProblem:
         """Root mean square of y - x, all samples alike."""
         return float(np.sqrt(np.mean((self.y - self.basis @ self.solve(strength)) ** 2)))
 
-    def score(self, strength: float, choice: str, noise: float = 0.0) -> float:
+    def score(self, strength: float, choice: str = "gcv", noise: float = 0.0) -> float:
         """What a choice of the strength minimises; infinite where rounding takes over."""
         try:
             c = self.solve(strength)

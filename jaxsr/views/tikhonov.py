@@ -288,20 +288,22 @@ def _adapt(samples: _Samples, order: int) -> PenalisedSpline:
     fits = [samples.restore(even, even.solve(strength), strength, even.freedom(strength))]
     size = min(max(2 * even.size, _ADAPTED), samples.t.size)
     problem = PenalisedProblem(samples.t, samples.y, samples.weights, order, size)
-    strength = problem.choose(near=strength)
-    c = problem.solve(strength)
     middles = (problem.edges[1:] + problem.edges[:-1]) / 2.0
-    for _ in range(_ROUNDS):
+    for turn in range(_ROUNDS + 1):
+        strength = problem.choose(near=strength)
+        # clean data ask for less penalty than makes the equations regular
+        if not np.isfinite(problem.score(strength)):
+            break
+        c = problem.solve(strength)
+        if turn:
+            fits.append(samples.restore(problem, c, strength, problem.freedom(strength)))
         rough = problem.spline(c).derivative(order)(middles) ** 2
         rough = np.sqrt(gaussian_filter1d(rough, _REACH, mode="nearest"))
         mean = float(np.mean(rough))
         if not mean > 0.0:
             break
-        # the same size for this fit, so that the strength need not be searched from afar
+        # of one size for this fit, so that the strength need not be searched from afar
         rigour = (rough / mean + _FLOOR) ** -2.0
         rigour *= np.sum(rough**2) / np.sum(rigour * rough**2)
         problem.penalty = problem.penalise(rigour)
-        strength = problem.choose(near=strength)
-        c = problem.solve(strength)
-        fits.append(samples.restore(problem, c, strength, problem.freedom(strength)))
     return min(fits, key=lambda fit: fit.score)
