@@ -34,7 +34,7 @@ def simplify(term: Term) -> Term:
     """Return the canonical form of a term."""
     if not term.args:
         return term
-    args = tuple([simplify(arg) for arg in term.args])
+    args = tuple([simplify(arg) if arg.args else arg for arg in term.args])
     if any(is_nan(arg) for arg in args):
         return NEVER
     if term.op in INTEGRALS:
@@ -152,11 +152,12 @@ def _keeps(exponent: float) -> bool:
 
 
 def _power(value: float, exponent: float) -> float:
-    if value == 0.0 and exponent < 0.0:
+    if exponent == 1.0 or value == 1.0:
+        return value
+    try:
+        return math.pow(value, exponent)
+    except (OverflowError, ValueError):  # too large; 0**-1 or a root of a negative number
         return math.nan
-    with np.errstate(all="ignore"):
-        result = float(np.power(np.float64(value), exponent))
-    return result if math.isfinite(result) else math.nan
 
 
 def _unit_sum(node: Term) -> tuple[float, Term]:
@@ -240,7 +241,10 @@ def _function(op: str, args: tuple[Term, ...]) -> Term:
     if op in ("sign", "abs", "heaviside"):
         scale, arg = _scale_apart(arg)
         scale = scale if op == "abs" else 1.0
-    inner = _sign_definite(op, arg) or _inverse(op, arg) or Term(op, (arg,))
+    known = _sign_definite(op, arg) or _inverse(op, arg)
+    if known is None and sign * scale == 1.0:
+        return Term(op, (arg,))
+    inner = known or Term(op, (arg,))
     return build_product(*collect_product(times(sign * scale, inner)))
 
 

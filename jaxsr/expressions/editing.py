@@ -36,14 +36,18 @@ def split(term: Term) -> list[tuple[float, Term]]:
     In a linear regression each part deserves its own coefficient: ``x*(y + 3)`` holds an inner
     constant, ``x*y`` and ``x`` hold none.
     """
-    constant, parts = collect_sum(simplify(term))
+    return _split(simplify(term))
+
+
+def _split(form: Term) -> list[tuple[float, Term]]:
+    constant, parts = collect_sum(form)
     out: list[tuple[float, Term]] = []
     for base, coefficient in parts.items():
         pieces = _expand(base)
         if pieces == [base]:
             out.append((coefficient, base))
         else:
-            out += [(coefficient * c, part) for piece in pieces for c, part in split(piece)]
+            out += [(coefficient * c, part) for piece in pieces for c, part in _split(piece)]
     if constant != 0.0:
         out.append((constant, ONE))
     return out
@@ -74,11 +78,10 @@ def edit(terms: Iterable[Term]) -> tuple[Term, ...]:
 
 @functools.lru_cache(maxsize=REMEMBERED)
 def _parts(term: Term) -> tuple[Term, ...]:
-    return tuple(
-        part
-        for scale, part in split(shorten(simplify(term)))
-        if math.isfinite(scale) and not any(is_nan(node) for node in part.walk())
-    )
+    form = simplify(term)
+    short = shorten(form)
+    pieces = _split(form) if short is form else split(short)
+    return tuple(part for scale, part in pieces if math.isfinite(scale) and not is_nan(part))
 
 
 def _expand(base: Term) -> list[Term]:
