@@ -30,7 +30,7 @@ def experiments(masses: int, seed: int) -> list[Recording]:
     """Return four experiments from random displacements and velocities."""
     rng = np.random.default_rng([seed, masses])
     system, t = chain(masses), np.linspace(0.0, 10.0, 500)
-    return [system.record(rng.normal(size=2 * masses), t, f"start {k}") for k in range(4)]
+    return [system.record(rng.normal(size=2 * masses).tolist(), t, f"start {k}") for k in range(4)]
 
 
 def run(seed: int, masses: int) -> dict[str, Any]:
