@@ -93,16 +93,16 @@ def test_savitzky_golay_on_uniform_and_nearly_uniform_grids_agree():
 def test_the_chosen_window_is_near_the_best(order, sigma, uneven):
     """The error is at most 1.6 times the least that any window and degree could have reached."""
     ratios = []
-    for seed in range(4):
+    for seed in range(3):
         rng = np.random.default_rng(seed)
-        t = 5.0 * _grid(600, uneven, seed)
+        t = 5.0 * _grid(400, uneven, seed)
         y = _truth(t, 0) + sigma * rng.normal(size=t.size)
-        inside = slice(60, -60)
+        inside = slice(40, -40)
         chosen = _rms((savitzky_golay(t, y, order) - _truth(t, order))[inside])
         tried = [
             _rms((savitzky_golay(t, y, order, window, degree) - _truth(t, order))[inside])
             for degree in (2, 4, 6)
-            for window in range(9, 160, 10)
+            for window in range(9, 130, 10)
         ]
         ratios.append(chosen / min(tried))
     assert np.median(ratios) < 1.6

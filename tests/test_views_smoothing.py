@@ -217,7 +217,7 @@ def test_fast_signals_are_not_taken_for_noise():
 
 
 def test_the_pick_is_the_spline_for_motions_and_total_variation_for_relays():
-    t = np.linspace(0.0, 10.0, 400)
+    t = np.linspace(0.0, 10.0, 250)
     for seed in range(2):
         noise = 0.05 * np.random.default_rng(seed).normal(size=t.size)
         relay = np.sign(np.sin(1.7 * t))

@@ -11,6 +11,7 @@ from scipy.optimize import minimize_scalar
 CHOICES = ("gcv", "likelihood", "risk", "discrepancy")
 INFLATION = 1.2  # of the degrees of freedom, keeps GCV from the rare fits that follow the noise
 _STEP = 0.01  # of log(strength), in the derivative of a determinant
+_REFUSED = 1e12  # score of a strength at which rounding takes over
 _STIFFEST = 1e12  # largest penalty next to 1 for the samples that rounding lets pass
 
 
@@ -136,7 +137,8 @@ class PenalisedProblem:
         """Strength of the least score: over all strengths, or within two decades of `near`."""
 
         def score(log_strength: float) -> float:
-            return self.score(float(np.exp(log_strength)), choice, noise)
+            # finite, since the search forms differences
+            return min(self.score(float(np.exp(log_strength)), choice, noise), _REFUSED)
 
         if near is None:
             scale = np.log(np.max(self.gram[0]) / np.max(self.penalty[0]))
