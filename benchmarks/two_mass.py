@@ -69,7 +69,7 @@ class Case:
 
 def run(seed: int, case: Case) -> dict[str, Any]:
     """Discover all four equations with one seed."""
-    began = time.perf_counter()
+    began, used = time.perf_counter(), time.process_time()
     found = jaxsr.discover(
         case.data,
         states=list(case.laws),
@@ -77,9 +77,9 @@ def run(seed: int, case: Case) -> dict[str, Any]:
         inputs=case.inputs,
         seed=seed,
     )
-    seconds = time.perf_counter() - began
+    seconds, cpu = time.perf_counter() - began, time.process_time() - used
     laws = {e.state: e.term for e in found.equations}
-    out = {"seed": seed, "seconds": seconds, **case.score(laws)}
+    out = {"seed": seed, "seconds": seconds, "cpu_seconds": cpu, **case.score(laws)}
     return out | {"expressions": {e.state: e.expression for e in found.equations}}
 
 
@@ -122,6 +122,8 @@ def table(name: str, runs: list[dict[str, Any]]) -> dict[str, Any]:
         "median_seconds": statistics.median(r["seconds"] for r in runs),
         "slowest_seconds": max(r["seconds"] for r in runs),
     }
+    if "cpu_seconds" in runs[0]:
+        out["median_cpu_seconds"] = statistics.median(r["cpu_seconds"] for r in runs)
     largest = "-" if not errors else f"{max(errors):.1e}"
     rate = f"{out['exact']:2d}/{out['of']:<2d}"
     print(
