@@ -70,6 +70,13 @@ def test_forms_agree(found):
         found.latex("w")
 
 
+def test_it_prints_its_equations(found):
+    lines = str(found).splitlines()
+    assert lines[0] == "d(q)/dt = v" and lines[1].startswith("d(v)/dt = ")
+    assert len(lines[1]) < 60
+    assert found._repr_html_().count("<math") == 2
+
+
 @pytest.mark.parametrize(
     ("text", "latex"),
     [("2.34567*x0**2.0", "2.346 x_{0}^{2}"), ("d_q/sqrt(v)", r"\frac{d_{q}}{\sqrt{v}}"),
@@ -121,8 +128,8 @@ def test_page_shows_equations_as_mathml_and_stands_alone(found, tmp_path):
 def test_page_keeps_one_candidate_for_each_number_of_terms(found):
     document = shown(found)
     front = document["pareto"]["v"]
-    counts = [row["complexity"] for row in front]
-    assert counts == sorted(set(counts))
+    counts, errors = [r["complexity"] for r in front], [r["mse"] for r in front]
+    assert counts == sorted(set(counts)) and errors == sorted(errors, reverse=True)
     assert sum(row["picked"] for row in front) == 1
     assert document["equations"][0]["terms"][0]["ci95"] is None  # q' = v is no estimate
     assert "picked" not in found.to_dict()["pareto"]["v"][0]
@@ -157,3 +164,18 @@ def test_plots_draw_on_the_axes_given(found):
     plt.close("all")
     with pytest.raises(InputError, match="recording 7"):
         found.plot_fit("v", recording=7)
+
+
+def test_an_interval_too_narrow_to_print_is_given_by_its_width(tmp_path):
+    from jaxsr.report import write_discovery_report
+
+    terms = [
+        {"expression": "q", "coefficient": -50.0, "ci95": [-50.0 - 3e-13, -50.0 + 3e-13]},
+        {"expression": "v", "coefficient": 2.0, "ci95": [1.9, 2.1]},
+        {"expression": "u", "coefficient": 1.0, "ci95": None},
+    ]
+    equation = {"state": "v", "expression": "-50.0*q + 2.0*v + u", "terms": terms}
+    write_discovery_report({"equations": [equation]}, [], tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<b>−50</b>" in page and "± 3×10⁻¹³" in page
+    assert "1.90 … 2.10" in page and "<b>1</b>" in page

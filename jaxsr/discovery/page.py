@@ -19,8 +19,8 @@ def write_page(discovery: Discovery, folder: Path) -> None:
 def shown(discovery: Discovery) -> dict[str, Any]:
     """Return ``discovery.json`` as the report shows it.
 
-    Of each front the pick, and the best of every other number of terms; relative errors; no
-    interval where a coefficient is exact by definition.
+    Of each front the pick, and the best of every other number of terms that beats all fewer;
+    relative errors; no interval where a coefficient is exact by definition.
     """
     document = discovery.to_dict()
     for equation, entry in zip(discovery.equations, document["equations"], strict=True):
@@ -32,11 +32,21 @@ def shown(discovery: Discovery) -> dict[str, Any]:
     kept = rows.drop_duplicates(["state", "complexity"]).sort_values("complexity")
     points = kept.to_dict("records")
     for state, front in document["pareto"].items():
-        front[:] = [point for point in points if point["state"] == state]
+        front[:] = _undominated([point for point in points if point["state"] == state])
     computed = document["provenance"].pop("estimated_derivatives", ())
     if computed:
         document["provenance"]["Rates computed for"] = ", ".join(computed)
     return document
+
+
+def _undominated(points: list[dict[Any, Any]]) -> list[dict[Any, Any]]:
+    """Return the pick, and the points that no point of fewer terms beats; fewest terms first."""
+    kept, least = [], np.inf
+    for point in points:
+        if point["picked"] or point["mse"] < least:
+            kept.append(point)
+        least = min(least, point["mse"])
+    return kept
 
 
 def fits_of(discovery: Discovery) -> list[EquationFit]:

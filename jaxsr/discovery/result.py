@@ -66,6 +66,16 @@ class Discovery:
         names = ["state", "complexity", "operators", "mse", "validation_mse"]
         return pd.DataFrame(rows, columns=[*names, "expression", "picked"])
 
+    def __str__(self) -> str:
+        """Return the equations, one a line, coefficients to six digits."""
+        return "\n".join(f"d({e.state})/dt = {to_text(e.term, 6)}" for e in self.equations)
+
+    def _repr_html_(self) -> str:
+        """Return the equations as MathML, for notebooks."""
+        from jaxsr.report.mathml import equation
+
+        return "".join(f"<p>{equation(e.state, e.expression)}</p>" for e in self.equations)
+
     def __getitem__(self, state: str) -> Equation:
         """Return the equation of a state."""
         for equation in self.equations:

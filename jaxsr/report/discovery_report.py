@@ -73,7 +73,7 @@ def _equation(equation: Mapping[str, Any]) -> dict[str, Any]:
     """Return an equation with its terms and errors printed."""
     terms = []
     for term in equation.get("terms") or []:
-        value, interval = estimate(term.get("coefficient"), term.get("ci95"))
+        value, interval = _coefficient(term.get("coefficient"), term.get("ci95"))
         row = {"expression": term.get("expression"), "value": value, "interval": interval}
         terms.append(row)
     errors = (("training", "train_mse"), ("validation", "validation_mse"))
@@ -89,6 +89,15 @@ def _equation(equation: Mapping[str, Any]) -> dict[str, Any]:
         "complexity": number(equation.get("complexity")),
         "operators": number(equation.get("operators")),
     }
+
+
+def _coefficient(value: Any, ci95: Any) -> tuple[str, str]:
+    """Print a coefficient and its interval; a width where the ends would read the same."""
+    shown, interval = estimate(value, ci95)
+    low, _, high = interval.partition(" … ")
+    if low != high:
+        return shown, interval
+    return number(value, 8), f"± {number((ci95[1] - ci95[0]) / 2.0, 2)}"
 
 
 def _fronts(document: Mapping[str, Any]) -> list[dict[str, Any]]:

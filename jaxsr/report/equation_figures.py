@@ -86,7 +86,8 @@ def _front(
         ax.plot(*place, "o", ms=12, mfc="none", mec=BEFORE, mew=2)
     if min(error) > 0:
         ax.set_yscale("log")
-        ax.set_ylim(min(error) / 5, max(error) * 5)
+        room = max(5.0, (max(error) / min(error)) ** 0.06)  # for the ring
+        ax.set_ylim(min(error) / room, max(error) * room)
     ax.set_xlim(min(size) - 0.5, max(size) + 0.5)
     ax.set_title(plain(state))
     ax.set_xlabel("terms")
