@@ -101,6 +101,17 @@ def _build_sum(constant: float, parts: Sum) -> Term:
     return total
 
 
+def _divided(constant: float, parts: Sum, by: float) -> Term:
+    """Write a sum with every part divided; 0.76/0.76 is 1, whatever rounding makes of it."""
+
+    def quotient(value: float) -> float:
+        exact = value / by
+        near = float(round(exact)) if abs(exact) < 1e15 else exact
+        return near if abs(exact - near) <= 4e-16 * abs(exact) else exact
+
+    return _build_sum(quotient(constant), {k: quotient(c) for k, c in parts.items()})
+
+
 def times(coefficient: float, base: Term) -> Term:
     if coefficient == 1.0:
         return base
@@ -170,7 +181,7 @@ def _unit_sum(node: Term) -> tuple[float, Term]:
     lead = parts[min(parts, key=_key)]
     if lead == 1.0:
         return 1.0, node
-    return lead, _build_sum(constant / lead, {k: c / lead for k, c in parts.items()})
+    return lead, _divided(constant, parts, lead)
 
 
 def _merge_signs(powers: Product) -> None:
@@ -224,7 +235,7 @@ def _integral(op: str, args: tuple[Term, ...]) -> Term:
             return Term.constant(0.0)
         lead = parts[min(parts, key=_key)] if parts else constant
         factors *= lead
-        inner.append(_build_sum(constant / lead, {k: c / lead for k, c in parts.items()}))
+        inner.append(_divided(constant, parts, lead))
     return times(factors, Term(op, tuple(inner)))
 
 
@@ -314,7 +325,7 @@ def _scale_apart(arg: Term) -> tuple[float, Term]:
     lead = abs(parts[min(parts, key=_key)]) if parts else 1.0
     if lead == 1.0:
         return 1.0, arg
-    return lead, _build_sum(constant / lead, {k: c / lead for k, c in parts.items()})
+    return lead, _divided(constant, parts, lead)
 
 
 @functools.lru_cache(maxsize=REMEMBERED)

@@ -81,7 +81,11 @@ def _parts(term: Term) -> tuple[Term, ...]:
     form = simplify(term)
     short = shorten(form)
     pieces = _split(form) if short is form else split(short)
-    return tuple(part for scale, part in pieces if math.isfinite(scale) and not is_nan(part))
+    return tuple(part for scale, part in pieces if math.isfinite(scale) and _is_finite(part))
+
+
+def _is_finite(term: Term) -> bool:
+    return not any(is_nan(node) for node in term.walk())
 
 
 def _expand(base: Term) -> list[Term]:
