@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxsr.evaluation import ColumnCache
+from jaxsr.evolution import complexity
 from jaxsr.expressions.term import Term
 from jaxsr.regression import Fit, RegressionProblem
 
@@ -73,7 +74,7 @@ def choose(
         error = (w * (y - predict(fit.terms, fit.coefficients, variables))) ** 2
         error = np.where(np.isfinite(error) & ~_cancel(problem, fit), error, np.inf)
         mse = float(np.mean(error))
-        size = sum(2 + term.size for term in terms)
+        size = complexity(terms)
         candidates.append(Candidate(fit, size, fit.loss, mse))
         squares.append(error)
     order = sorted(range(len(candidates)), key=lambda k: candidates[k].size)

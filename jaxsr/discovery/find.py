@@ -68,6 +68,7 @@ class Task:
             view=lambda columns: weights[:, None] * columns,
             time=self.time,
             floor=floor,
+            noise=samples.noise.get(self.state, 0.0) ** 2 / max(float(np.mean(y**2)), 1e-300),
         )
 
 

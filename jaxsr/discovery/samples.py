@@ -10,7 +10,7 @@ import numpy as np
 from jaxsr._result import InputError
 from jaxsr.discovery.treatment import estimated_derivative
 from jaxsr.expressions import is_identifier
-from jaxsr.recordings import Recording
+from jaxsr.recordings import Recording, noise_level
 
 _EDGE = 4  # samples at each end at which an estimated derivative is one-sided
 
@@ -58,6 +58,8 @@ class Samples:
         States whose derivative was computed from their samples.
     errors : dict of str to ndarray, (rows,)
         Standard error of a computed derivative, where it is known.
+    noise : dict of str to float
+        Measurement noise of a derivative that is a column.
     """
 
     variables: dict[str, np.ndarray]
@@ -65,6 +67,7 @@ class Samples:
     group: np.ndarray
     estimated: frozenset[str]
     errors: dict[str, np.ndarray] = field(default_factory=dict)
+    noise: dict[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.group)
@@ -77,6 +80,7 @@ class Samples:
             self.group[rows],
             self.estimated,
             {k: v[rows] for k, v in self.errors.items()},
+            self.noise,
         )
 
 
@@ -130,7 +134,9 @@ def samples(recordings: Sequence[Recording], roles: Roles) -> Samples:
     estimated = frozenset().union(*(p.estimated for p in parts))
     known = set.intersection(*(set(p.errors) for p in parts))
     errors = {n: np.concatenate([p.errors[n] for p in parts]) for n in sorted(known)}
-    return Samples(variables, targets, group, estimated, errors).take(np.flatnonzero(complete))
+    noise = {n: float(np.median([p.noise[n] for p in parts])) for n in parts[0].noise}
+    whole = Samples(variables, targets, group, estimated, errors, noise)
+    return whole.take(np.flatnonzero(complete))
 
 
 def _of_one(recording: Recording, roles: Roles) -> Samples:
@@ -142,18 +148,19 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
         source = displacement[name] if name in computed else name
         signal = recording.channel(source)
         values[name] = estimated_derivative(t, signal)[0] if name in computed else signal
-    targets, errors = {}, {}
+    targets, errors, noise = {}, {}, {}
     for state in roles.states:
         if state in roles.rate_of:
             targets[state] = values[roles.rate_of[state]]
         elif state in roles.derivatives:
             targets[state] = recording.channel(roles.derivatives[state])
+            noise[state] = noise_level(t, targets[state])
         else:
             twice = state in computed
             signal = values[displacement[state] if twice else state]
             targets[state], errors[state] = estimated_derivative(t, signal, 2 if twice else 1)
     known = {n: e for n, e in errors.items() if e is not None}
-    part = Samples(values, targets, np.zeros(len(t), int), frozenset(errors), known)
+    part = Samples(values, targets, np.zeros(len(t), int), frozenset(errors), known, noise)
     rough = len(known) < len(errors) or computed
     return part.take(np.arange(_EDGE, len(t) - _EDGE)) if rough and len(t) > 10 * _EDGE else part
 

@@ -8,7 +8,7 @@ from jaxsr.evolution.config import (
     SizeLimits,
 )
 from jaxsr.evolution.front import Front
-from jaxsr.evolution.individual import Individual, Problem
+from jaxsr.evolution.individual import Individual, Problem, complexity
 from jaxsr.evolution.loop import SearchInfo, SearchState, init, search, step, stopped
 from jaxsr.evolution.propose import Proposal, propose
 
@@ -24,6 +24,7 @@ __all__ = [
     "SearchInfo",
     "SearchState",
     "SizeLimits",
+    "complexity",
     "init",
     "propose",
     "search",

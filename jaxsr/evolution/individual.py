@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+import functools
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -21,7 +22,7 @@ class Individual:
     loss : float
         Residual sum of squares relative to the target's.
     size : int
-        Complexity: two for each coefficient and one for each node.
+        Complexity of the set, see :func:`complexity`.
     operators : int
         Operators over all terms.
     """
@@ -37,9 +38,23 @@ class Individual:
         return cls(
             tuple(terms),
             float(loss),
-            sum(2 + term.size for term in terms),
+            complexity(terms),
             sum(term.operators for term in terms),
         )
+
+
+def complexity(terms: Iterable[Term]) -> int:
+    """Return two for each coefficient, one for each node, one more for each fitted constant.
+
+    Whole numbers inside terms are taken as given, others as fitted.
+    """
+    return sum(_cost(term) for term in terms)
+
+
+@functools.lru_cache(maxsize=100_000)
+def _cost(term: Term) -> int:
+    fitted = sum(1 for n in term.walk() if n.is_constant and not n.value.is_integer())
+    return 2 + term.size + fitted
 
 
 class Problem(Protocol):
@@ -50,6 +65,7 @@ class Problem(Protocol):
     total: float
     time: str
     floor: float
+    noise: float
 
     def solve(self, individuals: Sequence[Sequence[Term]]) -> tuple[list[Any], np.ndarray]:
         """Return coefficients of unit-norm columns, and relative losses (inf if unusable)."""

@@ -21,7 +21,7 @@ from jaxsr.evolution.front import ROUNDING, Front
 from jaxsr.evolution.individual import Individual, Problem
 from jaxsr.evolution.library import small_terms
 from jaxsr.evolution.offers import with_shapes
-from jaxsr.evolution.polish import polish, promising, with_frequencies
+from jaxsr.evolution.polish import polish, promising, settled, with_frequencies
 from jaxsr.evolution.seeds import thinned_bases
 from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
@@ -49,6 +49,8 @@ class SearchState:
         Generations since the front last described the data better.
     exact : float
         Relative loss that errors of the target itself leave.
+    enough : float
+        Relative loss that is near enough to measurement noise not to start anew.
     fruitless : int
         Fresh populations in a row that did not lead to a better description.
     described : float
@@ -63,6 +65,7 @@ class SearchState:
     refined: frozenset[Terms] = frozenset()
     idle: int = 0
     exact: float = 0.0
+    enough: float = 0.0
     fruitless: int = 0
     described: float = np.inf
 
@@ -91,9 +94,11 @@ def init(
     rule = FitnessState(increment=config.fitness.increment)
     ranked = _ranked(population, rule, config)[: config.population]
     front = Front(floor=max(problem.floor, ROUNDING)).with_(ranked)
-    exact = _SAME * problem.floor
+    exact, enough = _SAME * problem.floor, _SAME * problem.noise
     described = front.best_description(problem.rows, max(problem.floor, _LEAST))
-    return SearchState(config, 0, tuple(ranked), front, rule, exact=exact, described=described)
+    return SearchState(
+        config, 0, tuple(ranked), front, rule, exact=exact, enough=enough, described=described
+    )
 
 
 def restart(rng: np.random.Generator, state: SearchState, problem: Problem) -> SearchState:
@@ -240,7 +245,7 @@ def search(
 def _worth_restarting(state: SearchState) -> bool:
     """Tell whether something is left to explain and fresh populations may still help."""
     config = state.config
-    left = state.front.best_loss > max(config.target, state.exact)
+    left = state.front.best_loss > max(config.target, state.exact, state.enough)
     return left and state.generation < config.generations and state.fruitless < config.restarts
 
 
@@ -260,7 +265,7 @@ def _refine(
 ) -> tuple[list[Individual], frozenset[Terms]]:
     """Refine the sets that are new; remember them and what they became."""
     fresh = [terms for terms in dict.fromkeys(map(edit, sets)) if terms and terms not in refined]
-    moved = problem.refine_many(fresh)
+    moved = settled(problem, problem.refine_many(fresh))
     edited = [(edit(terms), loss) for terms, loss in moved]
     out = [Individual.of(terms, loss) for terms, loss in edited if terms and np.isfinite(loss)]
     return out, refined.union(fresh, (terms for terms, _ in edited))

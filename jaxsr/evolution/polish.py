@@ -16,6 +16,7 @@ from jaxsr.expressions.term import Term
 
 Terms = tuple[Term, ...]
 _EXACT = 1e-18  # relative loss at which two fits are both exact to rounding
+_NEAR = 1e-3  # distance from a whole number, relative to the larger of it and one
 _TRIED = 10  # simplifications of one individual whose constants are refined
 
 
@@ -68,6 +69,37 @@ def _waves(terms: Terms, name: str, w: float) -> list[Terms]:
     return [(*terms, Term.apply("sin", angle)), (*terms, Term.apply("sin", shifted))]
 
 
+def settled(problem: Problem, moved: Sequence[tuple[Terms, float]]) -> list[tuple[Terms, float]]:
+    """Put whole numbers in place of refined constants that came to lie next to them.
+
+    x**1.9999998 and x**2 fit alike; only the latter can be multiplied out, and only it is a law.
+    """
+    out = list(moved)
+    near = [k for k, (terms, loss) in enumerate(moved) if np.isfinite(loss) and _rounded(terms)]
+    trials = problem.refine_many([edit(_rounded(moved[k][0])) for k in near])
+    for k, (terms, loss) in zip(near, trials, strict=True):
+        allowed = max(moved[k][1] * (1.0 + 4.0 / problem.rows), 4.0 * problem.floor)
+        if loss <= allowed:
+            out[k] = terms, loss
+    return out
+
+
+def _rounded(terms: Terms) -> Terms:
+    """Return the terms with constants next to whole numbers rounded; empty if there are none."""
+    changed = tuple(_whole(term) if term.args else term for term in terms)
+    return changed if changed != terms else ()
+
+
+def _whole(term: Term) -> Term:
+    if term.is_constant:
+        whole = float(np.round(term.value))
+        near = abs(term.value - whole) <= _NEAR * max(abs(whole), 1.0)
+        return Term.constant(whole) if near else term
+    if not term.args:
+        return term
+    return Term.apply(term.op, *map(_whole, term.args))
+
+
 def polish(
     problem: Problem, front: Front, config: SearchConfig, refined: frozenset[Terms]
 ) -> tuple[Front, list[Individual], frozenset[Terms]]:
@@ -97,7 +129,9 @@ def _worth(front: Front, rows: int) -> list[Individual]:
 def _eliminated(problem: Problem, member: Individual) -> list[Individual]:
     chain = problem.eliminate(member.terms, len(member.terms) - 1)
     out = [Individual.of(terms, loss) for terms, loss in chain]
-    moved = problem.refine_many([terms for terms, _ in chain if has_constants(terms)])
+    moved = settled(
+        problem, problem.refine_many([terms for terms, _ in chain if has_constants(terms)])
+    )
     return [*out, *(Individual.of(edit(terms), loss) for terms, loss in moved)]
 
 
@@ -111,6 +145,8 @@ def _simplified(problem: Problem, member: Individual, seen: set[Terms]) -> list[
     best = [int(k) for k in np.argsort(losses)[:_TRIED]]
     seen.update(options[k] for k in best)
     out = [Individual.of(options[k], float(losses[k])) for k in best]
-    moved = problem.refine_many([options[k] for k in best if has_constants(options[k])])
+    moved = settled(
+        problem, problem.refine_many([options[k] for k in best if has_constants(options[k])])
+    )
     out += [Individual.of(edit(terms), loss) for terms, loss in moved if edit(terms)]
     return [individual for individual in out if np.isfinite(individual.loss)]

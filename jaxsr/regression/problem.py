@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jaxsr._result import InputError
 from jaxsr.evaluation.cache import ColumnCache
 from jaxsr.expressions.term import Term
-from jaxsr.regression.constants import Refinement, refine, refine_many
+from jaxsr.regression.constants import Refinement, refine_many
 from jaxsr.regression.dictionary import Dictionary
 from jaxsr.regression.elimination import eliminate
-from jaxsr.regression.gram import Array, gather_gram, scale_columns
+from jaxsr.regression.elastic_net import ElasticNetRule, Penalty, selected
+from jaxsr.regression.gram import Array, GramBatch, gather_gram, scale_columns
+from jaxsr.regression.judging import Judge
 from jaxsr.regression.ridge import least_squares, solve_ridge
+from jaxsr.regression.signs import (
+    Signs,
+    checked_signs,
+    signed_least_squares,
+    signed_normal_equations,
+    signs_of,
+    wrong,
+)
 from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies
 from jaxsr.regression.threshold import HardThreshold
 
@@ -68,8 +79,16 @@ class RegressionProblem:
         Name of the variable that is time, if it is among the variables.
     floor : float
         Relative loss that errors of the target itself leave; a fit that good is exact.
+    noise : float
+        Relative loss that measurement noise of the target leaves, estimated.
     limit_bytes : int
         Memory for stored columns; what one call needs is held in any case.
+    signs : mapping of Term to int, optional
+        Terms whose coefficients must not be negative (1) or not be positive (-1).
+    judge : Judge, optional
+        Rows on which :meth:`judge` weighs what these rows have fitted.
+    group : ndarray of int, (samples,), optional
+        Number of each sample's recording: integrals over time begin anew in each.
     """
 
     def __init__(
@@ -84,7 +103,11 @@ class RegressionProblem:
         refinement: Refinement | None = None,
         time: str = "t",
         floor: float = 1e-20,
+        noise: float = 0.0,
         limit_bytes: int = 192 * 2**20,
+        signs: Signs | None = None,
+        judge: Judge | None = None,
+        group: NDArray[np.intp] | None = None,
     ) -> None:
         self.y = np.asarray(y, dtype=np.float64)
         if self.y.ndim != 1 or not len(self.y):
@@ -96,6 +119,7 @@ class RegressionProblem:
         self.ridge = ridge
         self.time = time
         self.floor = floor
+        self.noise = noise
         self._dictionaries: dict[Hashable, Dictionary] = {}
         self.threshold = threshold or HardThreshold()
         self.refinement = refinement or Refinement()
@@ -109,7 +133,9 @@ class RegressionProblem:
         self.target = self._project(self.y[:, None])[:, 0]
         self.total = float(self.target @ self.target)
         self._scale = np.sqrt(self.total) or 1.0
-        self.cache = ColumnCache(self.variables, limit_bytes // 2)
+        self.signs = checked_signs(signs)
+        self.judging = judge
+        self.cache = ColumnCache(self.variables, limit_bytes // 2, time=time, group=group)
         self._capacity = max(256, limit_bytes // (16 * self.rows))
         self._waves: dict[str, Waves | None] = {}
         self._forget()
@@ -124,6 +150,7 @@ class RegressionProblem:
 
     def _forget(self) -> None:
         self._store = np.empty((min(1024, self._capacity), self.rows))
+        self._norms: list[float] = []
         self._count = 0
         self._index: dict[Term, int] = {}
         self._terms: list[Term] = []
@@ -187,7 +214,8 @@ class RegressionProblem:
         before = np.linalg.norm(rows, axis=1)
         rows = self._project(rows.T).T
         usable &= np.linalg.norm(rows, axis=1) > _DEPENDENT * before
-        scaled, _ = scale_columns(rows[usable])
+        scaled, norms = scale_columns(rows[usable])
+        self._norms += norms.tolist()
         needed = self._count + len(scaled)
         if needed > len(self._store):
             grown = np.empty((max(needed, 2 * len(self._store)), self.rows))
@@ -230,7 +258,48 @@ class RegressionProblem:
         for row in np.flatnonzero(losses < _NORMAL_EQUATIONS):
             theta = self._store[index[row, : len(individuals[row])]].T
             losses[row] = least_squares(theta, self.target / self._scale)[1]
-        return [xi[row, : len(terms)] for row, terms in enumerate(individuals)], losses
+        shares = [xi[row, : len(terms)] for row, terms in enumerate(individuals)]
+        if self.signs:
+            self._constrain(individuals, shares, losses, gram)
+        return shares, losses
+
+    def _constrain(
+        self,
+        individuals: Sequence[Sequence[Term]],
+        shares: list[Array],
+        losses: Array,
+        gram: GramBatch,
+    ) -> None:
+        """Solve again, within the signs, what came out with a wrong one."""
+        for row in np.flatnonzero(np.isfinite(losses)).tolist():
+            terms = individuals[row]
+            sign = signs_of(terms, self.signs)
+            if wrong(shares[row], sign):
+                size = len(terms)
+                matrix = gram.matrix[row, :size, :size] + self.ridge * np.eye(size)
+                xi = signed_normal_equations(matrix, gram.moment[row, :size], sign)
+                quadratic = xi @ gram.matrix[row, :size, :size] @ xi
+                moment = xi @ gram.moment[row, :size]
+                shares[row] = xi
+                losses[row] = max(float(gram.total - 2.0 * moment + quadratic), 0.0)
+
+    def in_units(self, terms: Sequence[Term], shares: Array) -> Array:
+        """Return coefficients of the columns as given from those of unit-norm columns."""
+        return shares * self._scale / np.array([self._norms[k] for k in self.index(terms)])
+
+    def judge(self, individuals: Sequence[Sequence[Term]]) -> Array:
+        """Return losses on the judge's rows with coefficients from these rows.
+
+        Raises
+        ------
+        InputError
+            The problem has no judge.
+        """
+        if self.judging is None:
+            raise InputError(
+                "fitness on validation rows needs some", "RegressionProblem", "Give `judge`."
+            )
+        return self.judging.losses(self, individuals)
 
     def prune(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Return the terms that survive hard thresholding."""
@@ -270,11 +339,17 @@ class RegressionProblem:
 
     def refine(self, terms: Sequence[Term]) -> tuple[tuple[Term, ...], float]:
         """Move inner constants to a local minimum; see :func:`jaxsr.regression.refine`."""
-        return refine(self, terms, self.refinement)
+        return self.refine_many([terms])[0]
 
     def refine_many(self, sets: Sequence[Sequence[Term]]) -> list[tuple[tuple[Term, ...], float]]:
         """Move inner constants of many sets at once; see :func:`jaxsr.regression.refine_many`."""
-        return refine_many(self, sets, self.refinement)
+        refined = refine_many(self, sets, self.refinement)
+        bound = [k for k, (terms, _) in enumerate(refined) if any(t in self.signs for t in terms)]
+        if bound:  # the search over constants knows no signs; its loss is weighed with them
+            _, losses = self.solve([refined[k][0] for k in bound])
+            for k, loss in zip(bound, losses, strict=True):
+                refined[k] = (refined[k][0], max(float(loss), refined[k][1]))
+        return refined
 
     def frequencies(self, terms: Sequence[Term], variable: str, count: int) -> list[float]:
         """Return frequencies in the residual; see :func:`residual_frequencies`."""
@@ -288,10 +363,42 @@ class RegressionProblem:
             self._waves[variable] = make_waves(values, self.view, is_time=is_time)
         return self._waves[variable]
 
-    def fit(self, terms: Sequence[Term]) -> Fit:
-        """Solve one set of terms by QR, fixed columns included."""
+    def fit(
+        self,
+        terms: Sequence[Term],
+        *,
+        signs: Signs | None = None,
+        penalty: Penalty = "ridge",
+        rule: ElasticNetRule | None = None,
+    ) -> Fit:
+        """Solve one set of terms, fixed columns included.
+
+        Parameters
+        ----------
+        signs : mapping of Term to int, optional
+            As the problem's, which they replace.
+        penalty : str
+            "ridge" (least squares by QR: a set of few terms needs no damping), "lasso" or
+            "elastic_net", which leave terms out: their coefficients are zero.
+        rule : ElasticNetRule, optional
+            Strength of the latter two.
+        """
         theta = self.projected(terms)
-        xi, rss = least_squares(theta, self.target)
+        sign = signs_of(terms, self.signs if signs is None else checked_signs(signs))
+        if penalty not in ("ridge", "lasso", "elastic_net"):
+            raise InputError(
+                f"unknown penalty {penalty!r}", "fit", "Use 'ridge', 'lasso' or 'elastic_net'."
+            )
+        if penalty == "ridge" or not len(terms):
+            xi, rss = least_squares(theta, self.target)
+            if wrong(xi, sign):
+                xi, rss = signed_least_squares(theta, self.target, sign)
+        else:
+            rule = rule or ElasticNetRule()
+            rule = replace(rule, mix=1.0) if penalty == "lasso" else rule
+            xi = selected(theta, self.target, rule)
+            residual = self.target - theta @ xi
+            rss = float(residual @ residual)
         rest = self.y - (self.columns(terms) @ xi if terms else 0.0)
         beta, _ = least_squares(self.fixed, rest)
         return Fit(tuple(terms), xi, beta, rss / self.rows)

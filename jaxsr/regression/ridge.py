@@ -11,6 +11,8 @@ import numpy as np
 
 from jaxsr.regression.gram import Array, GramBatch, bucket
 
+_BATCH = 256  # individuals solved together: one compilation for each width
+
 
 @functools.cache
 def _solver() -> Any:
@@ -42,17 +44,19 @@ def solve_ridge(gram: GramBatch, ridge: float = 1e-10) -> Array:
     Askari and Crevecoeur, Eqs. 17 and 18 with :math:`J = \|\xi\|_2^2`.
     """
     individuals, terms = gram.moment.shape
-    if individuals == 0:
-        return np.zeros((0, terms))
-    rows, width = bucket(individuals, 16), bucket(terms)
-    matrix = np.zeros((rows, width, width))
-    matrix[:, np.arange(width), np.arange(width)] = 1.0
-    matrix[:individuals, :terms, :terms] = gram.matrix
-    moment = np.zeros((rows, width))
-    moment[:individuals, :terms] = gram.moment
-    with jax.enable_x64(True):
-        xi = np.asarray(_solver()(matrix, moment, np.float64(ridge)))
-    return np.array(xi[:individuals, :terms])
+    width = bucket(terms)
+    xi = np.empty((individuals, terms))
+    for start in range(0, individuals, _BATCH):
+        part = slice(start, min(start + _BATCH, individuals))
+        matrix = np.zeros((_BATCH, width, width))
+        matrix[:, np.arange(width), np.arange(width)] = 1.0
+        matrix[: part.stop - start, :terms, :terms] = gram.matrix[part]
+        moment = np.zeros((_BATCH, width))
+        moment[: part.stop - start, :terms] = gram.moment[part]
+        with jax.enable_x64(True):
+            solved = np.asarray(_solver()(matrix, moment, np.float64(ridge)))
+        xi[part] = solved[: part.stop - start, :terms]
+    return xi
 
 
 def compiled_shapes() -> int:
