@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +12,15 @@ from jaxsr.evaluation.cache import ColumnCache
 from jaxsr.expressions.term import Term
 from jaxsr.regression.constants import Refinement, refine_many
 from jaxsr.regression.dictionary import Dictionary
+from jaxsr.regression.elastic_net import ElasticNetRule, Penalty
 from jaxsr.regression.elimination import eliminate
-from jaxsr.regression.elastic_net import ElasticNetRule, Penalty, selected
+from jaxsr.regression.fitting import Fit, fit_terms
 from jaxsr.regression.gram import Array, GramBatch, gather_gram, scale_columns
 from jaxsr.regression.judging import Judge
 from jaxsr.regression.ridge import least_squares, solve_ridge
 from jaxsr.regression.signs import (
     Signs,
     checked_signs,
-    signed_least_squares,
     signed_normal_equations,
     signs_of,
     wrong,
@@ -34,27 +33,6 @@ View = Callable[[Array], Array]
 # A column that keeps less than this of its norm beside the fixed columns adds only rounding.
 _DEPENDENT = 1e-9
 _NORMAL_EQUATIONS = 1e-8  # relative loss below which Gram matrices are too coarse
-
-
-@dataclass(frozen=True, slots=True)
-class Fit:
-    """Coefficients of one set of terms.
-
-    Attributes
-    ----------
-    terms : tuple of Term
-    coefficients : ndarray, (terms,)
-        In the units of the columns as given.
-    fixed : ndarray, (fixed columns,)
-        Coefficients of the columns that are always included.
-    loss : float
-        Mean square of the residual in the view, in the unit of ``y`` squared.
-    """
-
-    terms: tuple[Term, ...]
-    coefficients: Array
-    fixed: Array
-    loss: float
 
 
 class RegressionProblem:
@@ -255,7 +233,7 @@ class RegressionProblem:
         losses = np.where(unusable, np.inf, gram.loss(xi))
         losses = np.where(np.isfinite(losses), losses, np.inf)
         # normal equations lose half the digits: a fit better than that is weighed again by QR
-        for row in np.flatnonzero(losses < _NORMAL_EQUATIONS):
+        for row in np.flatnonzero(losses < _NORMAL_EQUATIONS).tolist():
             theta = self._store[index[row, : len(individuals[row])]].T
             losses[row] = least_squares(theta, self.target / self._scale)[1]
         shares = [xi[row, : len(terms)] for row, terms in enumerate(individuals)]
@@ -371,37 +349,8 @@ class RegressionProblem:
         penalty: Penalty = "ridge",
         rule: ElasticNetRule | None = None,
     ) -> Fit:
-        """Solve one set of terms, fixed columns included.
-
-        Parameters
-        ----------
-        signs : mapping of Term to int, optional
-            As the problem's, which they replace.
-        penalty : str
-            "ridge" (least squares by QR: a set of few terms needs no damping), "lasso" or
-            "elastic_net", which leave terms out: their coefficients are zero.
-        rule : ElasticNetRule, optional
-            Strength of the latter two.
-        """
-        theta = self.projected(terms)
-        sign = signs_of(terms, self.signs if signs is None else checked_signs(signs))
-        if penalty not in ("ridge", "lasso", "elastic_net"):
-            raise InputError(
-                f"unknown penalty {penalty!r}", "fit", "Use 'ridge', 'lasso' or 'elastic_net'."
-            )
-        if penalty == "ridge" or not len(terms):
-            xi, rss = least_squares(theta, self.target)
-            if wrong(xi, sign):
-                xi, rss = signed_least_squares(theta, self.target, sign)
-        else:
-            rule = rule or ElasticNetRule()
-            rule = replace(rule, mix=1.0) if penalty == "lasso" else rule
-            xi = selected(theta, self.target, rule)
-            residual = self.target - theta @ xi
-            rss = float(residual @ residual)
-        rest = self.y - (self.columns(terms) @ xi if terms else 0.0)
-        beta, _ = least_squares(self.fixed, rest)
-        return Fit(tuple(terms), xi, beta, rss / self.rows)
+        """Solve one set of terms; see :func:`jaxsr.regression.fit_terms`."""
+        return fit_terms(self, terms, signs=signs, penalty=penalty, rule=rule)
 
 
 def _orthonormal(columns: Array) -> Array:

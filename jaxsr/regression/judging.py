@@ -1,0 +1,102 @@
+"""Losses on rows that the coefficients have not seen (paper section 4.2.2, few data)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxsr._result import InputError
+from jaxsr.evaluation.cache import ColumnCache
+from jaxsr.expressions.term import Term
+from jaxsr.regression.gram import Array
+
+if TYPE_CHECKING:
+    from jaxsr.regression.problem import RegressionProblem, View
+
+_MOST = 100_000  # sets whose loss is kept
+
+
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """Rows to judge by.
+
+    Attributes
+    ----------
+    variables : mapping of str to ndarray, (samples,)
+    y : ndarray, (rows,)
+        Target in the view.
+    view : callable, optional
+        As the problem's, for these samples.
+    fixed : ndarray, (rows, p), optional
+        The problem's fixed columns on these rows.
+    """
+
+    variables: Mapping[str, Array]
+    y: Array
+    view: View | None = None
+    fixed: Array | None = None
+    _columns: dict[Term, Array] = field(default_factory=dict, init=False, repr=False)
+    _losses: dict[tuple[Term, ...], float] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        y = np.asarray(self.y, dtype=np.float64)
+        if y.ndim != 1 or not len(y) or not np.all(np.isfinite(y)):
+            raise InputError("y must be a non-empty vector of finite values", "Judge.y")
+        object.__setattr__(self, "y", y)
+        lengths = {len(v) for v in self.variables.values()}
+        if len(lengths) > 1 or (self.view is None and lengths not in (set(), {len(y)})):
+            raise InputError(f"variables have {sorted(lengths)} samples, y {len(y)}", "Judge")
+
+    @property
+    def rows(self) -> int:
+        """Number of rows judged by."""
+        return len(self.y)
+
+    def losses(self, problem: RegressionProblem, sets: Sequence[Sequence[Term]]) -> Array:
+        """Return each set's residual sum of squares here relative to the target's.
+
+        Coefficients are those of ``problem``; inf where a term is not finite on either rows.
+        """
+        keys = [tuple(terms) for terms in sets]
+        new = [key for key in dict.fromkeys(keys) if key not in self._losses]
+        if len(self._losses) + len(new) > _MOST:
+            self._losses.clear()
+            new = list(dict.fromkeys(keys))
+        total = float(self.y @ self.y) or 1.0
+        self._add([term for key in new for term in key], problem.time)
+        weights, fitted = problem.solve(new) if new else ([], np.zeros(0))
+        with np.errstate(all="ignore"):
+            for key, shares, loss in zip(new, weights, fitted, strict=True):
+                left = self._residual(problem, key, shares) if np.isfinite(loss) else None
+                rss = np.inf if left is None else float(left @ left) / total
+                self._losses[key] = rss if np.isfinite(rss) else np.inf
+        return np.array([self._losses[key] for key in keys])
+
+    def _residual(
+        self, problem: RegressionProblem, terms: tuple[Term, ...], shares: Array
+    ) -> Array:
+        columns = [self._columns[term] for term in terms]
+        if self.fixed is None:
+            xi = problem.in_units(terms, shares)
+            return self.y - sum((c * column for c, column in zip(xi, columns, strict=True)), 0.0)
+        fit = problem.fit(terms)
+        rest = self.y - self.fixed @ fit.fixed
+        return rest - sum(c * column for c, column in zip(fit.coefficients, columns, strict=True))
+
+    def _add(self, terms: Sequence[Term], time: str) -> None:
+        fresh = [term for term in dict.fromkeys(terms) if term not in self._columns]
+        if not fresh:
+            return
+        if len(self._columns) + len(fresh) > max(2000, 2**24 // self.rows):
+            self._columns.clear()
+            fresh = list(dict.fromkeys(terms))
+        cache = ColumnCache(self.variables, time=time)
+        samples = np.column_stack([cache.column(term, keep=False) for term in fresh])
+        if self.view is not None:
+            finite = np.all(np.isfinite(samples), axis=0)
+            seen = self.view(np.where(finite, samples, 0.0))
+            samples = np.where(finite, seen, np.nan)
+        self._columns.update(zip(fresh, samples.T.copy(), strict=True))
