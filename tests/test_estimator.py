@@ -178,8 +178,8 @@ def test_warm_start_goes_on_from_the_last_front():
     X, y = _law(np.random.default_rng(4))
     y = y + np.sin(3.0 * X[:, 2]) * X[:, 0]
     model = _quick(population=20, generations=3, warm_start=True)
-    losses = [model.fit(X, y).equations_.loss.min() for _ in range(5)]
-    assert losses[-1] < 0.5 * losses[0]
+    losses = [model.fit(X, y).equations_.loss.min() for _ in range(3)]
+    assert losses[2] <= losses[1] <= losses[0] and losses[2] < 0.8 * losses[0]
     cold = _quick(population=20, generations=3)
     assert cold.fit(X, y).equations_.equals(cold.fit(X, y).equations_)
 

@@ -135,7 +135,8 @@ class SymbolicSparseRegressor(RegressorMixin, BaseEstimator):
         columns = y.reshape(len(y), -1).astype(np.float64)
         self._single = y.ndim == 1
         targets = targets if len(targets) == columns.shape[1] else []
-        self.target_names_ = targets or [f"y{k}" for k in range(columns.shape[1])]
+        numbered = ["y"] if self._single else [f"y{k}" for k in range(columns.shape[1])]
+        self.target_names_ = targets or numbered
         limit, found = as_budget(self.budget), []
         for k, name in enumerate(self.target_names_):
             guesses = [*self._guessed(), *_front_of(previous, k, before == self.names_)]
