@@ -151,16 +151,20 @@ def measure(signal: str, kind: str, level: float, grid: str, seeds: int) -> dict
         inside = slice(SAMPLES // 50, -(SAMPLES // 50))
         unit = noise or float(np.std(x))
         size = _rms(slope) or np.nan
-        sigma = noise_by_sample(t, y)
-        for method in ("auto", *SMOOTHERS):
-            start = time.perf_counter()
-            smoothed = smooth(t, y, method, sigma if level else None)
-            seconds[method] = seconds.get(method, 0.0) + (time.perf_counter() - start) / seeds
+        sigma = noise_by_sample(t, y) if level else None
+        for method in SMOOTHERS if level else ("auto",):
+            start = time.process_time()
+            smoothed = smooth(t, y, method, sigma)
+            seconds[method] = seconds.get(method, 0.0) + (time.process_time() - start) / seeds
             values.setdefault(method, []).append(_rms((smoothed - x)[inside]) / unit)
+        # what smooth(t, y, noise=sigma) does, without a second fit
+        pick = choose_smoother(t, y, sigma) if level else "unchanged"
+        if level:
+            values.setdefault("auto", []).append(values[pick][-1])
+        picks.append(pick)
         for method in ("auto", *DERIVATIVES) if np.isfinite(size) else ():
             estimate = derivative(t, y, method)
             slopes.setdefault(method, []).append(_rms((estimate - slope)[inside]) / size)
-        picks.append(choose_smoother(t, y, sigma) if level else "unchanged")
     return {
         "signal": signal,
         "noise": kind,
