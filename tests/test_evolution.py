@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,6 @@ from jaxsr.evolution import (
 )
 from jaxsr.evolution.create import random_term, small_terms
 from jaxsr.evolution.crossover import swap_subtrees
-from jaxsr.evolution.fitness import FitnessState, fitness, next_state
 from jaxsr.evolution.mutate import mutate_constant, mutate_subtree
 from jaxsr.evolution.select import tournament
 from jaxsr.expressions import Term, parse, to_text
@@ -115,33 +113,6 @@ def test_tournament_prefers_the_fitter():
     drawn = [tournament(rng, population, np.arange(10.0)).size for _ in range(2000)]
     # the best of three of ten: mean of the minimum is 2.0 (with replacement about 2.0)
     assert np.mean(drawn) == pytest.approx(sum((k / 10) ** 3 for k in range(1, 10)), abs=0.15)
-
-
-def test_fitness_is_eq_9():
-    terms = tuple(parse(s, NAMES) for s in ("x", "sin(x)", "x*sin(v)"))
-    individual = Individual.of(terms, 0.2)
-    assert individual.operators == 3
-    state = FitnessState(alpha=1.5, max_loss=0.4, max_terms=6.0, max_operators=2.0)
-    expected = 0.2 / 0.4 * (3 / 6) ** 1.5 * (1.0 / 2.0) ** 0.1
-    assert fitness([individual], state, tau=0.1)[0] == pytest.approx(expected)
-
-
-def test_alpha_waits_starts_at_one_grows_when_the_error_is_low_and_slows_after_a_jump():
-    rule = FitnessRule(generations=5, error=1e-2, increment=0.2, highest=2.0)
-    best = [Individual.of((Term.variable("x"),), 0.5)]
-    state = next_state(FitnessState(increment=0.2), rule, best, 4)
-    assert state.alpha == 0.0
-    state = next_state(state, rule, best, 5)
-    assert state.alpha == 1.0
-    good = [replace(best[0], loss=1e-3)]
-    state = next_state(state, rule, good, 6)
-    assert state.alpha == pytest.approx(1.2)
-    state = next_state(state, rule, [replace(best[0], loss=5e-3)], 7)
-    assert state.increment == pytest.approx(0.1)
-    assert state.alpha == pytest.approx(1.3)
-    for generation in range(8, 40):
-        state = next_state(state, rule, good, generation)
-    assert state.alpha == 2.0
 
 
 def test_front_holds_nobody_that_is_beaten():

@@ -36,7 +36,7 @@ def breed(
     best set and the front, as the paper has it.
     """
     names = list(problem.variables)
-    score = fitness(population, rule, config.fitness.tau)
+    score = fitness(population, rule, config.fitness, problem)
     count = max(2, int(config.elite * config.population))
     best = [*population[:count], *front.members]
     survivors = int(config.reproduction * config.population)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 from jaxsr._result import InputError
 from jaxsr.expressions.primitives import PRIMITIVES
+from jaxsr.regression.threshold import HardThreshold
 
 DEFAULT_FUNCTIONS = (
     *("add", "mul", "div", "pow", "sin", "cos", "sqrt", "abs", "exp", "log", "sign"),
@@ -137,10 +139,15 @@ class MutationWeights:
 
 @dataclass(frozen=True, slots=True)
 class FitnessRule:
-    r"""Adaptive fitness of Eq. 9.
+    r"""What individuals are ranked by.
 
     Attributes
     ----------
+    measure : str
+        "adaptive" (Eq. 9), "aic" (Eq. 10) or "bic" (Eq. 11).
+    data : str
+        "training", or "validation": coefficients from the training rows, the residual from the
+        problem's validation rows (``judge``), for few data.
     generations : int
         :math:`N_{threshold}`: parsimony is off before it.
     error : float
@@ -151,6 +158,8 @@ class FitnessRule:
         Power of the mean number of operators, in (0, 0.1].
     """
 
+    measure: Literal["adaptive", "aic", "bic"] = "adaptive"
+    data: Literal["training", "validation"] = "training"
     generations: int = 2
     error: float = 1e-2
     increment: float = 0.1
@@ -158,6 +167,16 @@ class FitnessRule:
     tau: float = 0.1
 
     def __post_init__(self) -> None:
+        _require(
+            self.measure in ("adaptive", "aic", "bic"),
+            f"measure must be 'adaptive', 'aic' or 'bic', got {self.measure!r}",
+            "FitnessRule",
+        )
+        _require(
+            self.data in ("training", "validation"),
+            f"data must be 'training' or 'validation', got {self.data!r}",
+            "FitnessRule",
+        )
         _require(0.0 <= self.tau <= 0.1, f"tau must lie in [0, 0.1], got {self.tau}", "FitnessRule")
         _require(self.increment >= 0.0, "increment must not be negative", "FitnessRule")
 
@@ -182,6 +201,8 @@ class SearchConfig:
         Loss, relative to the target's sum of squares, at which the fit is exact.
     vartheta : float
         Reach of the constant mutation, Eq. 7.
+    threshold : HardThreshold
+        Rule that removes negligible terms, Eq. 12; a problem is built with it.
     """
 
     population: int = 200
@@ -197,6 +218,7 @@ class SearchConfig:
     sizes: SizeLimits = field(default_factory=SizeLimits)
     weights: MutationWeights = field(default_factory=MutationWeights)
     fitness: FitnessRule = field(default_factory=FitnessRule)
+    threshold: HardThreshold = field(default_factory=HardThreshold)
 
     def __post_init__(self) -> None:
         _require(self.population >= 10, "population must be at least 10", "SearchConfig")
@@ -210,13 +232,25 @@ class SearchConfig:
 
     @classmethod
     def paper(cls, population: int = 600) -> SearchConfig:
-        """Return the settings of section 6: 600 individuals (800 for the crank-slider)."""
+        r"""Return the settings of the paper's section 6.
+
+        600 individuals (800 for the crank-slider), 100 generations, N_threshold 50, E_threshold
+        1e-3 of the target's sum of squares, vartheta 5, constants in [-100, 100], sizes 5, 15 and
+        20, 10 % best set and 10 % reproduction, sigma 1e-4, alpha from 1 to 2; constants are left
+        to mutation.
+        """
         return cls(
             population=population,
+            generations=100,
+            elite=0.1,
+            reproduction=0.1,
             refined=0,
             patience=50,
+            restarts=0,
+            vartheta=5.0,
             primitives=PrimitiveSet(constants=(-100.0, 100.0)),
             sizes=SizeLimits(at_birth=5, later=15, terms=20),
             weights=MutationWeights(add=0.0, drop=0.0, greedy=0.0),
-            fitness=FitnessRule(generations=50, error=1e-3),
+            fitness=FitnessRule(generations=50, error=1e-3, highest=2.0),
+            threshold=HardThreshold(sigma=1e-4),
         )

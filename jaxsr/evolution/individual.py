@@ -65,6 +65,7 @@ class Problem(Protocol):
     total: float
     time: str
     floor: float
+    judged_rows: int
     noise: float
 
     def solve(self, individuals: Sequence[Sequence[Term]]) -> tuple[list[Any], np.ndarray]:
@@ -73,6 +74,10 @@ class Problem(Protocol):
 
     def index(self, terms: Sequence[Term]) -> list[int]:
         """Return -1 for each unusable term."""
+        ...
+
+    def judge(self, individuals: Sequence[Sequence[Term]]) -> np.ndarray:
+        """Return relative losses on validation rows with coefficients from the training rows."""
         ...
 
     def prune(self, terms: Sequence[Term]) -> tuple[Term, ...]:

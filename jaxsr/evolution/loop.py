@@ -92,7 +92,7 @@ def init(
     sets = [*map(edit, guesses), *thinned_bases(problem, config)]
     population = _drawn(rng, problem, config, sets)
     rule = FitnessState(increment=config.fitness.increment)
-    ranked = _ranked(population, rule, config)[: config.population]
+    ranked = _ranked(population, rule, config, problem)[: config.population]
     front = Front(floor=max(problem.floor, ROUNDING)).with_(ranked)
     exact, enough = _SAME * problem.floor, _SAME * problem.noise
     described = front.best_description(problem.rows, max(problem.floor, _LEAST))
@@ -106,7 +106,7 @@ def restart(rng: np.random.Generator, state: SearchState, problem: Problem) -> S
     described = state.front.best_description(problem.rows, max(problem.floor, _LEAST))
     rule = FitnessState(increment=state.config.fitness.increment)
     drawn = _drawn(rng, problem, state.config, [])
-    ranked = _ranked([*state.front.members, *drawn], rule, state.config)
+    ranked = _ranked([*state.front.members, *drawn], rule, state.config, problem)
     return replace(
         state,
         population=tuple(ranked[: state.config.population]),
@@ -169,7 +169,7 @@ def step(
     elite = state.population[: max(2, int(config.elite * config.population))]
     thresholded = weigh(problem, [problem.prune(ind.terms) for ind in elite], config)
     pool = _distinct([*elite, *thresholded, *newborn])
-    ranked = _ranked(pool, state.rule, config)
+    ranked = _ranked(pool, state.rule, config, problem)
     front = state.front.with_(ranked)
     refined = state.refined
     if config.refined:
@@ -180,9 +180,9 @@ def step(
         ]
         better, refined = _refine(problem, sets, refined)
         front, found, refined = polish(problem, front.with_(better), config, refined)
-        ranked = _ranked(_distinct([*found, *better, *ranked]), state.rule, config)
+        ranked = _ranked(_distinct([*found, *better, *ranked]), state.rule, config, problem)
     front = front.with_(ranked)
-    rule = next_state(state.rule, config.fitness, ranked[: len(elite)], generation)
+    rule = next_state(state.rule, config.fitness, ranked[: len(elite)], generation, problem)
     floor = max(problem.floor, _LEAST)
     gain = state.front.best_description(problem.rows, floor)
     gain -= front.best_description(problem.rows, floor)
@@ -250,9 +250,9 @@ def _worth_restarting(state: SearchState) -> bool:
 
 
 def _ranked(
-    pool: Sequence[Individual], rule: FitnessState, config: SearchConfig
+    pool: Sequence[Individual], rule: FitnessState, config: SearchConfig, problem: Problem
 ) -> list[Individual]:
-    order = np.argsort(fitness(pool, rule, config.fitness.tau), kind="stable")
+    order = np.argsort(fitness(pool, rule, config.fitness, problem), kind="stable")
     return [pool[k] for k in order]
 
 

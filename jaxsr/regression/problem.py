@@ -113,6 +113,7 @@ class RegressionProblem:
         self._scale = np.sqrt(self.total) or 1.0
         self.signs = checked_signs(signs)
         self.judging = judge
+        self.judged_rows = judge.rows if judge is not None else 0
         self.cache = ColumnCache(self.variables, limit_bytes // 2, time=time, group=group)
         self._capacity = max(256, limit_bytes // (16 * self.rows))
         self._waves: dict[str, Waves | None] = {}
