@@ -16,6 +16,7 @@ from jaxsr.evolution.create import random_term
 from jaxsr.evolution.loop import SearchState
 from jaxsr.expressions import Term, parse
 from jaxsr.regression import RegressionProblem
+from jaxsr.regression.judging import Judge
 
 CONFIG = SearchConfig(population=40, generations=30, refined=4, patience=30)
 
@@ -202,8 +203,12 @@ def test_fingerprint_sees_values_names_and_time():
     other_time = Problem(y, columns, time="x")
     nudged = RegressionProblem(np.nextafter(y, np.inf), columns)
     rougher = Problem(y, columns, floor=1e-3)
-    marks = {fingerprint(p) for p in (problem, renamed, other_time, nudged, rougher)}
-    assert len(marks) == 5
+    bound = Problem(y, columns, signs={parse("x"): -1})
+    other_rows = Problem(y, columns, judge=Judge(columns, y + 1.0))
+    problems = (problem, renamed, other_time, nudged, rougher, bound, other_rows)
+    assert len({fingerprint(p) for p in problems}) == len(problems)
+    bound.solve([[parse("x"), parse("v")]])  # what was asked of a problem leaves no mark
+    assert fingerprint(bound) == fingerprint(Problem(y, columns, signs={parse("x"): -1}))
 
 
 def test_damaged_and_foreign_files_are_refused(written, tmp_path):

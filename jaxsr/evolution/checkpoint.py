@@ -30,6 +30,8 @@ from jaxsr.expressions import parse, to_text
 from jaxsr.expressions.term import Term
 
 SCHEMA = "jaxsr.checkpoint/1"
+# of a regression problem, where it has them
+_SETTINGS = ("time", "floor", "noise", "ridge", "signs", "threshold", "refinement", "judging")
 _GENERATORS = ("PCG64", "PCG64DXSM", "MT19937", "Philox", "SFC64")
 
 
@@ -38,7 +40,6 @@ class Data(Protocol):
 
     variables: dict[str, np.ndarray]
     target: np.ndarray
-    floor: float
     time: str
 
 
@@ -179,8 +180,9 @@ def _read(path: Path) -> Mapping[str, Any]:
 
 
 def fingerprint(problem: Data) -> str:
-    """Return the SHA-256 of target, its error, variables and the name of time."""
-    digest = hashlib.sha256(f"{problem.time}|{problem.floor!r}".encode())
+    """Return the SHA-256 of target, variables and what else decides about a fit."""
+    settings = {name: getattr(problem, name, None) for name in _SETTINGS}
+    digest = hashlib.sha256(json.dumps(_described(settings)).encode())
     for name, values in [("", problem.target), *problem.variables.items()]:
         array = np.ascontiguousarray(values, dtype="<f8")
         digest.update(f"|{name}|{array.shape}|".encode())
@@ -194,10 +196,12 @@ def _config_print(config: SearchConfig) -> str:
 
 
 def _described(value: Any) -> Any:
-    """Return settings as JSON; a function is known by its name."""
+    """Return settings as JSON; a function is known by its name, an array by its checksum."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = dataclasses.fields(value)
-        return {f.name: _described(getattr(value, f.name)) for f in fields}
+        fields = (f.name for f in dataclasses.fields(value) if f.init)
+        return {name: _described(getattr(value, name)) for name in fields}
+    if isinstance(value, np.ndarray):
+        return [str(value.shape), hashlib.sha256(value.tobytes()).hexdigest()]
     if isinstance(value, Mapping):
         return [[_described(k), _described(v)] for k, v in value.items()]
     if isinstance(value, frozenset | set):
