@@ -257,7 +257,7 @@ def test_elastic_net_meets_the_kkt_conditions(mix, seed):
     active = xi != 0.0
     assert 0 < np.count_nonzero(active) < 8
     expected = lam * (mix * np.sign(scaled) + (1.0 - mix) * scaled)
-    np.testing.assert_allclose(slope[active], expected[active], atol=1e-6 * lam)
+    np.testing.assert_allclose(slope[active], expected[active], atol=float(1e-6 * lam))
     assert np.all(np.abs(slope[~active]) <= lam * mix * (1.0 + 1e-6))
 
 
@@ -322,14 +322,14 @@ def test_signs_hold_in_every_way_a_problem_weighs():
         RegressionProblem(y, {"x": x, "v": v}, signs={tv: 2})
 
 
-@pytest.mark.parametrize(("correlation", "least"), [(0.0, 0.92), (0.7, 0.85)])
+@pytest.mark.parametrize(("correlation", "least"), [(0.0, 0.92), (0.7, 0.90)])
 def test_intervals_cover_both_coefficients_over_200_seeds(correlation, least):
     """Coverage of nominal 95 % over 200 seeds and two coefficients.
 
     White noise: at most 8 % of intervals may miss (binomial: 400 draws of 5 % exceed 8 % with
-    probability 0.5 %). AR(1) noise at 0.7: Newey-West with its default lags is known to fall
-    short at 400 samples; at most 15 % may miss, against about 40 % if rows were taken as
-    independent.
+    probability 0.5 %). AR(1) noise at 0.7 leaves about 70 independent samples of 400, so an
+    estimated covariance falls short: at most 10 % may miss, against about 40 % if rows were taken
+    as independent.
     """
     covered, naive, n = 0, 0, 400
     for seed in range(200):

@@ -72,7 +72,8 @@ def propose(
     list of Proposal
         The Pareto front, the shortest description of the data first.
     """
-    problem = RegressionProblem(y, variables, view=view, fixed=fixed)
+    config = config or SearchConfig()
+    problem = RegressionProblem(y, variables, view=view, fixed=fixed, threshold=config.threshold)
     state, _ = search(rng, problem, config, guesses=guesses, budget=budget, progress=progress)
     out = []
     for member in state.front.members:

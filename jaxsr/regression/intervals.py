@@ -25,7 +25,10 @@ def coefficient_ci95(theta: Array, residual: Array, xi: Array, *, lags: int | No
     residual : ndarray, (rows,)
     xi : ndarray, (terms,)
     lags : int, optional
-        :math:`L`; by default :math:`\lfloor 4 (N/100)^{2/9} \rfloor`, 0 for independent rows.
+        :math:`L`, 0 for independent rows; by default the larger of
+        :math:`\lfloor 4 (N/100)^{2/9} \rfloor` and Andrews' rule for the residual's own
+        first autocorrelation :math:`\rho`,
+        :math:`1.1447\,(4\rho^2 N / (1 - \rho^2)^2)^{1/3}`, at most a quarter of the rows.
 
     Returns
     -------
@@ -34,7 +37,9 @@ def coefficient_ci95(theta: Array, residual: Array, xi: Array, *, lags: int | No
 
     References
     ----------
-    Newey and West (1987), Econometrica 55, 703-708; the lag rule is theirs of 1994.
+    Newey and West (1987), Econometrica 55, 703-708; the lag rule is theirs of 1994. Andrews
+    (1991), Econometrica 59, 817-858, Eqs. 6.2 and 6.4. Kiefer and Vogelsang (2005), Econometric
+    Theory 21, 1130-1164, Table 1, for the critical value at so many lags.
     """
     rows, terms = theta.shape
     if rows <= terms:
@@ -43,7 +48,7 @@ def coefficient_ci95(theta: Array, residual: Array, xi: Array, *, lags: int | No
     norms = np.where(norms > 0.0, norms, 1.0)
     scaled = theta / norms
     scores = scaled * residual[:, None]
-    depth = int(4.0 * (rows / 100.0) ** (2.0 / 9.0)) if lags is None else lags
+    depth = _lags(residual) if lags is None else lags
     middle = scores.T @ scores
     for lag in range(1, min(depth, rows - 1) + 1):
         cross = scores[lag:].T @ scores[:-lag]
@@ -53,5 +58,22 @@ def coefficient_ci95(theta: Array, residual: Array, xi: Array, *, lags: int | No
         return np.column_stack([np.full(terms, -np.inf), np.full(terms, np.inf)])
     bread = (right.T / singular**2) @ right
     covariance = bread @ middle @ bread * rows / (rows - terms)
-    half = stats.t.ppf(0.975, rows - terms) * np.sqrt(np.maximum(np.diag(covariance), 0.0)) / norms
+    # the estimate of S is itself uncertain, the more so the more lags enter it
+    share = min(depth, rows - 1) / rows if depth else 0.0
+    widened = 1.0 + (2.9694 * share + 0.4160 * share**2 - 0.5324 * share**3) / 1.9600
+    half = (
+        widened
+        * stats.t.ppf(0.975, rows - terms)
+        * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        / norms
+    )
     return np.column_stack([xi - half, xi + half])
+
+
+def _lags(residual: Array) -> int:
+    rows = len(residual)
+    own = float(residual[:-1] @ residual[:-1])
+    rho = float(residual[1:] @ residual[:-1]) / own if own > 0.0 else 0.0
+    rho = float(np.clip(rho, -0.97, 0.97))
+    andrews = 1.1447 * (4.0 * rho**2 * rows / (1.0 - rho**2) ** 2) ** (1.0 / 3.0)
+    return int(max(4.0 * (rows / 100.0) ** (2.0 / 9.0), min(andrews, rows / 4.0)))
