@@ -203,7 +203,8 @@ def test_choice_takes_the_smallest_within_one_standard_error():
     y = 2.0 * x + 0.3 * rng.normal(size=400)
     problem = RegressionProblem(y[:200], {"x": x[:200], "z": z[:200]})
     sets = [[parse(s) for s in texts] for texts in (("z",), ("x",), ("x", "z"), ("x", "z", "x*z"))]
-    _, pick = choose(problem, sets, {"x": x[200:], "z": z[200:]}, y[200:])
+    judge = RegressionProblem(y[200:], {"x": x[200:], "z": z[200:]})
+    _, pick = choose(problem, sets, judge)
     assert pick == 1
 
 

@@ -13,7 +13,6 @@ from jaxsr.expressions.term import Term
 from jaxsr.regression import Fit, RegressionProblem
 
 _SAME = 9.0  # fits within three times the error of the target itself are both exact
-_ROUNDING = 1e-20  # mean square, relative to the target's, at which a fit is exact to rounding
 _HUGE = 1e3  # size of the terms relative to their sum at which they cancel
 _BLOCKS = 20
 # A tenth of the rms error does not pay for another term: recordings are never quite of the
@@ -44,22 +43,17 @@ def predict(
 
 
 def choose(
-    problem: RegressionProblem,
-    sets: Sequence[Sequence[Term]],
-    variables: Mapping[str, np.ndarray],
-    y: np.ndarray,
-    weights: np.ndarray | None = None,
-    floor: float = 0.0,
+    problem: RegressionProblem, sets: Sequence[Sequence[Term]], judge: RegressionProblem
 ) -> tuple[list[Candidate], int]:
-    """Fit every set on ``problem``, judge it on other rows, pick the least that is as good.
+    """Fit every set on ``problem``, judge it on the rows of ``judge``, pick the least as good.
 
     As good as the best means: a mean square within a quarter of the best one's, or squared
     errors above its own by no more than one standard error of the difference, taken over
     consecutive blocks of rows: neighbours in time are not independent, and pairing removes what
     all candidates share. The fewest terms come first; between sets of equally many terms the
-    smaller wins if it is as good by the standard error, or within 2 %. Fits that leave no more than
-    ``floor``, the mean square error of the target itself in the weighted rows, are all exact, and
-    one is no better than another; sets whose terms cancel each other almost wholly come last.
+    smaller wins if it is as good by the standard error, or within 2 %. Fits that leave no more
+    than the errors of the target itself are all exact, and one is no better than another; sets
+    whose terms cancel each other almost wholly are not considered.
 
     Returns
     -------
@@ -67,21 +61,20 @@ def choose(
         Smallest first.
     pick : int
     """
-    w = np.ones(len(y)) if weights is None else weights
     candidates, squares = [], []
     for terms in sets:
         fit = problem.fit(terms)
-        error = (w * (y - predict(fit.terms, fit.coefficients, variables))) ** 2
+        seen = judge.columns(terms) @ fit.coefficients if terms else 0.0
+        error = (judge.y - seen) ** 2
         error = np.where(np.isfinite(error) & ~_cancel(problem, fit), error, np.inf)
         mse = float(np.mean(error))
-        size = complexity(terms)
-        candidates.append(Candidate(fit, size, fit.loss, mse))
+        candidates.append(Candidate(fit, complexity(terms), fit.loss, mse))
         squares.append(error)
     order = sorted(range(len(candidates)), key=lambda k: candidates[k].size)
     candidates, squares = [candidates[k] for k in order], [squares[k] for k in order]
     errors = np.array([c.validation_mse for c in candidates])
     terms = np.array([len(c.fit.terms) for c in candidates])
-    exact = max(_SAME * floor, _ROUNDING * float(np.mean((w * y) ** 2)))
+    exact = _SAME * judge.floor * float(np.mean(judge.y**2))
     good = _as_good(squares, errors, exact) | (errors <= _WORTH * np.min(errors))
     fewest = terms == np.min(terms[good])
     # among sets of that many terms size decides only where the errors do not

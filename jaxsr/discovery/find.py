@@ -19,7 +19,8 @@ from jaxsr.regression import RegressionProblem, coefficient_ci95, constant_slope
 
 MOST_ROWS = 2000  # rows the search looks at,
 MOST_JUDGED = 8000  # rows on which the front is weighed; the final estimate uses all of them
-_GIVEN = 1e-10  # error of a derivative that is given as a column, relative to its rms
+_FEWEST = 30  # test functions to choose by
+_ROUNDING = 1e-20  # square of the relative error of a column without noise
 
 
 @dataclass(frozen=True)
@@ -55,43 +56,59 @@ class Task:
         return y - predict([self.known], np.ones(1), samples.variables)
 
     def problem(self, samples: Samples) -> RegressionProblem:
-        """Return the regression, every row weighed by what its derivative is worth."""
-        y = self.remainder(samples)
-        offered = {
-            n: v for n, v in samples.variables.items() if n != self.time or not self.autonomous
-        }
-        weights = row_weights(samples, self.state)
-        floor = expected_loss(y, samples.errors.get(self.state))
+        """Return the regression, every row weighed by what its left-hand side is worth.
+
+        Where the derivative is given or can be computed: the derivative view; where it cannot,
+        for noise: the weak view.
+        """
+        rows = self.rows(samples)
+        weights = 1.0 / rows.error
+        weights /= np.sqrt(np.mean(weights**2))
+        scale = float(np.sum((rows.target / rows.error) ** 2)) or 1.0
         return RegressionProblem(
-            weights * y,
-            offered,
-            view=lambda columns: weights[:, None] * columns,
+            weights * rows.target,
+            {n: v for n, v in samples.variables.items() if n != self.time or not self.autonomous},
+            view=lambda columns: weights[:, None] * rows.seen(columns),
             time=self.time,
-            floor=floor,
-            noise=samples.noise.get(self.state, 0.0) ** 2 / max(float(np.mean(y**2)), 1e-300),
+            floor=len(rows.error) / scale if rows.exact else _ROUNDING,
+            noise=len(rows.error) / scale,
         )
 
+    def rows(self, samples: Samples) -> Rows:
+        """Return the left-hand side without its known part, and how far it can be trusted."""
+        if self.state in samples.weak:
+            weak = samples.weak[self.state]
+            known = 0.0
+            if self.known is not None:
+                given = predict([self.known], np.ones(1), samples.variables)
+                known = weak.matrix @ given
+            return Rows(weak.target - known, weak.error, lambda c: weak.matrix @ c, False)
+        y = self.remainder(samples)
+        error = samples.errors.get(self.state)
+        if error is not None:
+            return Rows(y, error, lambda columns: columns, True)
+        noise = samples.noise.get(self.state, 0.0)
+        rounding = np.sqrt(_ROUNDING * np.mean(y**2)) or 1.0
+        return Rows(y, np.full(len(y), max(noise, rounding)), lambda columns: columns, False)
 
-def row_weights(samples: Samples, state: str) -> np.ndarray:
-    """Return one over the error of the derivative, of mean square one (rows,)."""
-    error = samples.errors.get(state)
-    if error is None:
-        return np.ones(len(samples))
-    weights = 1.0 / error
-    return weights / np.sqrt(np.mean(weights**2))
 
+@dataclass(frozen=True)
+class Rows:
+    """Rows of one regression.
 
-def error_floor(samples: Samples, state: str) -> float:
-    """Return the mean square that errors of the derivative leave in the weighted rows."""
-    error = samples.errors.get(state)
-    return 0.0 if error is None else 1.0 / float(np.mean(error**-2.0))
+    Attributes
+    ----------
+    target, error : ndarray, (rows,)
+    seen : callable
+        Columns (samples, k) to (rows, k).
+    exact : bool
+        Whether the errors are those of differences of clean samples, and no noise is left.
+    """
 
-
-def expected_loss(y: np.ndarray, error: np.ndarray | None) -> float:
-    """Return the relative residual that errors of the derivative alone leave."""
-    if error is None:
-        return _GIVEN**2
-    return min(len(y) / float(np.sum((y / error) ** 2)), 1.0) if np.any(y) else 1.0
+    target: np.ndarray
+    error: np.ndarray
+    seen: Callable[[np.ndarray], np.ndarray]
+    exact: bool
 
 
 def find_equation(
@@ -113,7 +130,10 @@ def find_equation(
     every : Samples
         Rows of the final estimate: both, where both come from DATA.
     """
-    few = train.take(thinned(np.arange(len(train)), MOST_ROWS))
+    weak = task.state in train.weak
+    if weak and len(validation.weak[task.state].target) < _FEWEST:
+        train = validation = every  # blocks shorter than test functions hold none
+    few = train if weak else train.take(thinned(np.arange(len(train)), MOST_ROWS))
     problem = task.problem(few)
     scale = float(np.mean(train.targets[task.state] ** 2))
     if problem.total <= 1e-24 * scale * len(few):
@@ -121,18 +141,11 @@ def find_equation(
     found, reason = search(
         rng, problem, task.config, guesses=task.guesses, budget=budget, progress=progress
     )
-    judged = train.take(thinned(np.arange(len(train)), MOST_JUDGED))
+    judged = train if weak else train.take(thinned(np.arange(len(train)), MOST_JUDGED))
     whole = task.problem(judged)
     sets = [(), *(member.terms for member in found.front.members)]
     usable = [s for s in sets if -1 not in whole.index(s)]
-    candidates, pick = choose(
-        whole,
-        usable,
-        validation.variables,
-        task.remainder(validation),
-        row_weights(validation, task.state),
-        error_floor(validation, task.state),
-    )
+    candidates, pick = choose(whole, usable, task.problem(validation))
     chosen = candidates[pick]
     final = final_estimate(task, chosen.fit.terms, every)
     return replace(

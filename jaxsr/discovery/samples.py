@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from jaxsr._result import InputError
-from jaxsr.discovery.treatment import estimated_derivative
+from jaxsr.discovery.treatment import treat
+from jaxsr.discovery.weak_rows import WeakRows, weak_rows
 from jaxsr.expressions import is_identifier
 from jaxsr.recordings import Recording, noise_level
-
-_EDGE = 4  # samples at each end at which an estimated derivative is one-sided
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +59,8 @@ class Samples:
         Standard error of a computed derivative, where it is known.
     noise : dict of str to float
         Measurement noise of a derivative that is a column.
+    weak : dict of str to WeakRows
+        Equations of states too noisy to be differentiated, in the weak view.
     """
 
     variables: dict[str, np.ndarray]
@@ -68,6 +69,7 @@ class Samples:
     estimated: frozenset[str]
     errors: dict[str, np.ndarray] = field(default_factory=dict)
     noise: dict[str, float] = field(default_factory=dict)
+    weak: dict[str, WeakRows] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.group)
@@ -81,6 +83,7 @@ class Samples:
             self.estimated,
             {k: v[rows] for k, v in self.errors.items()},
             self.noise,
+            {k: v.take(rows) for k, v in self.weak.items()},
         )
 
 
@@ -124,31 +127,40 @@ def roles(
 def samples(recordings: Sequence[Recording], roles: Roles) -> Samples:
     """Collect the rows of recordings; rows in which anything is missing are left out."""
     parts = [_of_one(recording, roles) for recording in recordings]
-    group = np.concatenate([np.full(len(p), k) for k, p in enumerate(parts)])
-    variables = {n: np.concatenate([p.variables[n] for p in parts]) for n in parts[0].variables}
-    targets = {n: np.concatenate([p.targets[n] for p in parts]) for n in roles.states}
-    complete = np.all([np.isfinite(v) for v in (*variables.values(), *targets.values())], axis=0)
+    # what only some recordings allow is left out for all
+    kept = {k: set.intersection(*(set(getattr(p, k)) for p in parts)) for k in ("errors", "weak")}
+    whole = Samples(
+        _joined([p.variables for p in parts]),
+        _joined([p.targets for p in parts]),
+        np.concatenate([np.full(len(p), k) for k, p in enumerate(parts)]),
+        frozenset().union(*(p.estimated for p in parts)),
+        _joined([{n: p.errors[n] for n in sorted(kept["errors"])} for p in parts]),
+        {n: float(np.median([p.noise[n] for p in parts])) for n in parts[0].noise},
+        {n: WeakRows.joined([p.weak[n] for p in parts]) for n in sorted(kept["weak"])},
+    )
+    columns = (*whole.variables.values(), *whole.targets.values())
+    complete = np.all([np.isfinite(v) for v in columns], axis=0)
     if not np.any(complete):
         names = ", ".join(recording.name for recording in recordings)
         raise InputError("no sample has every state, input and derivative", names)
-    estimated = frozenset().union(*(p.estimated for p in parts))
-    known = set.intersection(*(set(p.errors) for p in parts))
-    errors = {n: np.concatenate([p.errors[n] for p in parts]) for n in sorted(known)}
-    noise = {n: float(np.median([p.noise[n] for p in parts])) for n in parts[0].noise}
-    whole = Samples(variables, targets, group, estimated, errors, noise)
-    return whole.take(np.flatnonzero(complete))
+    return whole if np.all(complete) else whole.take(np.flatnonzero(complete))
+
+
+def _joined(tables: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
 def _of_one(recording: Recording, roles: Roles) -> Samples:
     t = recording.time
     displacement = {rate: q for q, rate in roles.rate_of.items()}
     computed = {r for r in displacement if r not in recording.channels}
-    values = {roles.time: t}
-    for name in (*roles.states, *roles.inputs):
-        source = displacement[name] if name in computed else name
-        signal = recording.channel(source)
-        values[name] = estimated_derivative(t, signal)[0] if name in computed else signal
-    targets, errors, noise = {}, {}, {}
+    treated = {
+        name: treat(t, recording.channel(name)) for name in roles.states if name not in computed
+    }
+    values = {roles.time: t} | {name: signal.values for name, signal in treated.items()}
+    values |= {rate: treated[displacement[rate]].derivative(1)[0] for rate in computed}
+    values |= {name: recording.channel(name) for name in roles.inputs}
+    targets, errors, noise, weak = {}, {}, {}, {}
     for state in roles.states:
         if state in roles.rate_of:
             targets[state] = values[roles.rate_of[state]]
@@ -156,13 +168,15 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
             targets[state] = recording.channel(roles.derivatives[state])
             noise[state] = noise_level(t, targets[state])
         else:
-            twice = state in computed
-            signal = values[displacement[state] if twice else state]
-            targets[state], errors[state] = estimated_derivative(t, signal, 2 if twice else 1)
+            order = 2 if state in computed else 1
+            signal = treated[displacement[state] if order == 2 else state]
+            targets[state], errors[state] = signal.derivative(order)
+            if not signal.clean:
+                weak[state] = weak_rows(t, signal.recorded, signal.noise, order)
     known = {n: e for n, e in errors.items() if e is not None}
-    part = Samples(values, targets, np.zeros(len(t), int), frozenset(errors), known, noise)
-    rough = len(known) < len(errors) or computed
-    return part.take(np.arange(_EDGE, len(t) - _EDGE)) if rough and len(t) > 10 * _EDGE else part
+    part = Samples(values, targets, np.zeros(len(t), int), frozenset(errors), known, noise, weak)
+    order_known = roles.time, *roles.states, *roles.inputs
+    return replace(part, variables={name: values[name] for name in order_known})
 
 
 def hold_back(group: np.ndarray, share: float = 0.25, count: int = 8) -> np.ndarray:
