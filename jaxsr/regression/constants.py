@@ -30,8 +30,9 @@ class Refinement:
     Attributes
     ----------
     method : str
-        "levenberg_marquardt", or a descent by optax through the ridge solve: "adam" (needs
-        hundreds of iterations), "lbfgs". Terms without postfix code are left to the first.
+        "levenberg_marquardt" (the best of them in success and cost, benchmarks/constants.py), or
+        a descent by optax through the ridge solve: "adam" (needs hundreds of iterations),
+        "lbfgs". Terms without postfix code are left to the first.
     iterations : int
         Steps tried.
     floor : float
