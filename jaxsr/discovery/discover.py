@@ -19,11 +19,13 @@ from jaxsr.discovery.known import guessed_terms, known_terms, unit_table
 from jaxsr.discovery.recognise import kinematic, recognised
 from jaxsr.discovery.result import Discovery, found_model
 from jaxsr.discovery.samples import Roles, Samples, hold_back, roles, samples
+from jaxsr.discovery.settle import settle
 from jaxsr.evolution import SearchConfig, SearchInfo
 from jaxsr.models.model import Model
 from jaxsr.recordings import Recording, read_recording
 
 Source = Recording | str | Path
+_SEARCH = 0.6  # share of the time for the search; the rest is for roll-outs
 
 
 def discover(
@@ -134,10 +136,12 @@ def discover(
             train,
             judge,
             every,
-            budget=limit.share(1.0 / (len(part.states) - place)),
+            budget=limit.share(_SEARCH / (len(part.states) - place * _SEARCH)),
             progress=_reporter(show, task.config),
         )
         equations.append(found)
+    show.stage("roll-outs")
+    equations = settle(equations, tasks, data.traces, limit)
     model = found_model(equations, part, time, unit_table(units))
     if held_out:
         unseen = samples([read(source) for source in held_out], part)

@@ -42,6 +42,8 @@ class Equation:
     front : tuple of Candidate
         What was chosen from, smallest first; empty for a recognised equation.
     pick : int
+    exact : bool
+        Whether no more is left than errors of the derivative itself.
     stopped_by : StoppedBy
     """
 
@@ -52,6 +54,7 @@ class Equation:
     held_out_mse: float | None = None
     front: tuple[Candidate, ...] = field(default=(), repr=False)
     pick: int = 0
+    exact: bool = False
     stopped_by: StoppedBy = StoppedBy.CONVERGED
 
     @property

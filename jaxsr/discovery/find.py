@@ -19,6 +19,7 @@ from jaxsr.regression import RegressionProblem, coefficient_ci95, constant_slope
 
 MOST_ROWS = 2000  # rows the search looks at,
 MOST_JUDGED = 8000  # rows on which the front is weighed; the final estimate uses all of them
+_EXACT = 1e-12  # mean square relative to the target's: nothing is left that a roll-out could tell
 _FEWEST = 30  # test functions to choose by
 _ROUNDING = 1e-20  # square of the relative error of a column without noise
 
@@ -154,8 +155,13 @@ def find_equation(
         validation_mse=chosen.validation_mse,
         front=tuple(candidates),
         pick=pick,
+        exact=chosen.train_mse <= _exact_mse(whole),
         stopped_by=reason,
     )
+
+
+def _exact_mse(problem: RegressionProblem) -> float:
+    return max(4.0 * problem.floor, _EXACT) * float(np.mean(problem.y**2))
 
 
 def final_estimate(task: Task, terms: Sequence[Term], samples: Samples) -> Equation:

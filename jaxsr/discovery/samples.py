@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,6 +12,10 @@ from jaxsr.discovery.treatment import treat
 from jaxsr.discovery.weak_rows import WeakRows, weak_rows
 from jaxsr.expressions import is_identifier
 from jaxsr.recordings import Recording, noise_level
+
+Trace = dict[str, dict[str, np.ndarray]]
+"""Of one recording: "time", "values" of all states and inputs, "measured" states, their "noise"."""
+_FINEST = 1e-3  # noise of a state relative to its spread, at least: no model is truer
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +65,8 @@ class Samples:
         Measurement noise of a derivative that is a column.
     weak : dict of str to WeakRows
         Equations of states too noisy to be differentiated, in the weak view.
+    traces : tuple of Trace
+        Whole recordings, for roll-outs.
     """
 
     variables: dict[str, np.ndarray]
@@ -70,6 +76,7 @@ class Samples:
     errors: dict[str, np.ndarray] = field(default_factory=dict)
     noise: dict[str, float] = field(default_factory=dict)
     weak: dict[str, WeakRows] = field(default_factory=dict)
+    traces: tuple[Trace, ...] = ()
 
     def __len__(self) -> int:
         return len(self.group)
@@ -84,6 +91,7 @@ class Samples:
             {k: v[rows] for k, v in self.errors.items()},
             self.noise,
             {k: v.take(rows) for k, v in self.weak.items()},
+            self.traces,
         )
 
 
@@ -137,6 +145,7 @@ def samples(recordings: Sequence[Recording], roles: Roles) -> Samples:
         _joined([{n: p.errors[n] for n in sorted(kept["errors"])} for p in parts]),
         {n: float(np.median([p.noise[n] for p in parts])) for n in parts[0].noise},
         {n: WeakRows.joined([p.weak[n] for p in parts]) for n in sorted(kept["weak"])},
+        tuple(trace for p in parts for trace in p.traces),
     )
     columns = (*whole.variables.values(), *whole.targets.values())
     complete = np.all([np.isfinite(v) for v in columns], axis=0)
@@ -157,8 +166,9 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
     treated = {
         name: treat(t, recording.channel(name)) for name in roles.states if name not in computed
     }
-    values = {roles.time: t} | {name: signal.values for name, signal in treated.items()}
-    values |= {rate: treated[displacement[rate]].derivative(1)[0] for rate in computed}
+    states = {name: signal.values for name, signal in treated.items()}
+    states |= {rate: treated[displacement[rate]].derivative(1)[0] for rate in computed}
+    values = {roles.time: t} | {name: states[name] for name in roles.states}
     values |= {name: recording.channel(name) for name in roles.inputs}
     targets, errors, noise, weak = {}, {}, {}, {}
     for state in roles.states:
@@ -174,9 +184,23 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
             if not signal.clean:
                 weak[state] = weak_rows(t, signal.recorded, signal.noise, order)
     known = {n: e for n, e in errors.items() if e is not None}
-    part = Samples(values, targets, np.zeros(len(t), int), frozenset(errors), known, noise, weak)
-    order_known = roles.time, *roles.states, *roles.inputs
-    return replace(part, variables={name: values[name] for name in order_known})
+    trace = {
+        "time": {"t": t},
+        "values": {n: _filled(t, v) for n, v in values.items() if n != roles.time},
+        "measured": {n: signal.recorded for n, signal in treated.items()},
+        "noise": {
+            n: np.maximum(signal.noise, _FINEST * float(np.nanstd(signal.recorded)) or 1.0)
+            for n, signal in treated.items()
+        },
+    }
+    group = np.zeros(len(t), int)
+    every = frozenset(errors)
+    return Samples(values, targets, group, every, known, noise, weak, (trace,))
+
+
+def _filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    good = np.isfinite(values)
+    return values if np.all(good) or not np.any(good) else np.interp(t, t[good], values[good])
 
 
 def hold_back(group: np.ndarray, share: float = 0.25, count: int = 8) -> np.ndarray:

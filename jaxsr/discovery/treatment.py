@@ -14,7 +14,6 @@ from jaxsr.views import derivative, fit_adaptive, noise_by_sample
 from jaxsr.views.derivative import choose_method
 from jaxsr.views.finite_difference import finite_difference
 
-
 _NEIGHBOURS = 9  # samples that one stencil joins
 _DIGITS = 3e-9  # of the derivative's rms: no recording, or solver, is truer
 _LEAST = 24  # samples that two stencils of different order, or a spline, need
