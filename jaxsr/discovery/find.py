@@ -12,7 +12,7 @@ from jaxsr.discovery.choose import choose, predict
 from jaxsr.discovery.equation import Equation, FittedTerm
 from jaxsr.discovery.rounding import rounded
 from jaxsr.discovery.samples import Samples, thinned
-from jaxsr.evolution import SearchConfig, SearchInfo, search
+from jaxsr.evolution import SearchConfig, SearchInfo, best_subsets, search
 from jaxsr.expressions.editing import edit, split
 from jaxsr.expressions.term import Term
 from jaxsr.regression import RegressionProblem, coefficient_ci95, constant_slopes
@@ -145,6 +145,8 @@ def find_equation(
     judged = train if weak else train.take(thinned(np.arange(len(train)), MOST_JUDGED))
     whole = task.problem(judged)
     sets = [(), *(member.terms for member in found.front.members)]
+    if not found.front.best_loss <= 4.0 * problem.floor:
+        sets = list(dict.fromkeys([*sets, *best_subsets(problem, task.config)]))
     usable = [s for s in sets if -1 not in whole.index(s)]
     candidates, pick = choose(whole, usable, task.problem(validation))
     chosen = candidates[pick]

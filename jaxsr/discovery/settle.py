@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr._progress import Budget
+from jaxsr.discovery.choose import Candidate
 from jaxsr.discovery.equation import Equation, FittedTerm
 from jaxsr.discovery.find import Task
 from jaxsr.discovery.rollout import RolloutFit, Segments, System, cut, fit_rollout
@@ -25,6 +26,9 @@ _MOST = 32  # stretches in all
 _WORTH = 1.02  # an error within this factor of the best is as good
 _FOLLOWED = 1.3  # rise of the error at which a longer stretch is no longer followed
 _QUICK = 8  # iterations of a candidate's fit
+_PATIENCE = 12  # candidates that may follow the best one
+_FEW, _HOPELESS = 4, 10.0  # a candidate that fits so much worse than one of few terms is left out
+_NOISE_LIMITED = 1.5  # mean square over the noise's up to which noise is all that is left
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,34 +107,59 @@ def _companions(state: str, trial: Trial, equations: Sequence[Equation]) -> list
 
 
 def _picked(equation: Equation, trial: Trial, companions: Sequence[str]) -> Equation:
-    """Return the equation with the simplest candidate that simulates as well as the best."""
-    errors: list[np.ndarray | None] = []
-    for candidate in equation.front:
-        if trial.budget.exhausted:
+    """Return the equation with the candidate that simulates best for what it costs."""
+    judged: list[Judged] = []
+    since = 0
+    hopeful = _hopeful(equation.front)
+    for k in hopeful:
+        if trial.budget.exhausted or since >= _PATIENCE:
             break
+        candidate = equation.front[k]
         terms = {s: () for s in companions} | {equation.state: candidate.fit.terms}
         weights = {s: () for s in companions} | {equation.state: candidate.fit.coefficients}
-        result = trial.fit(terms, weights) if np.isfinite(candidate.validation_mse) else None
-        errors.append(None if result is None else result[1].held_back)
-    totals = np.array([np.inf if e is None else float(np.sum(e)) for e in errors])
-    if not np.any(np.isfinite(totals)):
-        return equation
-    best = errors[int(np.argmin(totals))]
-    assert best is not None
-    for k, error in enumerate(errors):
-        if error is not None and _as_good(error, best):
-            return replace(equation, pick=k)
-    return equation
+        result = trial.fit(terms, weights)
+        since += 1
+        if result is not None:
+            judged.append(Judged(k, result[1], candidate.size))
+            since = 0 if judged[-1].length <= min(j.length for j in judged) else since
+    return replace(equation, pick=_best(judged)) if judged else equation
 
 
-def _as_good(error: np.ndarray, best: np.ndarray) -> bool:
-    """Tell whether an error is within one standard error, over stretches, of the best."""
-    apart = error - best
-    if np.sum(error) <= _WORTH * np.sum(best):
-        return True
-    if len(apart) < 2:
-        return False
-    return float(np.mean(apart)) <= float(np.std(apart, ddof=1)) / np.sqrt(len(apart))
+@dataclass(frozen=True)
+class Judged:
+    """A candidate's place on the front, its roll-outs, and its complexity."""
+
+    place: int
+    fit: RolloutFit
+    size: int
+
+    @property
+    def length(self) -> float:
+        """Return the description length of the samples: N log(loss) + k log N + complexity."""
+        count = self.fit.count
+        free = len(self.fit.constants)
+        return count * float(np.log(self.fit.loss)) + free * float(np.log(count)) + self.size
+
+
+def _best(judged: Sequence[Judged]) -> int:
+    """Choose by description length where noise limits the fit, else by held-back stretches.
+
+    Where something of the motion is left unexplained, its residuals are no noise and a
+    likelihood would pay for any term that bends towards them. Where only noise is left,
+    stretches are the blunter tool: a motion that dies out is told by its beginning alone.
+    """
+    if min(j.fit.loss for j in judged) <= _NOISE_LIMITED:
+        return min(judged, key=lambda j: j.length).place
+    best = min(judged, key=lambda j: float(np.sum(j.fit.held_back)))
+    return next(j.place for j in judged if _as_good(j.fit.held_back, best.fit.held_back))
+
+
+def _hopeful(front: Sequence[Candidate]) -> list[int]:
+    """Return the places of candidates, smallest first, that fit derivatives not much worse."""
+    small = [c.train_mse for c in front if 0 < len(c.fit.terms) <= _FEW and c.train_mse > 0.0]
+    limit = _HOPELESS * min(small, default=np.inf)
+    good = [k for k, c in enumerate(front) if np.isfinite(c.validation_mse) and c.fit.terms]
+    return [k for k in good if front[k].train_mse <= limit] or good
 
 
 def _estimated(

@@ -12,7 +12,9 @@ from jaxsr._result import InputError
 from jaxsr.views import WeakView, choose_half_width
 
 _SPACING = 8.0  # test functions to a half-width
-_MOST = 2000  # test functions in a recording
+_MOST = 2000  # test functions in a recording,
+_LEAST = 120  # and, nearly, the least: a smooth motion must not leave fewer rows than terms
+_WIDEST = 0.1  # half-width of a test function, of the recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +65,9 @@ def weak_rows(t: np.ndarray, x: np.ndarray, noise: np.ndarray, order: int = 1) -
         2: ``x`` is a displacement and the equation that of its acceleration.
     """
     level = float(np.sqrt(np.mean(noise**2)))
-    half_width = choose_half_width(t, x, level)
-    spacing = max(half_width / _SPACING, (t[-1] - t[0]) / _MOST)
+    span = float(t[-1] - t[0])
+    half_width = min(choose_half_width(t, x, level), _WIDEST * span)
+    spacing = max(min(half_width / _SPACING, span / _LEAST), span / _MOST)
     view = WeakView.build(t, half_width, spacing, mask=np.isfinite(x))
     kept = np.flatnonzero(view.valid)
     if not len(kept):

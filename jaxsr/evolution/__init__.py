@@ -11,6 +11,7 @@ from jaxsr.evolution.front import Front
 from jaxsr.evolution.individual import Individual, Problem, complexity
 from jaxsr.evolution.loop import SearchInfo, SearchState, init, search, step, stopped
 from jaxsr.evolution.propose import Proposal, propose
+from jaxsr.evolution.seeds import best_subsets
 
 __all__ = [
     "FitnessRule",
@@ -24,6 +25,7 @@ __all__ = [
     "SearchInfo",
     "SearchState",
     "SizeLimits",
+    "best_subsets",
     "complexity",
     "init",
     "propose",

@@ -12,6 +12,9 @@ import numpy as np
 from jaxsr.expressions.term import Term
 
 
+_PLAIN = frozenset({"neg", "abs", "sign"})
+
+
 @dataclass(frozen=True, slots=True)
 class Individual:
     """A set of terms, weighed.
@@ -44,9 +47,11 @@ class Individual:
 
 
 def complexity(terms: Iterable[Term]) -> int:
-    """Return two for each coefficient, one for each node, one more for each fitted constant.
+    """Return what a set of terms costs to write down.
 
-    Whole numbers inside terms are taken as given, others as fitted.
+    Two for each coefficient, one for each node, one more for each fitted constant (whole numbers
+    are taken as given), two for each function and three more for a function of a function:
+    sin(cos(x)) is no plainer than x + x**2, short as it is.
     """
     return sum(_cost(term) for term in terms)
 
@@ -54,7 +59,13 @@ def complexity(terms: Iterable[Term]) -> int:
 @functools.lru_cache(maxsize=100_000)
 def _cost(term: Term) -> int:
     fitted = sum(1 for n in term.walk() if n.is_constant and not n.value.is_integer())
-    return 2 + term.size + fitted
+    return 2 + term.size + fitted + _functions(term, False)
+
+
+def _functions(term: Term, inside: bool) -> int:
+    applied = len(term.args) == 1 and term.op not in _PLAIN
+    own = (5 if inside else 2) if applied else 0
+    return own + sum(_functions(arg, inside or applied) for arg in term.args)
 
 
 class Problem(Protocol):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
+
+import numpy as np
 
 from jaxsr.evolution.config import SearchConfig
 from jaxsr.evolution.individual import Problem
@@ -12,6 +15,9 @@ from jaxsr.expressions.term import Term
 
 Terms = tuple[Term, ...]
 _MOST = 130  # monomials of a whole basis
+_COMMON = 20  # terms of a basis whose subsets are tried,
+_SUBSET = 4  # the terms of a subset,
+_TRIED = 1500  # and the subsets of one size
 _COMPLETE = 12  # terms of a basis that shapes are put beside
 
 
@@ -44,3 +50,34 @@ def thinned_bases(problem: Problem, config: SearchConfig) -> list[Terms]:
     for basis in bases(problem, config):
         out += [terms for terms, _ in problem.eliminate(basis, config.sizes.terms)]
     return list(dict.fromkeys(out))
+
+
+def best_subsets(problem: Problem, config: SearchConfig, each: int = 6) -> list[Terms]:
+    """Return the best few sets of every small size out of terms that laws are often made of.
+
+    Where data are noisy many sets fit alike, and the plain ones among them must not be missing
+    from the comparison because a stranger one happened to fit a little better.
+    """
+    out: list[Terms] = []
+    for basis in _common(problem, config):
+        usable = [t for t, k in zip(basis, problem.index(basis), strict=True) if k >= 0]
+        for size in range(1, min(_SUBSET, config.sizes.terms, len(usable)) + 1):
+            if math.comb(len(usable), size) > _TRIED:
+                break
+            sets = list(itertools.combinations(usable, size))
+            _, losses = problem.solve(sets)
+            out += [sets[k] for k in np.argsort(losses, kind="stable")[:each]]
+    return list(dict.fromkeys(out))
+
+
+def _common(problem: Problem, config: SearchConfig) -> list[Terms]:
+    """Return low monomials, and what joints and springs are made of."""
+    functions = set(config.primitives.functions)
+    variables = [Term.variable(name) for name in problem.variables]
+    out = [basis for basis in bases(problem, config) if len(basis) <= _COMMON]
+    parts = [ONE, *variables]
+    parts += [Term.apply(f, v) for v in variables for f in ("sin", "cos", "sign") if f in functions]
+    if {"mul", "abs"} <= functions:
+        parts += [Term.apply("mul", Term.apply("abs", v), v) for v in variables]
+    out.append(edit(parts))
+    return out
