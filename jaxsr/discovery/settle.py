@@ -162,6 +162,16 @@ def _hopeful(front: Sequence[Candidate]) -> list[int]:
     return [k for k in good if front[k].train_mse <= limit] or good
 
 
+def _as_good(error: np.ndarray, best: np.ndarray) -> bool:
+    """Tell whether an error is within one standard error, over stretches, of the best."""
+    apart = error - best
+    if np.sum(error) <= _WORTH * np.sum(best):
+        return True
+    if len(apart) < 2:
+        return False
+    return float(np.mean(apart)) <= float(np.std(apart, ddof=1)) / np.sqrt(len(apart))
+
+
 def _estimated(
     found: Mapping[str, Equation],
     trial: Trial,

@@ -11,7 +11,6 @@ import numpy as np
 
 from jaxsr.expressions.term import Term
 
-
 _PLAIN = frozenset({"neg", "abs", "sign"})
 
 
