@@ -108,6 +108,7 @@ def form(expression: Formula, time: str = "t") -> Form | None:
     marked = sympy.expand(expression).replace(
         lambda node: isinstance(node, sympy.sin | sympy.cos) and node.has(t), wave
     )
+    back = {m: (sympy.sin if sine else sympy.cos)(w * t) for m, (w, sine) in markers.items()}
     monomials: dict[Any, float] = {}
     parts: dict[float, list[float]] = {}
     for part in sympy.Add.make_args(sympy.expand(marked)):
@@ -117,6 +118,7 @@ def form(expression: Formula, time: str = "t") -> Form | None:
             w, is_sine = markers[rest]
             parts.setdefault(w, [0.0, 0.0])[0 if is_sine else 1] += value
         elif value:
+            rest = rest.xreplace(back)
             monomials[rest] = monomials.get(rest, 0.0) + value
     waves = tuple(Wave(w, *pair) for w, pair in sorted(parts.items()) if any(pair))
     return Form(monomials, waves)

@@ -62,7 +62,9 @@ def test_a_cosine_stands_for_a_shifted_sine(data: dict[str, np.ndarray]) -> None
     assert mark.exact and mark.error < 1e-12
 
 
-@pytest.mark.parametrize("extra", ["0.01*z3", "0.001", "z1*z2", "sin(3*t)", "sin(z1)", "exp(-t)"])
+@pytest.mark.parametrize(
+    "extra", ["0.01*z3", "0.001", "z1*z2", "sin(3*t)", "sin(z1)", "exp(-t)", "z1*sin(2*t)"]
+)
 def test_a_spurious_term_is_seen(extra: str, data: dict[str, np.ndarray]) -> None:
     mark = judge(f"{TWO_MASS['z3']} + {extra}", TWO_MASS["z3"], data)
     assert not mark.exact and np.isnan(mark.error) and mark.terms == 4
