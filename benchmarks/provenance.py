@@ -40,6 +40,10 @@ def write(name: str, title: str, seeds: Sequence[int], body: dict[str, Any]) -> 
         "seeds": list(seeds),
         "versions": versions(),
         "machine": machine(),
+        # above the number of cores, other work slowed this one down
+        "load_average": [round(x, 1) for x in os.getloadavg()]
+        if hasattr(os, "getloadavg")
+        else None,
     }
     atomic_write_text(RESULTS / f"{name}.json", dump_json(document))
     print(f"written: benchmarks/results/{name}.json")

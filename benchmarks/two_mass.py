@@ -36,7 +36,7 @@ from benchmarks.systems import (
 from jaxsr import Recording
 
 CLUTTER = 1e-3
-PEER_SEEDS, PEER_SECONDS = 3, 20.0
+PEER_SEEDS, PEER_SECONDS = 2, 20.0
 ACCELERATIONS = ("z3", "z4")
 
 
