@@ -21,26 +21,30 @@ def recognised(samples: Samples, state: str, states: Sequence[str]) -> str | Non
     twice the sensor's noise.
     """
     time = samples.variables[next(iter(samples.variables))]
-    x = samples.variables[state]
+    groups = [samples.group == number for number in np.unique(samples.group)]
+    motion = _centred(samples.variables[state], groups)
+    levels = [noise_level(time[rows], samples.variables[state][rows]) for rows in groups]
+    noise = sum(v**2 * np.count_nonzero(g) for v, g in zip(levels, groups, strict=True))
+    if not motion @ motion > 0.0:
+        return None
+    allowed = min(max(4e-4 * float(motion @ motion), 4.0 * noise), 0.04 * float(motion @ motion))
     for other in states:
-        if other == state:
+        rate = samples.variables[other]
+        if other == state or not np.any(rate):
             continue
-        columns, parts, noise = [], [], []
-        for number in np.unique(samples.group):
-            rows = samples.group == number
-            integral = cumulative_trapezoid(samples.variables[other][rows], time[rows], initial=0.0)
-            columns.append(integral - np.mean(integral))
-            parts.append(x[rows] - np.mean(x[rows]))
-            noise.append(noise_level(time[rows], x[rows]) ** 2 * np.count_nonzero(rows))
-        area, motion = np.concatenate(columns), np.concatenate(parts)
-        if not area @ area > 0.0 or not motion @ motion > 0.0:
+        parts = [cumulative_trapezoid(rate[rows], time[rows], initial=0.0) for rows in groups]
+        area = np.concatenate([part - np.mean(part) for part in parts])
+        if not area @ area > 0.0:
             continue
         slope = float(area @ motion / (area @ area))
         left = motion - slope * area
-        allowed = max(4e-4 * float(motion @ motion), 4.0 * float(np.sum(noise)))
-        if abs(slope - 1.0) < 0.01 and left @ left < min(allowed, 0.04 * (motion @ motion)):
+        if abs(slope - 1.0) < 0.01 and left @ left < allowed:
             return other
     return None
+
+
+def _centred(values: np.ndarray, groups: list[np.ndarray]) -> np.ndarray:
+    return np.concatenate([values[rows] - np.mean(values[rows]) for rows in groups])
 
 
 def kinematic(state: str, rate: str, train: Samples, judge: Samples) -> Equation:

@@ -164,7 +164,9 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
     displacement = {rate: q for q, rate in roles.rate_of.items()}
     computed = {r for r in displacement if r not in recording.channels}
     treated = {
-        name: treat(t, recording.channel(name)) for name in roles.states if name not in computed
+        name: treat(t, recording.channel(name), smooth=name not in roles.derivatives)
+        for name in roles.states
+        if name not in computed
     }
     states = {name: signal.values for name, signal in treated.items()}
     states |= {rate: treated[displacement[rate]].derivative(1)[0] for rate in computed}

@@ -74,10 +74,23 @@ class Treated:
         return fine, apart + 2.0 * noise_level(t, x) / step**order + digits
 
 
-def treat(t: np.ndarray, x: np.ndarray) -> Treated:
-    """Judge a signal's noise; samples that are clean or too few stay as they are."""
+def treat(t: np.ndarray, x: np.ndarray, *, smooth: bool = True) -> Treated:
+    """Judge a signal's noise; samples that are clean, too few or too uneven stay as they are.
+
+    Parameters
+    ----------
+    t, x : ndarray, (samples,)
+    smooth : bool
+        False for a state whose derivative is recorded: nothing of it is differentiated.
+    """
     known = np.isfinite(x)
     few = np.count_nonzero(known) < _LEAST
-    if few or np.ptp(x[known]) == 0.0 or choose_method(t, x) == "finite_difference":
-        return Treated(t, x, np.full(len(t), noise_level(t, x)), True)
-    return Treated(t, x, noise_by_sample(t, x), False)
+    clean = Treated(t, x, np.full(len(t), noise_level(t, x)), True)
+    if few or not smooth or np.ptp(x[known]) == 0.0 or choose_method(t, x) == "finite_difference":
+        return clean
+    try:
+        treated = Treated(t, x, noise_by_sample(t, x), False)
+        treated.spline(t[:1])  # made here, so that samples too uneven for it are told
+    except np.linalg.LinAlgError:
+        return clean
+    return treated

@@ -107,6 +107,10 @@ class Problem(Protocol):
         """Return each set with inner constants at a local minimum, and its relative loss."""
         ...
 
+    def quotients(self, frequencies: Sequence[float], count: int) -> list[tuple[Term, ...]]:
+        """Return terms over one denominator that explain the target best."""
+        ...
+
     def frequencies(self, terms: Sequence[Term], variable: str, count: int) -> list[float]:
         """Return frequencies of ``variable`` in the residual, the strongest first."""
         ...

@@ -20,7 +20,7 @@ from jaxsr.evolution.fitness import FitnessState, fitness, next_state
 from jaxsr.evolution.front import ROUNDING, Front
 from jaxsr.evolution.individual import Individual, Problem
 from jaxsr.evolution.library import small_terms
-from jaxsr.evolution.offers import with_shapes
+from jaxsr.evolution.offers import with_quotients, with_shapes
 from jaxsr.evolution.polish import polish, promising, settled, with_frequencies
 from jaxsr.evolution.seeds import thinned_bases
 from jaxsr.expressions.editing import edit
@@ -177,6 +177,7 @@ def step(
             *promising(ranked, front, refined, config.refined, problem.rows),
             *with_frequencies(problem, front, generation, config),
             *with_shapes(problem, front, generation, config),
+            *with_quotients(problem, front, generation, config),
         ]
         better, refined = _refine(problem, sets, refined)
         front, found, refined = polish(problem, front.with_(better), config, refined)

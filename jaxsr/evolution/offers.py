@@ -71,3 +71,38 @@ def kind(term: Term) -> str:
 def distinct(sets: Sequence[Terms]) -> list[Terms]:
     """Return each set once, whatever the order of its terms."""
     return list({frozenset(terms): terms for terms in sets}.values())
+
+
+def with_quotients(
+    problem: Problem, front: Front, generation: int, config: SearchConfig
+) -> list[Terms]:
+    """Return quotients of short sums, waves of the front's frequencies among their parts.
+
+    Without waves at first; then in generations 2, 4, 8, ... while the frequencies settle.
+    """
+    if "div" not in config.primitives.functions or generation & (generation - 1):
+        return []
+    waves = frequencies_of(front, problem.time) if generation > 1 else []
+    if generation > 1 and not waves:
+        return []
+    return problem.quotients(waves[:2], 8)
+
+
+def frequencies_of(front: Front, time: str) -> list[float]:
+    """Return the distinct frequencies of sines and cosines of time on the front, lowest first."""
+    out: list[float] = []
+    for member in reversed(front.members):
+        for term in member.terms:
+            w = _frequency(term.args[0], time) if term.op in ("sin", "cos") else None
+            if w and not any(abs(w - other) <= 1e-3 * other for other in out):
+                out.append(w)
+    return sorted(out)
+
+
+def _frequency(angle: Term, time: str) -> float | None:
+    """Return w of w t or w t + phi."""
+    if angle.op == "add":
+        angle = angle.args[0]
+    if angle.op != "mul" or not angle.args[0].is_constant or angle.args[1].name != time:
+        return None
+    return abs(angle.args[0].value)

@@ -17,6 +17,7 @@ from jaxsr.regression.elimination import eliminate
 from jaxsr.regression.fitting import Fit, fit_terms
 from jaxsr.regression.gram import Array, GramBatch, gather_gram, scale_columns
 from jaxsr.regression.judging import Judge
+from jaxsr.regression.rational import quotients
 from jaxsr.regression.ridge import least_squares, solve_ridge
 from jaxsr.regression.signs import (
     Signs,
@@ -333,6 +334,10 @@ class RegressionProblem:
     def frequencies(self, terms: Sequence[Term], variable: str, count: int) -> list[float]:
         """Return frequencies in the residual; see :func:`residual_frequencies`."""
         return residual_frequencies(self, terms, variable, count)
+
+    def quotients(self, frequencies: Sequence[float], count: int) -> list[tuple[Term, ...]]:
+        """Return quotients of short sums; see :func:`jaxsr.regression.rational.quotients`."""
+        return quotients(self, frequencies, count)
 
     def waves(self, variable: str) -> Waves | None:
         """Return the sines and cosines of a variable that the spectrum is taken with."""
