@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sparse
 
 from jaxsr._result import InputError
-from jaxsr.evolution import PrimitiveSet, SearchConfig, init, step
+from jaxsr.evolution import FitnessRule, PrimitiveSet, SearchConfig, init, search, step
 from jaxsr.evolution.checkpoint import Keeper, fingerprint, load, save
 from jaxsr.evolution.create import random_term
 from jaxsr.evolution.loop import SearchState
@@ -21,25 +22,13 @@ from jaxsr.regression.judging import Judge
 CONFIG = SearchConfig(population=40, generations=30, refined=4, patience=30)
 
 
-class Problem(RegressionProblem):
-    """Answers depend on the question alone, to the last bit, not on earlier ones."""
-
-    def _add(self, terms):
-        for term in terms:
-            super()._add([term])
-
-    def solve(self, individuals):
-        self._forget()
-        return super().solve(individuals)
-
-
-def _problem(seed=0, fixed=False, n=250):
+def _problem(seed=0, fixed=False, n=250, **options):
     rng = np.random.default_rng(seed)
     t = np.linspace(0.0, 10.0, n)
     x, v = np.sin(1.3 * t) + 0.3 * rng.normal(size=n), rng.normal(size=n)
     y = -4.0 * x - 0.5 * v * np.abs(v) + 2.0 * np.sin(3.0 * t + 1.0) + 0.1 * rng.normal(size=n)
     columns = np.column_stack([np.ones(n), x**3]) if fixed else None
-    return Problem(y, {"t": t, "x": x, "v": v}, fixed=columns)
+    return RegressionProblem(y, {"t": t, "x": x, "v": v}, fixed=columns, **options)
 
 
 def _advanced(rng, state, problem, generations):
@@ -136,6 +125,63 @@ def test_keeper_without_a_file_starts_anew_and_writes_when_due(tmp_path):
         Keeper(tmp_path / "c.json", problem, CONFIG, every=math.nan)
 
 
+class _Stop(Exception):
+    pass
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_search_broken_off_again_and_again_ends_as_if_it_never_was(tmp_path, seed):
+    """Restarts draw random numbers too; no break may make one of them twice or never."""
+    config = replace(CONFIG, population=20, generations=16, refined=2, patience=2)
+    rng = np.random.default_rng(seed)
+    straight, reason = search(rng, _problem(seed, n=60), config)
+
+    breaks, restarted = 0, False
+    for _ in range(60):
+        problem, generator = _problem(seed, n=60), np.random.default_rng(1234)
+        if breaks == 0:
+            generator = np.random.default_rng(seed)
+        keeper = Keeper(tmp_path / "c.json", problem, config, every=0.0)
+
+        def stop_after_one(info):
+            raise _Stop
+
+        try:
+            resumed, again = search(
+                generator, problem, config, keeper=keeper, progress=stop_after_one
+            )
+            break
+        except _Stop:
+            breaks += 1
+            state, _ = load(tmp_path / "c.json", problem, config)
+            restarted |= state.fruitless > 0
+    assert breaks > 4 and restarted
+    assert resumed == straight and again is reason
+    assert generator.bit_generator.state == rng.bit_generator.state
+
+
+@pytest.mark.parametrize("kind", ["sparse", "judge"])
+def test_views_and_judges_do_not_remember_what_they_were_asked(tmp_path, kind):
+    def make():
+        if kind == "judge":
+            plain = _problem(5)
+            return _problem(3, judge=Judge(plain.variables, plain.y))
+        rng = np.random.default_rng(3)
+        matrix = sparse.random_array((90, 250), density=0.2, rng=rng, format="csr")
+        base = _problem(3)
+        return RegressionProblem(matrix @ base.y, base.variables, view=lambda c: matrix @ c)
+
+    rule = FitnessRule(data="validation" if kind == "judge" else "training")
+    config = replace(CONFIG, population=30, fitness=rule)
+    rng, problem = np.random.default_rng(0), make()
+    state = _advanced(rng, init(rng, problem, config), problem, 2)
+    save(tmp_path / "c.json", state, rng, problem)
+    straight = _advanced(rng, state, problem, 3)
+    again = make()
+    resumed, generator = load(tmp_path / "c.json", again, config)
+    assert _advanced(generator, resumed, again, 3) == straight
+
+
 @pytest.mark.parametrize("name", ["PCG64", "MT19937", "Philox", "SFC64", "PCG64DXSM"])
 def test_every_generator_comes_back(tmp_path, name):
     rng = np.random.Generator(getattr(np.random, name)(3))
@@ -199,16 +245,16 @@ def test_fingerprint_sees_values_names_and_time():
     assert len(marks) == 5
     problem = _problem()
     y, columns = problem.y, problem.variables
-    renamed = Problem(y, {"t": columns["t"], "v": columns["x"], "x": columns["v"]})
-    other_time = Problem(y, columns, time="x")
+    renamed = RegressionProblem(y, {"t": columns["t"], "v": columns["x"], "x": columns["v"]})
+    other_time = RegressionProblem(y, columns, time="x")
     nudged = RegressionProblem(np.nextafter(y, np.inf), columns)
-    rougher = Problem(y, columns, floor=1e-3)
-    bound = Problem(y, columns, signs={parse("x"): -1})
-    other_rows = Problem(y, columns, judge=Judge(columns, y + 1.0))
+    rougher = RegressionProblem(y, columns, floor=1e-3)
+    bound = RegressionProblem(y, columns, signs={parse("x"): -1})
+    other_rows = RegressionProblem(y, columns, judge=Judge(columns, y + 1.0))
     problems = (problem, renamed, other_time, nudged, rougher, bound, other_rows)
     assert len({fingerprint(p) for p in problems}) == len(problems)
     bound.solve([[parse("x"), parse("v")]])  # what was asked of a problem leaves no mark
-    assert fingerprint(bound) == fingerprint(Problem(y, columns, signs={parse("x"): -1}))
+    assert fingerprint(bound) == fingerprint(RegressionProblem(y, columns, signs={parse("x"): -1}))
 
 
 def test_damaged_and_foreign_files_are_refused(written, tmp_path):

@@ -1,5 +1,6 @@
 """Evolve sets of terms: create, cross, mutate, select, and keep the Pareto front."""
 
+from jaxsr.evolution.checkpoint import Keeper
 from jaxsr.evolution.config import (
     FitnessRule,
     MutationWeights,
@@ -17,6 +18,7 @@ __all__ = [
     "FitnessRule",
     "Front",
     "Individual",
+    "Keeper",
     "MutationWeights",
     "PrimitiveSet",
     "Problem",

@@ -31,7 +31,10 @@ from jaxsr.expressions.term import Term
 
 SCHEMA = "jaxsr.checkpoint/1"
 # of a regression problem, where it has them
-_SETTINGS = ("time", "floor", "noise", "ridge", "signs", "threshold", "refinement", "judging")
+_SETTINGS = (
+    *("time", "floor", "noise", "ridge", "signs", "threshold", "refinement", "judging"),
+    *("group", "admits"),
+)
 _GENERATORS = ("PCG64", "PCG64DXSM", "MT19937", "Philox", "SFC64")
 
 

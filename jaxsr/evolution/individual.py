@@ -71,6 +71,7 @@ class Problem(Protocol):
     """What a search asks of a regression problem; arrays stay on its side."""
 
     variables: dict[str, np.ndarray]
+    target: np.ndarray
     rows: int
     total: float
     time: str

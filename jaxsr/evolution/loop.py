@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from jaxsr.evolution.polish import polish, promising, settled, with_frequencies
 from jaxsr.evolution.seeds import thinned_bases
 from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
+
+if TYPE_CHECKING:
+    from jaxsr.evolution.checkpoint import Keeper
 
 Terms = tuple[Term, ...]
 _SAME = 4.0  # a loss within twice the target's own error, squared, is exact
@@ -180,7 +184,10 @@ def step(
             *with_quotients(problem, front, generation, config),
         ]
         better, refined = _refine(problem, sets, refined)
-        front, found, refined = polish(problem, front.with_(better), config, refined)
+        front = front.with_(better)
+        _, found, refined = polish(problem, front, config, refined)
+        found = [ind for ind in found if -1 not in problem.index(ind.terms)]
+        front = front.with_(found)
         ranked = _ranked(_distinct([*found, *better, *ranked]), state.rule, config, problem)
     front = front.with_(ranked)
     rule = next_state(state.rule, config.fitness, ranked[: len(elite)], generation, problem)
@@ -220,27 +227,48 @@ def search(
     guesses: Iterable[Sequence[Term]] = (),
     budget: float | Budget | None = None,
     progress: Callable[[SearchInfo], None] | None = None,
+    keeper: Keeper | None = None,
 ) -> tuple[SearchState, StoppedBy]:
     """Run generations until the search is over, the budget (seconds) spent, or interrupted.
 
-    An interrupt returns the best so far, marked as such.
+    An interrupt returns the best so far, marked as such. A ``keeper`` writes the state every so
+    often and when the search ends for any reason; the next search with it goes on from there, and
+    ends as if it had never stopped.
+
+    Raises
+    ------
+    InputError
+        The keeper's file is damaged, or of other data or settings.
     """
     limit = as_budget(budget)
-    state = init(rng, problem, config or SearchConfig(), guesses)
+    config = config or SearchConfig()
+    resumed = keeper.resume(rng) if keeper is not None else None
+    state = resumed if resumed is not None else init(rng, problem, config, guesses)
+
+    def kept(state: SearchState) -> SearchState:
+        if keeper is not None:
+            keeper.keep(state, rng)
+        return state
+
     try:
+        kept(state)
         while True:
             reason = stopped(state)
             if reason is not None:
                 if not _worth_restarting(state):
                     return state, reason
-                state = restart(rng, state, problem)
+                state = kept(restart(rng, state, problem))
             if limit.exhausted:
                 return state, limit.stopped_by
             state, info = step(rng, state, problem)
+            kept(state)
             if progress is not None:
                 progress(info)
     except KeyboardInterrupt:
         return state, StoppedBy.INTERRUPTED
+    finally:
+        if keeper is not None:
+            keeper.close()
 
 
 def _worth_restarting(state: SearchState) -> bool:
@@ -268,5 +296,7 @@ def _refine(
     fresh = [terms for terms in dict.fromkeys(map(edit, sets)) if terms and terms not in refined]
     moved = settled(problem, problem.refine_many(fresh))
     edited = [(edit(terms), loss) for terms, loss in moved]
-    out = [Individual.of(terms, loss) for terms, loss in edited if terms and np.isfinite(loss)]
+    whole = [(terms, loss) for terms, loss in edited if terms and np.isfinite(loss)]
+    # a constant that came to be 1 can leave a term without a meaning in units
+    out = [Individual.of(terms, x) for terms, x in whole if -1 not in problem.index(terms)]
     return out, refined.union(fresh, (terms for terms, _ in edited))

@@ -13,12 +13,14 @@ from jaxsr.regression.signs import signed_least_squares
 from jaxsr.regression.slopes import constants_of, with_constants
 from jaxsr.regression.spectrum import residual_frequencies
 from jaxsr.regression.threshold import HardThreshold
+from jaxsr.regression.units import InUnits
 
 __all__ = [
     "ElasticNetRule",
     "Fit",
     "GramBatch",
     "HardThreshold",
+    "InUnits",
     "Judge",
     "Refinement",
     "RegressionProblem",

@@ -26,11 +26,12 @@ class Dictionary:
     ----------
     problem : RegressionProblem
     terms : sequence of Term
-        Candidates; those without finite columns are left out.
+        Candidates; those without finite columns, or not admitted, are left out.
     """
 
     def __init__(self, problem: RegressionProblem, terms: Sequence[Term]) -> None:
         self._problem = problem
+        terms = [term for term in terms if problem.admitted([term])]
         kept: list[Term] = []
         columns = [np.zeros((0, problem.rows), np.float32)]
         for start in range(0, len(terms), _CHUNK):

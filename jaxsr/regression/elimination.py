@@ -26,7 +26,8 @@ def eliminate(
     Parameters
     ----------
     terms : sequence of Term
-        At most as many as there are rows; those without finite columns are left out.
+        At most as many as there are rows; those without finite columns, or not
+        admitted, are left out.
     most : int
         Sets of at most so many terms are returned.
 
@@ -35,6 +36,7 @@ def eliminate(
     list of (terms, loss)
         Largest first, down to one term; the loss is relative to the target's.
     """
+    terms = [term for term in terms if problem.admitted([term])]
     theta = problem.projected(terms, keep=True)
     with np.errstate(all="ignore"):
         norms = np.linalg.norm(theta, axis=0)

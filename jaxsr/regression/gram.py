@@ -82,13 +82,17 @@ def gather_gram(columns: Array, y: Array, index: NDArray[np.intp]) -> GramBatch:
     """
     individuals, terms = index.shape
     used = index >= 0
+    if not len(columns):  # no slot is used; what stands in for a column is masked below
+        columns = np.zeros((1, len(y)))
     safe = np.where(used, index, 0)
-    matrix = np.empty((individuals, terms, terms))
+    matrix, moment = np.empty((individuals, terms, terms)), np.empty((individuals, terms))
     step = max(1, _CHUNK_BYTES // max(1, 8 * terms * columns.shape[1]))
     for start in range(0, individuals, step):
         theta = columns[safe[start : start + step]]
         matrix[start : start + step] = theta @ theta.transpose(0, 2, 1)
+        # one product a set: a moment must not depend on what else is stored
+        moment[start : start + step] = theta @ y
     matrix *= used[:, :, None] & used[:, None, :]
     matrix[:, np.arange(terms), np.arange(terms)] += ~used
-    moment = np.where(used, (columns @ y)[safe], 0.0)
+    moment *= used
     return GramBatch(matrix, moment, used, float(y @ y))

@@ -16,8 +16,6 @@ from jaxsr.regression.gram import Array
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem, View
 
-_MOST = 100_000  # sets whose loss is kept
-
 
 @dataclass(frozen=True, eq=False)
 class Judge:
@@ -39,7 +37,6 @@ class Judge:
     view: View | None = None
     fixed: Array | None = None
     _columns: dict[Term, Array] = field(default_factory=dict, init=False, repr=False)
-    _losses: dict[tuple[Term, ...], float] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         y = np.asarray(self.y, dtype=np.float64)
@@ -60,20 +57,16 @@ class Judge:
 
         Coefficients are those of ``problem``; inf where a term is not finite on either rows.
         """
-        keys = [tuple(terms) for terms in sets]
-        new = [key for key in dict.fromkeys(keys) if key not in self._losses]
-        if len(self._losses) + len(new) > _MOST:
-            self._losses.clear()
-            new = list(dict.fromkeys(keys))
         total = float(self.y @ self.y) or 1.0
-        self._add([term for key in new for term in key], problem.time)
-        weights, fitted = problem.solve(new) if new else ([], np.zeros(0))
+        self._add([term for terms in sets for term in terms], problem.time)
+        # losses are not kept: what they are must not depend on what was asked before
+        weights, fitted = problem.solve(sets) if len(sets) else ([], np.zeros(0))
+        out = np.full(len(sets), np.inf)
         with np.errstate(all="ignore"):
-            for key, shares, loss in zip(new, weights, fitted, strict=True):
-                left = self._residual(problem, key, shares) if np.isfinite(loss) else None
-                rss = np.inf if left is None else float(left @ left) / total
-                self._losses[key] = rss if np.isfinite(rss) else np.inf
-        return np.array([self._losses[key] for key in keys])
+            for k in np.flatnonzero(np.isfinite(fitted)).tolist():
+                left = self._residual(problem, tuple(sets[k]), weights[k])
+                out[k] = float(left @ left) / total
+        return np.where(np.isfinite(out), out, np.inf)
 
     def _residual(
         self, problem: RegressionProblem, terms: tuple[Term, ...], shares: Array

@@ -27,12 +27,11 @@ from jaxsr.regression.signs import (
     wrong,
 )
 from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies
+from jaxsr.regression.store import DEPENDENT, ColumnStore
 from jaxsr.regression.threshold import HardThreshold
 
 View = Callable[[Array], Array]
 
-# A column that keeps less than this of its norm beside the fixed columns adds only rounding.
-_DEPENDENT = 1e-9
 _NORMAL_EQUATIONS = 1e-8  # relative loss below which Gram matrices are too coarse
 
 
@@ -68,6 +67,8 @@ class RegressionProblem:
         Rows on which :meth:`judge` weighs what these rows have fitted.
     group : ndarray of int, (samples,), optional
         Number of each sample's recording: integrals over time begin anew in each.
+    admits : callable, optional
+        Whether a term may be used, e.g. :class:`jaxsr.regression.InUnits`; all may when None.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class RegressionProblem:
         signs: Signs | None = None,
         judge: Judge | None = None,
         group: NDArray[np.intp] | None = None,
+        admits: Callable[[Term], bool] | None = None,
     ) -> None:
         self.y = np.asarray(y, dtype=np.float64)
         if self.y.ndim != 1 or not len(self.y):
@@ -114,11 +116,18 @@ class RegressionProblem:
         self._scale = np.sqrt(self.total) or 1.0
         self.signs = checked_signs(signs)
         self.judging = judge
+        self.group = group
+        self.admits = admits
         self.judged_rows = judge.rows if judge is not None else 0
         self.cache = ColumnCache(self.variables, limit_bytes // 2, time=time, group=group)
-        self._capacity = max(256, limit_bytes // (16 * self.rows))
+        self._store = ColumnStore(
+            self.columns,
+            self._project if self._basis.shape[1] else None,
+            admits,
+            self.rows,
+            max(256, limit_bytes // (16 * self.rows)),
+        )
         self._waves: dict[str, Waves | None] = {}
-        self._forget()
 
     def _check_shapes(self) -> None:
         lengths = {name: v.shape for name, v in self.variables.items()}
@@ -127,13 +136,6 @@ class RegressionProblem:
         samples = next(iter(lengths.values()), (self.rows,))
         if self.view is None and samples != (self.rows,):
             raise InputError(f"variables have shape {samples}, y has {self.rows} rows", "variables")
-
-    def _forget(self) -> None:
-        self._store = np.empty((min(1024, self._capacity), self.rows))
-        self._norms: list[float] = []
-        self._count = 0
-        self._index: dict[Term, int] = {}
-        self._terms: list[Term] = []
 
     def _project(self, columns: Array) -> Array:
         if not self._basis.shape[1]:
@@ -163,7 +165,7 @@ class RegressionProblem:
             return viewed
         with np.errstate(all="ignore"):  # a column that is not finite stays so
             left = self._project(viewed)
-            own = np.linalg.norm(left, axis=0) > _DEPENDENT * np.linalg.norm(viewed, axis=0)
+            own = np.linalg.norm(left, axis=0) > DEPENDENT * np.linalg.norm(viewed, axis=0)
         return np.where(own, left, np.nan)
 
     def projected(self, terms: Sequence[Term], *, keep: bool = False) -> Array:
@@ -176,39 +178,13 @@ class RegressionProblem:
         """Return where each term's unit-norm column is stored; -1 for an unusable term.
 
         A term is unusable where it is not finite on the data (a zero denominator, the root of a
-        negative number) or lies in the span of the fixed columns.
+        negative number), lies in the span of the fixed columns or is not admitted.
         """
-        new = [term for term in dict.fromkeys(terms) if term not in self._index]
-        if self._count + len(new) > self._capacity:
-            self._forget()
-            new = list(dict.fromkeys(terms))
-        for start in range(0, len(new), 256):
-            self._add(new[start : start + 256])
-        return [self._index[term] for term in terms]
+        return self._store.index(terms)
 
-    def _add(self, terms: list[Term]) -> None:
-        viewed = self.columns(terms)
-        size = np.max(np.abs(viewed), axis=0, initial=0.0)
-        usable = np.isfinite(size) & (size < 1e100) & (size > 1e-100)
-        rows = np.where(usable, viewed, 0.0).T
-        before = np.linalg.norm(rows, axis=1)
-        rows = self._project(rows.T).T
-        usable &= np.linalg.norm(rows, axis=1) > _DEPENDENT * before
-        scaled, norms = scale_columns(rows[usable])
-        self._norms += norms.tolist()
-        needed = self._count + len(scaled)
-        if needed > len(self._store):
-            grown = np.empty((max(needed, 2 * len(self._store)), self.rows))
-            grown[: self._count] = self._store[: self._count]
-            self._store = grown
-        self._store[self._count : needed] = scaled
-        position = self._count
-        for term, ok in zip(terms, usable, strict=True):
-            self._index[term] = position if ok else -1
-            if ok:
-                self._terms.append(term)
-                position += 1
-        self._count = needed
+    def admitted(self, terms: Sequence[Term]) -> bool:
+        """Tell whether every term may be used, whatever its column holds."""
+        return self.admits is None or all(map(self.admits, terms))
 
     def solve(self, individuals: Sequence[Sequence[Term]]) -> tuple[list[Array], Array]:
         """Ridge-solve many sets of terms at once.
@@ -230,13 +206,13 @@ class RegressionProblem:
             position += len(terms)
             unusable[row] = -1 in found
             index[row, : len(terms)] = found
-        gram = gather_gram(self._store[: max(self._count, 1)], self.target / self._scale, index)
+        gram = gather_gram(self._store.columns, self.target / self._scale, index)
         xi = solve_ridge(gram, self.ridge)
         losses = np.where(unusable, np.inf, gram.loss(xi))
         losses = np.where(np.isfinite(losses), losses, np.inf)
         # normal equations lose half the digits: a fit better than that is weighed again by QR
         for row in np.flatnonzero(losses < _NORMAL_EQUATIONS).tolist():
-            theta = self._store[index[row, : len(individuals[row])]].T
+            theta = self._store.columns[index[row, : len(individuals[row])]].T
             losses[row] = least_squares(theta, self.target / self._scale)[1]
         shares = [xi[row, : len(terms)] for row, terms in enumerate(individuals)]
         if self.signs:
@@ -265,7 +241,7 @@ class RegressionProblem:
 
     def in_units(self, terms: Sequence[Term], shares: Array) -> Array:
         """Return coefficients of the columns as given from those of unit-norm columns."""
-        return shares * self._scale / np.array([self._norms[k] for k in self.index(terms)])
+        return shares * self._scale / self._store.norms(self.index(terms))
 
     def judge(self, individuals: Sequence[Sequence[Term]]) -> Array:
         """Return losses on the judge's rows with coefficients from these rows.
@@ -284,7 +260,7 @@ class RegressionProblem:
     def prune(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Return the terms that survive hard thresholding."""
         where = self.index(terms)
-        theta = self._store[where]
+        theta = self._store.columns[where]
         y = self.target / self._scale
         kept = self.threshold.keep(theta @ theta.T, theta @ y, float(y @ y), self.ridge)
         return tuple(terms[k] for k in kept)
@@ -297,15 +273,15 @@ class RegressionProblem:
 
     def screen(self, terms: Sequence[Term], count: int) -> list[Term]:
         """Return the stored terms that would lower the loss most if added to ``terms``."""
-        if not self._count:
+        store = self._store.columns
+        if not len(store):
             return []
-        store = self._store[: self._count]
         basis = _orthonormal(self.projected(terms))
         residual = self.target - basis @ (basis.T @ self.target)
         left = 1.0 - np.sum((store @ basis) ** 2, axis=1)
         gain = np.where(left > 1e-6, (store @ residual) ** 2 / np.maximum(left, 1e-6), -1.0)
         best = np.argsort(-gain)[:count]
-        return [self._terms[k] for k in best if gain[k] > 0.0]
+        return [self._store.terms[k] for k in best if gain[k] > 0.0]
 
     def dictionary(self, key: Hashable, make: Callable[[], Sequence[Term]]) -> Dictionary:
         """Return the candidate columns known as ``key``, made at the first call."""
@@ -329,7 +305,7 @@ class RegressionProblem:
             _, losses = self.solve([refined[k][0] for k in bound])
             for k, loss in zip(bound, losses, strict=True):
                 refined[k] = (refined[k][0], max(float(loss), refined[k][1]))
-        return refined
+        return [(t, x if self.admitted(t) else np.inf) for t, x in refined]
 
     def frequencies(self, terms: Sequence[Term], variable: str, count: int) -> list[float]:
         """Return frequencies in the residual; see :func:`residual_frequencies`."""
