@@ -146,7 +146,8 @@ def find_equation(
     whole = task.problem(judged)
     sets = [(), *(member.terms for member in found.front.members)]
     if not found.front.best_loss <= 4.0 * problem.floor:
-        sets = list(dict.fromkeys([*sets, *best_subsets(problem, task.config)]))
+        sets += best_subsets(problem, task.config)
+    sets = list({frozenset(terms): terms for terms in reversed(sets)}.values())
     usable = [s for s in sets if -1 not in whole.index(s)]
     candidates, pick = choose(whole, usable, task.problem(validation))
     chosen = candidates[pick]

@@ -17,7 +17,7 @@ from jaxsr._progress import Budget
 from jaxsr.discovery.choose import Candidate
 from jaxsr.discovery.equation import Equation, FittedTerm
 from jaxsr.discovery.find import Task
-from jaxsr.discovery.rollout import RolloutFit, Segments, System, cut, fit_rollout
+from jaxsr.discovery.rollout import RolloutFit, Segments, System, cut, fine_enough, fit_rollout
 from jaxsr.expressions.term import Term
 
 _SEGMENTS = 8  # stretches that a single recording is cut into
@@ -25,10 +25,15 @@ _SHORTEST, _LONGEST = 12, 257  # samples of a stretch
 _MOST = 32  # stretches in all
 _WORTH = 1.02  # an error within this factor of the best is as good
 _FOLLOWED = 1.3  # rise of the error at which a longer stretch is no longer followed
-_QUICK = 8  # iterations of a candidate's fit
+_QUICK, _THOROUGH = 8, 20  # iterations of a candidate's fit, and of the last one
+_PICKING = 0.6  # share of the time for equations one by one; the rest is for all together
+_RIVALS = 4  # candidates of an equation that are tried together with the others
 _PATIENCE = 12  # candidates that may follow the best one
 _FEW, _HOPELESS = 4, 10.0  # a candidate that fits so much worse than one of few terms is left out
 _NOISE_LIMITED = 1.5  # mean square over the noise's up to which noise is all that is left
+
+
+Result = tuple[System, RolloutFit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +47,15 @@ class Trial:
     known : dict of str to Term
         Given parts of right-hand sides, recognised rates among them.
     budget : Budget
+    substeps : int
+        Steps of the integration between samples.
     """
 
     segments: Segments
     time: str
     known: Mapping[str, Term]
     budget: Budget
+    substeps: int = 1
 
     def fit(
         self,
@@ -62,6 +70,7 @@ class Trial:
             self.segments,
             system.constants(coefficients),
             time=self.time,
+            substeps=self.substeps,
             iterations=iterations,
             expired=lambda: self.budget.exhausted,
         )
@@ -90,9 +99,13 @@ def settle(
     known = {s: task.known for s, task in tasks.items() if task.known is not None}
     known |= {e.state: e.term for e in equations if not e.front and e.state not in known}
     trial = Trial(cut(traces, length, _MOST), time, known, budget)
-    for state in open_:
-        found[state] = _picked(found[state], trial, _companions(state, trial, equations))
-    return _estimated(found, trial, traces, length)
+    rankings: dict[str, list[int]] = {}
+    for place, state in enumerate(open_):
+        share = replace(trial, budget=budget.share(_PICKING / (len(open_) - place * _PICKING)))
+        companions = _companions(state, trial, equations)
+        rankings[state] = _ranked(found[state], share, companions) or [found[state].pick]
+    found, result = _together(found, rankings, trial)
+    return _estimated(found, result, trial, traces, length)
 
 
 def _companions(state: str, trial: Trial, equations: Sequence[Equation]) -> list[str]:
@@ -106,12 +119,11 @@ def _companions(state: str, trial: Trial, equations: Sequence[Equation]) -> list
     ]
 
 
-def _picked(equation: Equation, trial: Trial, companions: Sequence[str]) -> Equation:
-    """Return the equation with the candidate that simulates best for what it costs."""
+def _ranked(equation: Equation, trial: Trial, companions: Sequence[str]) -> list[int]:
+    """Return the places on the front that simulate best for what they cost, best first."""
     judged: list[Judged] = []
     since = 0
-    hopeful = _hopeful(equation.front)
-    for k in hopeful:
+    for k in _hopeful(equation.front):
         if trial.budget.exhausted or since >= _PATIENCE:
             break
         candidate = equation.front[k]
@@ -122,7 +134,7 @@ def _picked(equation: Equation, trial: Trial, companions: Sequence[str]) -> Equa
         if result is not None:
             judged.append(Judged(k, result[1], candidate.size))
             since = 0 if judged[-1].length <= min(j.length for j in judged) else since
-    return replace(equation, pick=_best(judged)) if judged else equation
+    return _order(judged)[:_RIVALS]
 
 
 @dataclass(frozen=True)
@@ -141,17 +153,52 @@ class Judged:
         return count * float(np.log(self.fit.loss)) + free * float(np.log(count)) + self.size
 
 
-def _best(judged: Sequence[Judged]) -> int:
-    """Choose by description length where noise limits the fit, else by held-back stretches.
+def _order(judged: Sequence[Judged]) -> list[int]:
+    """Order by description length where noise limits the fit, else by held-back stretches.
 
     Where something of the motion is left unexplained, its residuals are no noise and a
     likelihood would pay for any term that bends towards them. Where only noise is left,
     stretches are the blunter tool: a motion that dies out is told by its beginning alone.
     """
+    if not judged:
+        return []
     if min(j.fit.loss for j in judged) <= _NOISE_LIMITED:
-        return min(judged, key=lambda j: j.length).place
-    best = min(judged, key=lambda j: float(np.sum(j.fit.held_back)))
-    return next(j.place for j in judged if _as_good(j.fit.held_back, best.fit.held_back))
+        return [j.place for j in sorted(judged, key=lambda j: j.length)]
+    ranked = sorted(judged, key=lambda j: float(np.sum(j.fit.held_back)))
+    best = ranked[0].fit.held_back
+    first = next(j for j in judged if _as_good(j.fit.held_back, best))
+    return [first.place, *(j.place for j in ranked if j is not first)]
+
+
+def _together(
+    found: Mapping[str, Equation], rankings: Mapping[str, Sequence[int]], trial: Trial
+) -> tuple[dict[str, Equation], Result | None]:
+    """Choose the picks whose equations simulate together, changing one at a time.
+
+    An equation may follow recorded neighbours well and still, once they are simulated too, lead
+    the whole system astray.
+    """
+    picks = {state: order[0] for state, order in rankings.items()}
+
+    def fitted(picks: Mapping[str, int]) -> tuple[float, Result | None]:
+        chosen = {s: replace(e, pick=picks.get(s, e.pick)) for s, e in found.items()}
+        terms = {s: _terms(e) for s, e in chosen.items()}
+        result = trial.fit(terms, {s: _coefficients(e) for s, e in chosen.items()}, _THOROUGH)
+        if result is None:
+            return np.inf, None
+        size = sum(e.front[e.pick].size for e in chosen.values() if e.front)
+        return Judged(0, result[1], size).length, result
+
+    length, result = fitted(picks)
+    for state, order in rankings.items():
+        for place in order[1:]:
+            if trial.budget.exhausted or (result is not None and len(rankings) == 1):
+                break
+            other = picks | {state: place}
+            after, moved = fitted(other)
+            if after < length:
+                picks, length, result = other, after, moved
+    return {s: replace(e, pick=picks.get(s, e.pick)) for s, e in found.items()}, result
 
 
 def _hopeful(front: Sequence[Candidate]) -> list[int]:
@@ -174,34 +221,43 @@ def _as_good(error: np.ndarray, best: np.ndarray) -> bool:
 
 def _estimated(
     found: Mapping[str, Equation],
+    result: Result | None,
     trial: Trial,
     traces: Sequence[Mapping[str, Mapping[str, np.ndarray]]],
     length: int,
 ) -> list[Equation]:
     """Fit all equations together, over stretches as long as they can be followed."""
-    terms = {s: _terms(e) for s, e in found.items()}
-    weights = {s: _coefficients(e) for s, e in found.items()}
-    result = trial.fit(terms, weights, iterations=20)
     if result is None:
         return list(found.values())
     longest = max(len(trace["time"]["t"]) for trace in traces)
-    while length < min(longest, _LONGEST) and not trial.budget.exhausted:
-        length = min(2 * length, longest, _LONGEST * 2)
-        system, fitted = result
-        moved = system.unpacked(fitted.constants)
-        longer = replace(trial, segments=cut(traces, length, _MOST))
-        after = longer.fit(
-            {s: tuple(t for t, _, _ in parts) for s, parts in moved.items()},
-            {s: [c for _, c, _ in parts] for s, parts in moved.items()},
-            iterations=20,
-        )
-        if after is None or after[1].loss > _FOLLOWED * fitted.loss:
+    while not trial.budget.exhausted:
+        steps = fine_enough(*_parts(result, trial), time=trial.time)
+        if steps > trial.substeps:  # the misfit must not be the method's
+            trial = replace(trial, substeps=steps)
+        elif length < min(longest, 2 * _LONGEST):
+            length = min(2 * length, longest, 2 * _LONGEST)
+            trial = replace(trial, segments=cut(traces, length, _MOST))
+        else:
+            break
+        after = trial.fit(*_moved(result), iterations=_THOROUGH)
+        if after is None or after[1].loss > _FOLLOWED * result[1].loss:
             break
         result = after
     system, fitted = result
     ends = fitted.ci95()
     parts = system.unpacked(fitted.constants)
     return [_with_constants(e, parts[s], ends) if e.front else e for s, e in found.items()]
+
+
+def _parts(result: Result, trial: Trial) -> tuple[System, Segments, RolloutFit]:
+    return result[0], trial.segments, result[1]
+
+
+def _moved(result: Result) -> tuple[dict[str, tuple[Term, ...]], dict[str, list[float]]]:
+    """Return the terms and coefficients of a fit, to start the next one from."""
+    parts = result[0].unpacked(result[1].constants)
+    terms = {s: tuple(t for t, _, _ in rows) for s, rows in parts.items()}
+    return terms, {s: [c for _, c, _ in rows] for s, rows in parts.items()}
 
 
 def _terms(equation: Equation) -> tuple[Term, ...]:

@@ -99,7 +99,7 @@ def init(
     ranked = _ranked(population, rule, config, problem)[: config.population]
     front = Front(floor=max(problem.floor, ROUNDING)).with_(ranked)
     exact, enough = _SAME * problem.floor, _SAME * problem.noise
-    described = front.best_description(problem.rows, max(problem.floor, _LEAST))
+    described = front.best_description(problem.rows, max(problem.floor, problem.noise, _LEAST))
     return SearchState(
         config, 0, tuple(ranked), front, rule, exact=exact, enough=enough, described=described
     )
@@ -107,7 +107,7 @@ def init(
 
 def restart(rng: np.random.Generator, state: SearchState, problem: Problem) -> SearchState:
     """Draw a fresh population beside the front, which goes on."""
-    described = state.front.best_description(problem.rows, max(problem.floor, _LEAST))
+    described = state.front.best_description(problem.rows, max(problem.floor, problem.noise, _LEAST))
     rule = FitnessState(increment=state.config.fitness.increment)
     drawn = _drawn(rng, problem, state.config, [])
     ranked = _ranked([*state.front.members, *drawn], rule, state.config, problem)
@@ -191,7 +191,7 @@ def step(
         ranked = _ranked(_distinct([*found, *better, *ranked]), state.rule, config, problem)
     front = front.with_(ranked)
     rule = next_state(state.rule, config.fitness, ranked[: len(elite)], generation, problem)
-    floor = max(problem.floor, _LEAST)
+    floor = max(problem.floor, problem.noise, _LEAST)
     gain = state.front.best_description(problem.rows, floor)
     gain -= front.best_description(problem.rows, floor)
     after = replace(

@@ -106,6 +106,34 @@ def fit_rollout(
     return _finished(point, segments, system.states)
 
 
+def fine_enough(
+    system: System, segments: Segments, fitted: RolloutFit, *, time: str, most: int = 16
+) -> int:
+    """Return the steps between samples at which the method's error is no part of the misfit.
+
+    Steps are doubled until halving them once more changes the path by less than a tenth of the
+    fit's own error.
+    """
+    rates = system.function()
+    constants, starts = fitted.constants[None], fitted.starts[:, None, :]
+
+    def path(steps: int) -> np.ndarray:
+        return simulate(rates, system.states, time, segments, constants, starts, steps)[:, :, 0]
+
+    steps, coarse = 1, path(1)
+    while steps < most:
+        fine = path(2 * steps)
+        apart = [
+            (fine[:, k] - coarse[:, k]) / segments.noise[s]
+            for k, s in enumerate(system.states)
+            if s in segments.noise
+        ]
+        if np.nanmean(np.square(apart)) <= 0.01 * fitted.loss:
+            break
+        steps, coarse = 2 * steps, fine
+    return steps
+
+
 def _point(
     rates: Callable,
     states: Sequence[str],
@@ -171,6 +199,21 @@ def _diagonal(matrices: np.ndarray, damping: float) -> np.ndarray:
     return np.eye(size) * (damping * np.einsum("sii->si", matrices) + 1e-12)[:, :, None]
 
 
+def _widened(covariance: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    """Scale the covariance up to what the constants vary by from stretch to stretch.
+
+    ``moves`` (constants, segments): what each stretch pulls the constants by. Errors that are
+    alike all through a stretch, an input's between samples or a missing term's, are no noise.
+    """
+    count = moves.shape[1]
+    if count < 4:
+        return covariance
+    between = np.sum(moves**2, axis=1) * count / (count - 1.0)
+    within = np.maximum(np.diag(covariance), 1e-300)
+    scale = np.sqrt(np.maximum(between / within, 1.0))
+    return covariance * np.outer(scale, scale)
+
+
 def _finished(point: _Point, segments: Segments, states: Sequence[str]) -> RolloutFit:
     a, b, r = point.by_start, point.by_constant, point.residual
     basis = np.linalg.qr(a)[0]
@@ -194,4 +237,5 @@ def _finished(point: _Point, segments: Segments, states: Sequence[str]) -> Rollo
     )
     free = max(count - len(point.constants) - point.starts.size, 1)
     covariance = inverse * max(point.loss / free, 0.0)
+    covariance = _widened(covariance, inverse @ np.einsum("srk,sr->sk", b, r).T)
     return RolloutFit(point.constants, point.starts, point.loss / free, held, covariance, count)
