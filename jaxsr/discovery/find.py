@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -12,16 +13,24 @@ from jaxsr.discovery.choose import choose, predict
 from jaxsr.discovery.equation import Equation, FittedTerm
 from jaxsr.discovery.rounding import rounded
 from jaxsr.discovery.samples import Samples, thinned
-from jaxsr.evolution import SearchConfig, SearchInfo, best_subsets, search
+from jaxsr.evolution import Keeper, SearchConfig, SearchInfo, best_subsets, search
 from jaxsr.expressions.editing import edit, split
 from jaxsr.expressions.term import Term
-from jaxsr.regression import RegressionProblem, coefficient_ci95, constant_slopes
+from jaxsr.regression import Judge, RegressionProblem, coefficient_ci95, constant_slopes
 
 MOST_ROWS = 2000  # rows the search looks at,
 MOST_JUDGED = 8000  # rows on which the front is weighed; the final estimate uses all of them
 _EXACT = 1e-12  # mean square relative to the target's: nothing is left that a roll-out could tell
 _FEWEST = 30  # test functions to choose by
 _ROUNDING = 1e-20  # square of the relative error of a column without noise
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A folder with one file for each state's search, and the seconds between writes."""
+
+    directory: Path
+    every: float = 60.0
 
 
 @dataclass(frozen=True)
@@ -40,6 +49,12 @@ class Task:
     config : SearchConfig
     guesses : tuple of tuple of Term
         Sets of terms to start from.
+    signs : dict of Term to int
+        Terms whose coefficients must not be negative (1) or not be positive (-1).
+    admits : callable or None
+        Whether a term may be used.
+    checkpoint : Checkpoint or None
+        Where the search is kept.
     """
 
     state: str
@@ -48,6 +63,16 @@ class Task:
     known: Term | None = None
     config: SearchConfig = field(default_factory=SearchConfig)
     guesses: tuple[tuple[Term, ...], ...] = ()
+    signs: Mapping[Term, int] = field(default_factory=dict)
+    admits: Callable[[Term], bool] | None = None
+    checkpoint: Checkpoint | None = None
+
+    def keeper(self, problem: RegressionProblem) -> Keeper | None:
+        """Return what keeps the search, if it is to be kept."""
+        if self.checkpoint is None:
+            return None
+        path = self.checkpoint.directory / f"{self.state}.json"
+        return Keeper(path, problem, self.config, self.checkpoint.every)
 
     def remainder(self, samples: Samples) -> np.ndarray:
         """Return the derivative without its known part (rows,)."""
@@ -56,11 +81,11 @@ class Task:
             return y
         return y - predict([self.known], np.ones(1), samples.variables)
 
-    def problem(self, samples: Samples) -> RegressionProblem:
+    def problem(self, samples: Samples, judged: Samples | None = None) -> RegressionProblem:
         """Return the regression, every row weighed by what its left-hand side is worth.
 
         Where the derivative is given or can be computed: the derivative view; where it cannot,
-        for noise: the weak view.
+        for noise: the weak view. The rows ``judged`` weigh fits where fitness is by validation.
         """
         rows = self.rows(samples)
         weights = 1.0 / rows.error
@@ -71,8 +96,24 @@ class Task:
             {n: v for n, v in samples.variables.items() if n != self.time or not self.autonomous},
             view=lambda columns: weights[:, None] * rows.seen(columns),
             time=self.time,
+            threshold=self.config.threshold,
             floor=len(rows.error) / scale if rows.exact else _ROUNDING,
             noise=len(rows.error) / scale,
+            signs=self.signs,
+            judge=None if judged is None else self._judge(judged),
+            group=samples.group,
+            admits=self.admits,
+            instants=samples.variables[self.time],
+        )
+
+    def _judge(self, samples: Samples) -> Judge:
+        problem = self.problem(samples)
+        return Judge(
+            problem.variables,
+            problem.y,
+            problem.view,
+            group=samples.group,
+            instants=samples.variables[self.time],
         )
 
     def rows(self, samples: Samples) -> Rows:
@@ -135,12 +176,19 @@ def find_equation(
     if weak and len(validation.weak[task.state].target) < _FEWEST:
         train = validation = every  # blocks shorter than test functions hold none
     few = train if weak else train.take(thinned(np.arange(len(train)), MOST_ROWS))
-    problem = task.problem(few)
+    by_validation = task.config.fitness.data == "validation"
+    problem = task.problem(few, validation if by_validation else None)
     scale = float(np.mean(train.targets[task.state] ** 2))
     if problem.total <= 1e-24 * scale * len(few):
         return final_estimate(task, (), every)
     found, reason = search(
-        rng, problem, task.config, guesses=task.guesses, budget=budget, progress=progress
+        rng,
+        problem,
+        task.config,
+        guesses=task.guesses,
+        budget=budget,
+        progress=progress,
+        keeper=task.keeper(problem),
     )
     judged = train if weak else train.take(thinned(np.arange(len(train)), MOST_JUDGED))
     whole = task.problem(judged)

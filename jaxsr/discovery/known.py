@@ -1,17 +1,19 @@
-"""What is known before the search: given right-hand sides, and units."""
+"""What is known before the search: given right-hand sides, units, and signs."""
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from jaxsr._result import InputError
 from jaxsr.expressions import parse
-from jaxsr.expressions.editing import edit
+from jaxsr.expressions.editing import edit, split
 from jaxsr.expressions.term import Term
 from jaxsr.models.model import Model
 from jaxsr.models.reading import read_model
+from jaxsr.regression import InUnits
 
 
 def known_terms(
@@ -59,3 +61,84 @@ def guessed_terms(
     if isinstance(texts, str):
         texts = (texts,)
     return tuple(edit([parse(text, names, f"guesses of {state}")]) for text in texts)
+
+
+def signed_terms(
+    signs: Mapping[str, Mapping[str, int]] | None, states: Sequence[str], names: Sequence[str]
+) -> dict[str, dict[Term, int]]:
+    """Return, for each state, the terms whose coefficients have a given sign.
+
+    Raises
+    ------
+    InputError
+        A state is unknown, a sign is neither 1 nor -1, or an expression is a sum.
+    """
+    out: dict[str, dict[Term, int]] = {}
+    for state, table in (signs or {}).items():
+        if state not in states:
+            raise InputError(f"{state!r} is no state", "signs", f"Known: {', '.join(states)}.")
+        where = f"signs of {state}"
+        if not isinstance(table, Mapping):
+            raise InputError("a table of terms and their signs is needed", where)
+        for text, sign in table.items():
+            parts = split(parse(text, names, where, integrals=True))
+            if len(parts) != 1:
+                raise InputError(f"{text!r} is not one term", where, "Give each term its sign.")
+            if sign not in (1, -1):
+                raise InputError(f"the sign of {text!r} must be 1 or -1, got {sign!r}", where)
+            scale, term = parts[0]
+            out.setdefault(state, {})[term] = int(sign) if scale > 0.0 else -int(sign)
+    return out
+
+
+@dataclass(frozen=True)
+class Admitted:
+    """Admit terms that have a meaning in units and can be simulated.
+
+    Attributes
+    ----------
+    units : InUnits or None
+        None: units do not bind.
+    over : tuple of str
+        What an integral may be taken over: states and time, for their rates are known.
+    """
+
+    units: InUnits | None
+    over: tuple[str, ...]
+
+    def __call__(self, term: Term) -> bool:
+        """Tell whether the term may be used."""
+        for node in term.walk() if self.over else ():
+            if node.op == "integral_over" and node.args[1].name not in self.over:
+                return False
+        return self.units is None or self.units(term)
+
+
+def binding_units(
+    units: Mapping[str, str], bind: bool | None, time: str, names: Sequence[str]
+) -> InUnits | None:
+    """Return the units that every term must have a meaning in; None where they do not bind.
+
+    Parameters
+    ----------
+    units : mapping of str to str
+    bind : bool, optional
+        By default they bind where every one of ``names`` has one.
+    time : str
+        Counts in seconds unless ``units`` says otherwise.
+    names : sequence of str
+        States and inputs.
+
+    Raises
+    ------
+    InputError
+        They shall bind and one is missing.
+    """
+    missing = [name for name in names if name not in units]
+    if bind and missing:
+        raise InputError(
+            f"{missing[0]} has no unit", "bind_units", "Give one for every state and input."
+        )
+    if bind is False or missing:
+        return None
+    return InUnits.of({time: "s", **{n: units[n] for n in (time, *names) if n in units}})

@@ -28,7 +28,8 @@ _FOLLOWED = 1.3  # rise of the error at which a longer stretch is no longer foll
 _QUICK, _THOROUGH = 8, 20  # iterations of a candidate's fit, and of the last one
 _PICKING = 0.6  # share of the time for equations one by one; the rest is for all together
 _RIVALS = 4  # candidates of an equation that are tried together with the others
-_PATIENCE = 12  # candidates that may follow the best one
+_NODE = 2.0  # price of a node, in twice the logarithm of a likelihood
+_PATIENCE = 16  # candidates that may follow the best one
 _FEW, _HOPELESS = 4, 10.0  # a candidate that fits so much worse than one of few terms is left out
 _NOISE_LIMITED = 1.5  # mean square over the noise's up to which noise is all that is left
 
@@ -147,10 +148,11 @@ class Judged:
 
     @property
     def length(self) -> float:
-        """Return the description length of the samples: N log(loss) + k log N + complexity."""
+        """Return the description length: N log(loss) + k log N + 2 complexity."""
         count = self.fit.count
         free = len(self.fit.constants)
-        return count * float(np.log(self.fit.loss)) + free * float(np.log(count)) + self.size
+        told = count * float(np.log(self.fit.loss)) + free * float(np.log(count))
+        return told + _NODE * self.size
 
 
 def _order(judged: Sequence[Judged]) -> list[int]:

@@ -48,23 +48,28 @@ class Individual:
 def complexity(terms: Iterable[Term]) -> int:
     """Return what a set of terms costs to write down.
 
-    Two for each coefficient, one for each node, one more for each fitted constant (whole numbers
-    are taken as given), two for each function and three more for a function of a function:
-    sin(cos(x)) is no plainer than x + x**2, short as it is.
+    Two for each coefficient; one for each node; one more for each fitted constant (whole numbers
+    are taken as given) and for each power above the square; four for each function of the
+    variables and seven for a function inside another: sin(cos(x)) is no plainer than x + x**2,
+    short as it is.
     """
     return sum(_cost(term) for term in terms)
 
 
 @functools.lru_cache(maxsize=100_000)
 def _cost(term: Term) -> int:
-    fitted = sum(1 for n in term.walk() if n.is_constant and not n.value.is_integer())
-    return 2 + term.size + fitted + _functions(term, False)
+    return 2 + _parts_cost(term, False)
 
 
-def _functions(term: Term, inside: bool) -> int:
+def _parts_cost(term: Term, inside: bool) -> int:
+    if term.is_constant:
+        return 1 if term.value.is_integer() else 2
     applied = len(term.args) == 1 and term.op not in _PLAIN
-    own = (5 if inside else 2) if applied else 0
-    return own + sum(_functions(arg, inside or applied) for arg in term.args)
+    own = 1 + ((7 if inside else 4) if applied else 0)
+    if term.op == "pow" and term.args[1].is_constant:
+        power = abs(term.args[1].value)
+        own += max(int(power) - 2, 0) if power.is_integer() else 0
+    return own + sum(_parts_cost(arg, inside or applied) for arg in term.args)
 
 
 class Problem(Protocol):
@@ -75,6 +80,7 @@ class Problem(Protocol):
     rows: int
     total: float
     time: str
+    timed: bool
     floor: float
     judged_rows: int
     noise: float
@@ -85,6 +91,10 @@ class Problem(Protocol):
 
     def index(self, terms: Sequence[Term]) -> list[int]:
         """Return -1 for each unusable term."""
+        ...
+
+    def independent(self, sets: Sequence[Sequence[Term]]) -> list[tuple[Term, ...]]:
+        """Return the sets without columns that depend on simpler ones of the same set."""
         ...
 
     def judge(self, individuals: Sequence[Sequence[Term]]) -> np.ndarray:

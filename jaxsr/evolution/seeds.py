@@ -16,6 +16,7 @@ from jaxsr.expressions.term import Term
 Terms = tuple[Term, ...]
 _MOST = 130  # monomials of a whole basis
 _COMMON = 20  # terms of a basis whose subsets are tried,
+_ALL = 6  # terms of a basis whose subsets are all kept,
 _SUBSET = 4  # the terms of a subset,
 _TRIED = 1500  # and the subsets of one size
 _COMPLETE = 12  # terms of a basis that shapes are put beside
@@ -66,7 +67,8 @@ def best_subsets(problem: Problem, config: SearchConfig, each: int = 6) -> list[
                 break
             sets = list(itertools.combinations(usable, size))
             _, losses = problem.solve(sets)
-            out += [sets[k] for k in np.argsort(losses, kind="stable")[:each]]
+            count = len(sets) if len(usable) <= _ALL and size < _SUBSET else each
+            out += [sets[k] for k in np.argsort(losses, kind="stable")[:count]]
     return list(dict.fromkeys(out))
 
 
