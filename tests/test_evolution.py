@@ -21,8 +21,9 @@ from jaxsr.evolution import (
     search,
     step,
 )
-from jaxsr.evolution.create import random_term, small_terms
+from jaxsr.evolution.create import random_term
 from jaxsr.evolution.crossover import swap_subtrees
+from jaxsr.evolution.library import small_terms
 from jaxsr.evolution.mutate import mutate_constant, mutate_subtree
 from jaxsr.evolution.select import tournament
 from jaxsr.expressions import Term, parse, to_text

@@ -14,13 +14,23 @@ import numpy as np
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import InputError, StoppedBy
 from jaxsr.discovery.equation import Equation
-from jaxsr.discovery.find import Task, find_equation
-from jaxsr.discovery.known import guessed_terms, known_terms, unit_table
+from jaxsr.discovery.find import Checkpoint, Task, find_equation
+from jaxsr.discovery.found import found_model
+from jaxsr.discovery.known import (
+    admission,
+    binding_units,
+    guessed_terms,
+    known_terms,
+    obeys,
+    signed_terms,
+    unit_table,
+)
 from jaxsr.discovery.recognise import kinematic, recognised
-from jaxsr.discovery.result import Discovery, found_model
+from jaxsr.discovery.result import Discovery
 from jaxsr.discovery.samples import Roles, Samples, hold_back, roles, samples
 from jaxsr.discovery.settle import settle
 from jaxsr.evolution import SearchConfig, SearchInfo
+from jaxsr.expressions.primitives import INTEGRALS
 from jaxsr.models.model import Model
 from jaxsr.recordings import Recording, read_recording
 
@@ -42,7 +52,11 @@ def discover(
     guesses: Mapping[str, Sequence[str]] | None = None,
     validation: Sequence[Source] = (),
     held_out: Sequence[Source] = (),
+    signs: Mapping[str, Mapping[str, int]] | None = None,
+    bind_units: bool | None = None,
     modes: str | int = "auto",
+    checkpoint: str | Path | None = None,
+    every: float = 60.0,
     seed: int = 0,
     budget: float | Budget | None = None,
     progress: Progress | None = None,
@@ -70,7 +84,7 @@ def discover(
     autonomous : bool
         True: time itself is not offered to the equations.
     units : path or mapping, optional
-        A file with a [units] table, written into the model.
+        A file with a [units] table, or units by column; written into the model.
     known : path or Model, optional
         A model whose right-hand sides are given; only the remainder is searched.
     guesses : mapping of str to sequence of str, optional
@@ -80,8 +94,22 @@ def discover(
         the recordings is held back for it.
     held_out : sequence of Recording or path
         Opened once, after every equation is final, to report the error.
+    signs : mapping of str to mapping of str to int, optional
+        For a state, terms whose coefficients must not be negative (1) or not be positive (-1):
+        ``{"v": {"v": -1, "v*Abs(v)": -1}}`` for a friction that only brakes. They hold for what
+        is searched, not for ``known``.
+    bind_units : bool, optional
+        Whether terms without a meaning in units are left out: the sine of a length, the sum of a
+        length and a velocity. Constants may carry any unit, ``sin(2.0*x)`` has a meaning. By
+        default they are where every state and input has a unit.
     modes : "auto" or int
         1 or "auto": one law throughout.
+    checkpoint : path, optional
+        Folder for one file per state, written every so often and when a search ends. The same
+        call again goes on from there and ends as if it had never stopped; files of other data or
+        settings are refused.
+    every : float
+        Seconds between writes of a checkpoint.
     seed : int
     budget : float or Budget, optional
         Seconds.
@@ -97,27 +125,43 @@ def discover(
     Raises
     ------
     InputError
-        A column is missing, a name has two roles, or an option has no meaning.
+        A column is missing, a name has two roles, or an option has no meaning; a checkpoint is
+        damaged or of another search.
+
+    Notes
+    -----
+    With ``FitnessRule(data="validation")`` individuals are ranked by rows held back (paper
+    section 4.2.2). With ``integral`` among the functions whole recordings are held back, every
+    fourth, for an integral needs all samples before; the model gets a state for each integral,
+    and roll-outs have no part in the choice.
     """
     if str(modes) not in ("auto", "1"):
         raise InputError(f"modes must be 'auto' or 1, got {modes}", "modes")
     if not recordings:
         raise InputError("no recordings given", "discover")
     began, limit = clock.monotonic(), as_budget(budget)
+    config = config or SearchConfig()
     read = functools.partial(_opened, time=time)
     part = replace(roles(states, derivatives, order, inputs, time), autonomous=autonomous)
-    given = known_terms(known, part.time, (*part.states, *part.inputs))
+    names = (part.time, *part.states, *part.inputs)
+    given = known_terms(known, part.time, names[1:])
+    table, signed = unit_table(units), signed_terms(signs, part.states, names)
+    bound = binding_units(table, bind_units, part.time, (*states, *inputs))
     opened = [read(source) for source in recordings]
     data = samples(opened, part)
-    train, judge, every = _divided(data, [read(source) for source in validation], part)
+    integrals = bool(INTEGRALS.keys() & set(config.primitives.functions))
+    train, judge, whole = _divided(data, [read(s) for s in validation], part, integrals)
     tasks = {
         state: Task(
             state,
             part.time,
             autonomous,
             given.get(state),
-            config or SearchConfig(),
-            guessed_terms(guesses, state, (part.time, *part.states, *part.inputs)),
+            config,
+            guessed_terms(guesses, state, names),
+            signed.get(state, {}),
+            admission(bound, part) if bound or integrals else None,
+            Checkpoint(Path(checkpoint), every) if checkpoint is not None else None,
         )
         for state in part.states
     }
@@ -135,14 +179,18 @@ def discover(
             task,
             train,
             judge,
-            every,
+            whole,
             budget=limit.share(_SEARCH / (len(part.states) - place * _SEARCH)),
             progress=_reporter(show, task.config),
         )
         equations.append(found)
-    show.stage("roll-outs")
-    equations = settle(equations, tasks, data.traces, limit)
-    model = found_model(equations, part, time, unit_table(units))
+    if not integrals:
+        show.stage("roll-outs")
+        settled = settle(equations, tasks, data.traces, limit)
+        # roll-outs know no signs: what they turned round stays as it was
+        pairs = zip(equations, settled, strict=True)
+        equations = [b if obeys(b, tasks[b.state].signs) else a for a, b in pairs]
+    model = found_model(equations, part, time, table)
     if held_out:
         unseen = samples([read(source) for source in held_out], part)
         equations = [_with_held_out(equation, unseen) for equation in equations]
@@ -164,12 +212,12 @@ def _opened(source: Source, time: str | None) -> Recording:
 
 
 def _divided(
-    data: Samples, validation: list[Recording], part: Roles
+    data: Samples, validation: list[Recording], part: Roles, whole: bool
 ) -> tuple[Samples, Samples, Samples]:
-    """Return rows to regress on, to choose by, and for the final estimate."""
+    """Return rows to regress on, to choose by (whole recordings or blocks), and for both."""
     if validation:
         return data, samples(validation, part), data
-    held = hold_back(data.group)
+    held = data.group % 4 == 3 if whole else hold_back(data.group)
     if not np.any(held):
         return data, data, data
     return data.take(np.flatnonzero(~held)), data.take(np.flatnonzero(held)), data

@@ -103,7 +103,7 @@ class Task:
             judge=None if judged is None else self._judge(judged),
             group=samples.group,
             admits=self.admits,
-            instants=samples.variables[self.time],
+            instants=samples.variables.get(self.time),
         )
 
     def _judge(self, samples: Samples) -> Judge:
@@ -113,7 +113,7 @@ class Task:
             problem.y,
             problem.view,
             group=samples.group,
-            instants=samples.variables[self.time],
+            instants=samples.variables.get(self.time),
         )
 
     def rows(self, samples: Samples) -> Rows:

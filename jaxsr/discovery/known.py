@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jaxsr._result import InputError
+from jaxsr.discovery.equation import Equation
+from jaxsr.discovery.samples import Roles
 from jaxsr.expressions import parse
 from jaxsr.expressions.editing import edit, split
 from jaxsr.expressions.term import Term
@@ -60,7 +62,8 @@ def guessed_terms(
     texts = (guesses or {}).get(state, ())
     if isinstance(texts, str):
         texts = (texts,)
-    return tuple(edit([parse(text, names, f"guesses of {state}")]) for text in texts)
+    where = f"guesses of {state}"
+    return tuple(edit([parse(text, names, where, integrals=True)]) for text in texts)
 
 
 def signed_terms(
@@ -108,10 +111,21 @@ class Admitted:
 
     def __call__(self, term: Term) -> bool:
         """Tell whether the term may be used."""
-        for node in term.walk() if self.over else ():
+        for node in term.walk():
             if node.op == "integral_over" and node.args[1].name not in self.over:
                 return False
         return self.units is None or self.units(term)
+
+
+def admission(units: InUnits | None, part: Roles) -> Admitted:
+    """Return what the equations of these roles admit."""
+    return Admitted(units, (part.time, *part.states))
+
+
+def obeys(equation: Equation, signs: Mapping[Term, int]) -> bool:
+    """Tell whether no searched term of an equation has the sign it must not have."""
+    searched = [t for t in equation.terms if t.ci95[0] != t.ci95[1]]
+    return all(t.coefficient * signs.get(t.term, 0) >= 0.0 for t in searched)
 
 
 def binding_units(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ import jaxsr
 from jaxsr._files import atomic_directory, dump_json
 from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation, weighted_sum
-from jaxsr.discovery.samples import Roles, Samples
+from jaxsr.discovery.samples import Samples
 from jaxsr.expressions import to_jax, to_numpy, to_sympy, to_text
 from jaxsr.expressions.editing import ONE
 from jaxsr.expressions.term import Term
@@ -248,32 +248,6 @@ def _equation_dict(equation: Equation) -> dict[str, Any]:
         "complexity": equation.complexity,
         "operators": equation.operators,
     }
-
-
-def found_model(
-    equations: Sequence[Equation], part: Roles, time: str | None, units: Mapping[str, str]
-) -> Model:
-    """Return the equations as a model: every state that has a column is an output."""
-    hidden = set(part.rate_of.values())
-    recorded = [s for s in part.states if s not in hidden]
-    outputs = tuple(f"{s}_meas" for s in recorded)
-    columns = dict(zip(outputs, recorded, strict=True))
-    if time and time != part.time:
-        columns = {part.time: time, **columns}
-    names = {part.time, *part.states, *part.inputs}
-    own = {k: v for k, v in units.items() if k in names}
-    own |= {f"{s}_meas": units[s] for s in recorded if s in units}
-    return Model(
-        name="discovered",
-        states=part.states,
-        outputs=outputs,
-        equations={e.state: e.expression for e in equations},
-        readings=dict(zip(outputs, recorded, strict=True)),
-        inputs=part.inputs,
-        time=part.time,
-        units=own,
-        columns=columns,
-    )
 
 
 def relative_error(equation: Equation, samples: Samples) -> float:

@@ -44,6 +44,7 @@ class Data(Protocol):
     variables: dict[str, np.ndarray]
     target: np.ndarray
     time: str
+    timed: bool
 
 
 class Keeper:
@@ -144,7 +145,7 @@ def load(
     InputError
         The file is missing, damaged, or of another problem or other settings.
     """
-    body = _read(Path(path))
+    body, config = _read(Path(path)), config.suited(problem.timed)
     remedy = "Name another file, or remove this one to start anew."
     if body.get("problem") != fingerprint(problem):
         raise InputError("the checkpoint is of other data", str(path), remedy)

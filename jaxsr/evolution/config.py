@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from jaxsr._result import InputError
@@ -14,8 +14,8 @@ DEFAULT_FUNCTIONS = (
     *("add", "mul", "div", "pow", "sin", "cos", "sqrt", "abs", "exp", "log", "sign"),
 )
 """What a search uses unless told otherwise."""
-PAPER_FUNCTIONS = (*DEFAULT_FUNCTIONS, "log", "asin", "tanh", "heaviside", "integral")
-"""The function set of the paper's Eqs. 5 and 6; ``integral`` needs the instants of the samples."""
+PAPER_FUNCTIONS = (*DEFAULT_FUNCTIONS, "asin", "tanh", "heaviside", "integral")
+"""The function set of the paper's Eqs. 5 and 6; see :meth:`SearchConfig.suited`."""
 # Conditions and their joints take truth values, which random terms do not keep apart.
 _UNFIT = frozenset({"and", "or", "piecewise"})
 
@@ -236,8 +236,8 @@ class SearchConfig:
 
         600 individuals (800 for the crank-slider), 100 generations, N_threshold 50, E_threshold
         1e-3 of the target's sum of squares, vartheta 5, constants in [-100, 100], sizes 5, 15 and
-        20, 10 % best set and 10 % reproduction, sigma 1e-4, alpha from 1 to 2; constants are left
-        to mutation.
+        20, 10 % best set and 10 % reproduction, sigma 1e-4, alpha from 1 to 2, the functions of
+        Eqs. 5 and 6, half of the exponents real; constants are left to mutation.
         """
         return cls(
             population=population,
@@ -248,9 +248,21 @@ class SearchConfig:
             patience=50,
             restarts=0,
             vartheta=5.0,
-            primitives=PrimitiveSet(constants=(-100.0, 100.0)),
+            primitives=PrimitiveSet(
+                functions=PAPER_FUNCTIONS,
+                constants=(-100.0, 100.0),
+                exponents=(-3.0, 3.0),
+                real_exponents=0.5,
+            ),
             sizes=SizeLimits(at_birth=5, later=15, terms=20),
             weights=MutationWeights(add=0.0, drop=0.0, greedy=0.0),
             fitness=FitnessRule(generations=50, error=1e-3, highest=2.0),
             threshold=HardThreshold(sigma=1e-4),
         )
+
+    def suited(self, timed: bool) -> SearchConfig:
+        """Return the settings without integrals over time where samples have no instants."""
+        kept = tuple(f for f in self.primitives.functions if timed or f != "integral")
+        if kept == self.primitives.functions:
+            return self
+        return replace(self, primitives=replace(self.primitives, functions=kept))

@@ -93,6 +93,7 @@ def init(
     guesses: Iterable[Sequence[Term]] = (),
 ) -> SearchState:
     """Create the first population: small terms, random ones of ramped size, and guesses."""
+    config = config.suited(problem.timed)
     sets = [*map(edit, guesses), *thinned_bases(problem, config)]
     population = _drawn(rng, problem, config, sets)
     rule = FitnessState(increment=config.fitness.increment)
@@ -107,7 +108,9 @@ def init(
 
 def restart(rng: np.random.Generator, state: SearchState, problem: Problem) -> SearchState:
     """Draw a fresh population beside the front, which goes on."""
-    described = state.front.best_description(problem.rows, max(problem.floor, problem.noise, _LEAST))
+    described = state.front.best_description(
+        problem.rows, max(problem.floor, problem.noise, _LEAST)
+    )
     rule = FitnessState(increment=state.config.fitness.increment)
     drawn = _drawn(rng, problem, state.config, [])
     ranked = _ranked([*state.front.members, *drawn], rule, state.config, problem)
@@ -142,7 +145,8 @@ def _drawn(
 def weigh(problem: Problem, sets: Iterable[Terms], config: SearchConfig) -> list[Individual]:
     """Return usable individuals for the distinct sets among ``sets``, in one batched solve.
 
-    Terms that are not finite on the data are removed from their set, not the set with them.
+    Terms that are not finite on the data, or say on it what simpler ones of their set say, are
+    removed from their set, not the set with them.
     """
     sets = [terms for terms in sets if terms]
     flat = list(dict.fromkeys(term for terms in sets for term in terms))
@@ -154,9 +158,10 @@ def weigh(problem: Problem, sets: Iterable[Terms], config: SearchConfig) -> list
         ]
         if kept:
             unique.setdefault(frozenset(kept), kept)
-    candidates = list(unique.values())
-    if not candidates:
+    if not unique:
         return []
+    independent = problem.independent(list(unique.values()))
+    candidates = list({frozenset(terms): terms for terms in independent}.values())
     _, losses = problem.solve(candidates)
     return [Individual.of(t, x) for t, x in zip(candidates, losses, strict=True) if np.isfinite(x)]
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr.expressions.term import Term
+from jaxsr.regression.signs import signs_of
 
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem
@@ -44,6 +45,7 @@ class Dictionary:
             kept += [term for term, ok in zip(part, usable, strict=True) if ok]
             columns.append((found[:, usable] / norms[usable]).T.astype(np.float32))
         self.terms = tuple(kept)
+        self._signs = signs_of(kept, problem.signs)
         self.columns: NDArray[np.float32] = np.concatenate(columns)
 
     def best(self, terms: Sequence[Term], count: int) -> list[Term]:
@@ -60,6 +62,7 @@ class Dictionary:
         shares = self.columns @ (residual / size).astype(np.float32)
         left = 1.0 - np.sum((self.columns @ basis.astype(np.float32)) ** 2, axis=1)
         gain = np.where(left > _NEW, shares**2 / np.maximum(left, _NEW), -1.0)
+        gain[shares * self._signs < 0.0] = -1.0  # it would come in with the wrong sign
         count = min(count, len(gain))
         some = np.argpartition(-gain, count - 1)[:count]
         order = some[np.argsort(-gain[some], kind="stable")]

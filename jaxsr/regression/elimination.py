@@ -67,4 +67,15 @@ def eliminate(
         before = float(share @ share)
         share = turn.T @ share
         lost += max(before - float(share @ share), 0.0)
-    return chain
+    return _signed(problem, chain)
+
+
+def _signed(
+    problem: RegressionProblem, chain: list[tuple[tuple[Term, ...], float]]
+) -> list[tuple[tuple[Term, ...], float]]:
+    """Weigh again, within the signs, the sets that have some."""
+    if not any(term in problem.signs for terms, _ in chain for term in terms):
+        return chain
+    _, losses = problem.solve([terms for terms, _ in chain])
+    pairs = zip(chain, losses, strict=True)
+    return [(terms, max(float(loss), free)) for (terms, free), loss in pairs]

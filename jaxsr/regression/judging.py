@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jaxsr._result import InputError
 from jaxsr.evaluation.cache import ColumnCache
@@ -30,12 +31,16 @@ class Judge:
         As the problem's, for these samples.
     fixed : ndarray, (rows, p), optional
         The problem's fixed columns on these rows.
+    group, instants : ndarray, (samples,), optional
+        As the problem's, for these samples.
     """
 
     variables: Mapping[str, Array]
     y: Array
     view: View | None = None
     fixed: Array | None = None
+    group: NDArray[np.intp] | None = None
+    instants: Array | None = None
     _columns: dict[Term, Array] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -86,7 +91,8 @@ class Judge:
         if len(self._columns) + len(fresh) > max(2000, 2**24 // self.rows):
             self._columns.clear()
             fresh = list(dict.fromkeys(terms))
-        cache = ColumnCache(self.variables, time=time)
+        when = time if self.instants is None else self.instants
+        cache = ColumnCache(self.variables, time=when, group=self.group)
         samples = np.column_stack([cache.column(term, keep=False) for term in fresh])
         if self.view is not None:
             finite = np.all(np.isfinite(samples), axis=0)

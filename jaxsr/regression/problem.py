@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from jaxsr._result import InputError
 from jaxsr.evaluation.cache import ColumnCache
+from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
 from jaxsr.regression.constants import Refinement, refine_many
 from jaxsr.regression.dictionary import Dictionary
@@ -27,7 +28,7 @@ from jaxsr.regression.signs import (
     wrong,
 )
 from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies
-from jaxsr.regression.store import DEPENDENT, ColumnStore
+from jaxsr.regression.store import DEPENDENT, ColumnStore, independent_terms
 from jaxsr.regression.threshold import HardThreshold
 
 View = Callable[[Array], Array]
@@ -69,6 +70,8 @@ class RegressionProblem:
         Number of each sample's recording: integrals over time begin anew in each.
     admits : callable, optional
         Whether a term may be used, e.g. :class:`jaxsr.regression.InUnits`; all may when None.
+    instants : ndarray, (samples,), optional
+        Time of each sample for integrals, where it is not among the variables.
     """
 
     def __init__(
@@ -89,6 +92,7 @@ class RegressionProblem:
         judge: Judge | None = None,
         group: NDArray[np.intp] | None = None,
         admits: Callable[[Term], bool] | None = None,
+        instants: Array | None = None,
     ) -> None:
         self.y = np.asarray(y, dtype=np.float64)
         if self.y.ndim != 1 or not len(self.y):
@@ -119,7 +123,9 @@ class RegressionProblem:
         self.group = group
         self.admits = admits
         self.judged_rows = judge.rows if judge is not None else 0
-        self.cache = ColumnCache(self.variables, limit_bytes // 2, time=time, group=group)
+        self.timed = instants is not None or time in self.variables
+        when = time if instants is None else instants
+        self.cache = ColumnCache(self.variables, limit_bytes // 2, time=when, group=group)
         self._store = ColumnStore(
             self.columns,
             self._project if self._basis.shape[1] else None,
@@ -239,6 +245,10 @@ class RegressionProblem:
                 shares[row] = xi
                 losses[row] = max(float(gram.total - 2.0 * moment + quadratic), 0.0)
 
+    def independent(self, sets: Sequence[Sequence[Term]]) -> list[tuple[Term, ...]]:
+        """Return the sets of usable terms without columns that depend on simpler ones of a set."""
+        return independent_terms(self._store, sets)
+
     def in_units(self, terms: Sequence[Term], shares: Array) -> Array:
         """Return coefficients of the columns as given from those of unit-norm columns."""
         return shares * self._scale / self._store.norms(self.index(terms))
@@ -305,7 +315,7 @@ class RegressionProblem:
             _, losses = self.solve([refined[k][0] for k in bound])
             for k, loss in zip(bound, losses, strict=True):
                 refined[k] = (refined[k][0], max(float(loss), refined[k][1]))
-        return [(t, x if self.admitted(t) else np.inf) for t, x in refined]
+        return [(t, x if self.admitted(edit(t)) else np.inf) for t, x in refined]
 
     def frequencies(self, terms: Sequence[Term], variable: str, count: int) -> list[float]:
         """Return frequencies in the residual; see :func:`residual_frequencies`."""

@@ -7,11 +7,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from jaxsr.expressions.term import Term
-from jaxsr.regression.gram import Array, scale_columns
+from jaxsr.regression.gram import Array, gather_gram, scale_columns
+from jaxsr.regression.rank import independent_in_grams
 
 # A column that keeps less than this of its norm beside the fixed columns adds only rounding.
 DEPENDENT = 1e-9
 _TOGETHER = 256
+_DEPENDENT_IN_SET = 1e-6  # share of a unit column; Gram matrices show no less
 
 
 class ColumnStore:
@@ -98,3 +100,23 @@ class ColumnStore:
             self._index[term] = len(self.terms) if ok else -1
             if ok:
                 self.terms.append(term)
+
+
+def independent_terms(store: ColumnStore, sets: Sequence[Sequence[Term]]) -> list[tuple[Term, ...]]:
+    """Return each set of usable terms without those that depend on simpler ones of the set."""
+    width = max(map(len, sets), default=1)
+    slots = np.full((len(sets), width), -1, dtype=np.intp)
+    order = [sorted(range(len(terms)), key=lambda k: terms[k].size) for terms in sets]
+    places = iter(store.index([sets[row][k] for row, ks in enumerate(order) for k in ks]))
+    for row, ks in enumerate(order):
+        slots[row, : len(ks)] = [next(places) for _ in ks]
+    gram = gather_gram(store.columns, np.zeros(store.columns.shape[1]), slots)
+    kept = independent_in_grams(gram.matrix, _DEPENDENT_IN_SET)
+    out = []
+    for terms, ks, stays in zip(sets, order, kept, strict=True):
+        if np.all(stays[: len(ks)]):
+            out.append(tuple(terms))
+        else:
+            few = {k for k, stay in zip(ks, stays[: len(ks)], strict=True) if stay}
+            out.append(tuple(term for k, term in enumerate(terms) if k in few))
+    return out
