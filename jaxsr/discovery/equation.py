@@ -44,6 +44,8 @@ class Equation:
     pick : int
     exact : bool
         Whether no more is left than errors of the derivative itself.
+    noise_mse : float
+        Mean square that noise alone would leave in the rows of the front.
     stopped_by : StoppedBy
     """
 
@@ -55,6 +57,7 @@ class Equation:
     front: tuple[Candidate, ...] = field(default=(), repr=False)
     pick: int = 0
     exact: bool = False
+    noise_mse: float = 0.0
     stopped_by: StoppedBy = StoppedBy.CONVERGED
 
     @property

@@ -207,6 +207,7 @@ def find_equation(
         front=tuple(candidates),
         pick=pick,
         exact=chosen.train_mse <= _exact_mse(whole),
+        noise_mse=whole.noise * float(np.mean(whole.y**2)),
         stopped_by=reason,
     )
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr._progress import Budget
-from jaxsr.discovery.choose import Candidate
 from jaxsr.discovery.equation import Equation, FittedTerm
 from jaxsr.discovery.find import Task
 from jaxsr.discovery.rollout import RolloutFit, Segments, System, cut, fine_enough, fit_rollout
@@ -30,7 +29,7 @@ _PICKING = 0.6  # share of the time for equations one by one; the rest is for al
 _RIVALS = 4  # candidates of an equation that are tried together with the others
 _NODE = 2.0  # price of a node, in twice the logarithm of a likelihood
 _PATIENCE = 16  # candidates that may follow the best one
-_FEW, _HOPELESS = 4, 10.0  # a candidate that fits so much worse than one of few terms is left out
+_FEW, _HOPELESS = 4, 20.0  # what fits worse than noise, or few terms, by so much is left out
 _NOISE_LIMITED = 1.5  # mean square over the noise's up to which noise is all that is left
 
 
@@ -124,7 +123,7 @@ def _ranked(equation: Equation, trial: Trial, companions: Sequence[str]) -> list
     """Return the places on the front that simulate best for what they cost, best first."""
     judged: list[Judged] = []
     since = 0
-    for k in _hopeful(equation.front):
+    for k in _hopeful(equation):
         if trial.budget.exhausted or since >= _PATIENCE:
             break
         candidate = equation.front[k]
@@ -172,6 +171,15 @@ def _order(judged: Sequence[Judged]) -> list[int]:
     return [first.place, *(j.place for j in ranked if j is not first)]
 
 
+def _hopeful(equation: Equation) -> list[int]:
+    """Return the places of candidates, smallest first, whose rows are not fitted much worse."""
+    front = equation.front
+    small = [c.train_mse for c in front if 0 < len(c.fit.terms) <= _FEW and c.train_mse > 0.0]
+    limit = _HOPELESS * max(min(small, default=np.inf), equation.noise_mse)
+    good = [k for k, c in enumerate(front) if np.isfinite(c.validation_mse) and c.fit.terms]
+    return [k for k in good if front[k].train_mse <= limit] or good
+
+
 def _together(
     found: Mapping[str, Equation], rankings: Mapping[str, Sequence[int]], trial: Trial
 ) -> tuple[dict[str, Equation], Result | None]:
@@ -201,14 +209,6 @@ def _together(
             if after < length:
                 picks, length, result = other, after, moved
     return {s: replace(e, pick=picks.get(s, e.pick)) for s, e in found.items()}, result
-
-
-def _hopeful(front: Sequence[Candidate]) -> list[int]:
-    """Return the places of candidates, smallest first, that fit derivatives not much worse."""
-    small = [c.train_mse for c in front if 0 < len(c.fit.terms) <= _FEW and c.train_mse > 0.0]
-    limit = _HOPELESS * min(small, default=np.inf)
-    good = [k for k, c in enumerate(front) if np.isfinite(c.validation_mse) and c.fit.terms]
-    return [k for k in good if front[k].train_mse <= limit] or good
 
 
 def _as_good(error: np.ndarray, best: np.ndarray) -> bool:

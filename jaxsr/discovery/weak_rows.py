@@ -14,6 +14,7 @@ from jaxsr.views import WeakView, choose_half_width
 _SPACING = 8.0  # test functions to a half-width
 _MOST = 2000  # test functions in a recording,
 _LEAST = 120  # and, nearly, the least: a smooth motion must not leave fewer rows than terms
+_LOCAL, _FLAT = 0.02, 0.005  # error of smoothed terms, of the row's target and of its rms
 _WIDEST = 0.1  # half-width of a test function, of the recording
 
 
@@ -28,7 +29,8 @@ class WeakRows:
     target : ndarray, (rows,)
         Left-hand side, by parts: no derivative of data is taken.
     error : ndarray, (rows,)
-        Standard deviation that the noise of the samples leaves in the target.
+        Standard deviation that the noise of the samples leaves in the target, with what smoothed
+        states leave in the right-hand side.
     """
 
     matrix: sparse.csr_array
@@ -78,5 +80,7 @@ def weak_rows(t: np.ndarray, x: np.ndarray, noise: np.ndarray, order: int = 1) -
         )
     weights = view.matrices[order][kept]
     target = weights @ np.nan_to_num(x)
-    error = np.sqrt((weights**2) @ noise**2)
+    size = float(np.sqrt(np.mean(target**2)))
+    smoothing = (_LOCAL * target) ** 2 + (_FLAT * size) ** 2
+    error = np.sqrt((weights**2) @ noise**2 + smoothing)
     return WeakRows(sparse.csr_array(view.matrices[0][kept]), target, error)
