@@ -28,6 +28,7 @@ _QUICK, _THOROUGH = 8, 20  # iterations of a candidate's fit, and of the last on
 _PICKING = 0.6  # share of the time for equations one by one; the rest is for all together
 _RIVALS = 4  # candidates of an equation that are tried together with the others
 _NODE = 2.0  # price of a node, in twice the logarithm of a likelihood
+_ROWS = 60.0  # rows that overlapping test functions are worth
 _PATIENCE = 16  # candidates that may follow the best one
 _FEW, _HOPELESS = 4, 20.0  # what fits worse than noise, or few terms, by so much is left out
 _NOISE_LIMITED = 1.5  # mean square over the noise's up to which noise is all that is left
@@ -172,12 +173,21 @@ def _order(judged: Sequence[Judged]) -> list[int]:
 
 
 def _hopeful(equation: Equation) -> list[int]:
-    """Return the places of candidates, smallest first, whose rows are not fitted much worse."""
+    """Return the places of candidates whose rows are not fitted much worse, best first.
+
+    Best by a description length of the rows, in which gains below the noise count for nothing.
+    """
     front = equation.front
     small = [c.train_mse for c in front if 0 < len(c.fit.terms) <= _FEW and c.train_mse > 0.0]
     limit = _HOPELESS * max(min(small, default=np.inf), equation.noise_mse)
     good = [k for k, c in enumerate(front) if np.isfinite(c.validation_mse) and c.fit.terms]
-    return [k for k in good if front[k].train_mse <= limit] or good
+    near = [k for k in good if front[k].train_mse <= limit] or good
+
+    def length(k: int) -> float:
+        told = np.log(front[k].train_mse + equation.noise_mse + 1e-300)
+        return _ROWS * float(told) + _NODE * front[k].size
+
+    return sorted(near, key=length)
 
 
 def _together(
