@@ -110,6 +110,10 @@ class Problem(Protocol):
         lower the loss most beside ``terms``."""
         ...
 
+    def beam(self, terms: Sequence[Term], width: int) -> list[tuple[Term, ...]]:
+        """Return the best pairs and triples of terms, ``width`` of each."""
+        ...
+
     def eliminate(self, terms: Sequence[Term], most: int) -> list[tuple[tuple[Term, ...], float]]:
         """Return the chain of sets that backward elimination makes, at most ``most`` terms."""
         ...

@@ -21,7 +21,7 @@ from jaxsr.evolution.fitness import FitnessState, fitness, next_state
 from jaxsr.evolution.front import ROUNDING, Front
 from jaxsr.evolution.individual import Individual, Problem
 from jaxsr.evolution.library import small_terms
-from jaxsr.evolution.offers import with_quotients, with_shapes
+from jaxsr.evolution.offers import with_beam, with_quotients, with_shapes
 from jaxsr.evolution.polish import polish, promising, settled, with_frequencies
 from jaxsr.evolution.seeds import thinned_bases
 from jaxsr.expressions.editing import edit
@@ -187,6 +187,7 @@ def step(
             *with_frequencies(problem, front, generation, config),
             *with_shapes(problem, front, generation, config),
             *with_quotients(problem, front, generation, config),
+            *with_beam(problem, front, generation, config, max(state.exact, state.enough)),
         ]
         better, refined = _refine(problem, sets, refined)
         front = front.with_(better)

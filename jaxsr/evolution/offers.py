@@ -14,7 +14,11 @@ from jaxsr.expressions.term import Term
 Terms = tuple[Term, ...]
 _MEMBERS = 4  # of the front that are offered shapes in a generation
 _SHAPES = 4  # different shapes offered to each
-_ALL = 24  # and to a whole basis
+_ALL = 150  # and to a whole basis
+_PLAIN = 3  # terms of a law that nothing needs to be offered to
+_BEAM = 2  # generation in which pairs and triples are weighed
+_SMALL = 800  # small terms, and shapes, among which they are sought
+_WIDTH = 80  # pairs, and triples, kept
 _LOOKED_AT = 10  # grid points looked at for each different shape
 
 
@@ -42,7 +46,7 @@ def with_shapes(
     out: list[Terms] = []
     most = config.sizes.terms - 1
     members = [(member.terms, _SHAPES) for member in few(front, most, generation)]
-    if generation == 1:
+    if generation == 1 and not explained(front, max(problem.floor, problem.noise)):
         members += [(basis, _ALL) for basis in complete(problem, config)]
     for terms, count in members:
         kinds: dict[str, Term] = {}
@@ -50,6 +54,24 @@ def with_shapes(
             kinds.setdefault(kind(term), term)
         out += [(*terms, term) for term in list(kinds.values())[:count]]
     return out
+
+
+def with_beam(
+    problem: Problem, front: Front, generation: int, config: SearchConfig, enough: float
+) -> list[Terms]:
+    """Return the best pairs and triples of small terms and shapes, once, if much is left."""
+    if generation != _BEAM or explained(front, enough):
+        return []
+    primitives = config.primitives
+    small = small_terms(list(problem.variables), primitives)[:_SMALL]
+    shapes = shape_terms(problem.variables, primitives)
+    shapes = shapes[:: max(1, len(shapes) // _SMALL)]
+    return problem.beam([*small, *shapes], _WIDTH)
+
+
+def explained(front: Front, enough: float) -> bool:
+    """Tell whether a few terms explain the target as well as can be."""
+    return any(m.loss <= enough for m in front.members if len(m.terms) <= _PLAIN)
 
 
 def few(front: Front, most: int, generation: int) -> list[Individual]:

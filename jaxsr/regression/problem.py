@@ -11,6 +11,7 @@ from jaxsr._result import InputError
 from jaxsr.evaluation.cache import ColumnCache
 from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
+from jaxsr.regression.beam import beam
 from jaxsr.regression.constants import Refinement, refine_many
 from jaxsr.regression.dictionary import Dictionary
 from jaxsr.regression.elastic_net import ElasticNetRule, Penalty
@@ -298,6 +299,10 @@ class RegressionProblem:
         if key not in self._dictionaries:
             self._dictionaries[key] = Dictionary(self, make())
         return self._dictionaries[key]
+
+    def beam(self, terms: Sequence[Term], width: int) -> list[tuple[Term, ...]]:
+        """Return the best pairs and triples; see :func:`jaxsr.regression.beam.beam`."""
+        return beam(self, terms, width)
 
     def eliminate(self, terms: Sequence[Term], most: int) -> list[tuple[tuple[Term, ...], float]]:
         """Remove terms one by one; see :func:`jaxsr.regression.elimination.eliminate`."""
