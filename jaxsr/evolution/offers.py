@@ -14,7 +14,7 @@ from jaxsr.expressions.term import Term
 Terms = tuple[Term, ...]
 _MEMBERS = 4  # of the front that are offered shapes in a generation
 _SHAPES = 4  # different shapes offered to each
-_ALL = 150  # and to a whole basis
+_ALL, _STARTS = 150, 2  # and to a whole basis, from so many grid points each
 _PLAIN = 3  # terms of a law that nothing needs to be offered to
 _BEAM = 2  # generation in which pairs and triples are weighed
 _SMALL = 800  # small terms, and shapes, among which they are sought
@@ -49,10 +49,12 @@ def with_shapes(
     if generation == 1 and not explained(front, max(problem.floor, problem.noise)):
         members += [(basis, _ALL) for basis in complete(problem, config)]
     for terms, count in members:
-        kinds: dict[str, Term] = {}
+        starts = _STARTS if count == _ALL else 1
+        kinds: dict[str, list[Term]] = {}
         for term in shapes.best(terms, _LOOKED_AT * count):
-            kinds.setdefault(kind(term), term)
-        out += [(*terms, term) for term in list(kinds.values())[:count]]
+            kinds.setdefault(kind(term), []).append(term)
+        for same in list(kinds.values())[:count]:
+            out += [(*terms, term) for term in same[:starts]]
     return out
 
 
