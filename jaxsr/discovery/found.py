@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 from jaxsr._result import InputError
@@ -68,7 +69,8 @@ def without_integrals(
         An integral is taken over something whose rate is not known.
     """
     states: dict[Term, str] = {}
-    free = (name for k in range(1, 10_000) if (name := f"integral_{k}") not in taken)
+    names = (f"integral_{k}" for k in itertools.count(1))
+    free = (name for name in names if name not in taken)
 
     def plain(term: Term) -> Term:
         if not term.args:

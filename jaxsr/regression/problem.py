@@ -328,7 +328,7 @@ class RegressionProblem:
 
     def quotients(self, frequencies: Sequence[float], count: int) -> list[tuple[Term, ...]]:
         """Return quotients of short sums; see :func:`jaxsr.regression.rational.quotients`."""
-        return quotients(self, frequencies, count)
+        return quotients(self, frequencies, count) if self.total > 0.0 else []
 
     def waves(self, variable: str) -> Waves | None:
         """Return the sines and cosines of a variable that the spectrum is taken with."""
