@@ -46,12 +46,16 @@ def small_terms(names: Sequence[str], primitives: PrimitiveSet, most: int = 2000
 
 
 def shape_terms(
-    variables: Mapping[str, np.ndarray], primitives: PrimitiveSet, most: int = 4000
+    variables: Mapping[str, np.ndarray],
+    primitives: PrimitiveSet,
+    shift: float = 0.0,
+    most: int = 4000,
 ) -> list[Term]:
     """Return terms that hold an inner constant, its values on a grid that suits the data.
 
     For each variable v: 1/(v + c), 1/(v^n + c), exp(c v), 1/(1 + exp(c v + d)), v^c, (c - v)^d,
-    log(v + c), sqrt(c - v^2), alone and times a variable. A wrong constant of this kind often has
+    log(v + c), sqrt(c - v^2), alone and times a variable; ``shift``, in [0, 1), moves the grid by
+    that part of its spacing. A wrong constant of this kind often has
     no gradient to follow, so the grid is what a refinement starts from.
     """
     functions = {name for name in primitives.functions if isinstance(name, str)}
@@ -61,7 +65,7 @@ def shape_terms(
         values = np.asarray(variables[name], dtype=np.float64)
         if not np.ptp(values) > 0.0:
             continue
-        shapes = list(_shapes(name, values, functions))
+        shapes = list(_shapes(name, values, functions, shift))
         out += shapes
         others = [n for n in names if n != name] if len(names) <= _FEW else []
         if "mul" in functions:
@@ -76,29 +80,33 @@ def shape_terms(
             ]
     if len(names) <= _FEW and {"exp", "div"} <= functions:
         out += [
-            term for a, b in itertools.combinations(names, 2) for term in _steps(a, b, variables)
+            term
+            for a, b in itertools.combinations(names, 2)
+            for term in _steps(a, b, variables, shift)
         ]
     return list(edit(out[:most]))
 
 
-def _shapes(name: str, values: np.ndarray, functions: set[str]) -> Iterator[Term]:
+def _shapes(name: str, values: np.ndarray, functions: set[str], shift: float) -> Iterator[Term]:
     v = Term.variable(name)
     low, high = float(np.min(values)), float(np.max(values))
     span = high - low
     scale = float(np.sqrt(np.mean(values**2)))
-    shifts = [span * s - low for s in _SPREAD] + [-high - span * s for s in _SPREAD]
+    spread = [s * 3.0**shift for s in _SPREAD]
+    shifts = [span * s - low for s in spread] + [-high - span * s for s in spread]
     if "div" in functions:
         yield from (_over(_plus(v, c)) for c in shifts)
         for power in (2, 3, 4, 5) if low >= 0.0 else (2, 4):
             raised = Term.apply("pow", v, Term.constant(power))
-            yield from (_over(_plus(raised, s * scale**power)) for s in (0.01, 0.1, 1.0, 10.0, 100))
+            sizes = (s * 10.0**shift * scale**power for s in (0.01, 0.1, 1.0, 10.0, 100.0))
+            yield from (_over(_plus(raised, size)) for size in sizes)
     if "exp" in functions:
-        rates = [sign * s / span for s in (0.3, 1.0, 3.0, 10.0) for sign in (1.0, -1.0)]
+        rates = [sign * s * 3.0**shift / span for s in (0.3, 1.0, 3.0) for sign in (1.0, -1.0)]
         yield from (Term.apply("exp", _times(c, v)) for c in rates)
         if "div" in functions:
             for rate in (2.0, 5.0, 15.0):
                 for place in (-0.2, 0.1, 0.35, 0.65, 0.9, 1.2):
-                    slope = rate / span
+                    slope = rate * 2.5**shift / span
                     inner = _plus(_times(slope, v), -slope * (low + place * span))
                     yield _over(_plus(Term.apply("exp", inner), 1.0))
     if "pow" in functions:
@@ -117,7 +125,7 @@ def _shapes(name: str, values: np.ndarray, functions: set[str]) -> Iterator[Term
         yield from (Term.apply("sqrt", _plus(v, span * s - low)) for s in (0.1, 1.0))
 
 
-def _steps(a: str, b: str, variables: Mapping[str, np.ndarray]) -> Iterator[Term]:
+def _steps(a: str, b: str, variables: Mapping[str, np.ndarray], shift: float) -> Iterator[Term]:
     """Return logistic steps of a weighted sum of two variables."""
     parts = []
     for name in (a, b):
@@ -126,7 +134,7 @@ def _steps(a: str, b: str, variables: Mapping[str, np.ndarray]) -> Iterator[Term
         parts.append((Term.variable(name), span, float(np.min(values)) + 0.5 * span))
     (v, wide, centre), (w, other, middle) = parts
     for first, second in itertools.product((1.5, 5.0), (-5.0, -1.5, 1.5, 5.0)):
-        slopes = first / wide, second / other
+        slopes = first * 3.0**shift / wide, second * 3.0**shift / other
         inner = Term.apply("add", _times(slopes[0], v), _times(slopes[1], w))
         for shift in (-2.0, 0.0, 2.0):
             offset = shift - slopes[0] * centre - slopes[1] * middle

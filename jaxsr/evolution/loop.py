@@ -21,7 +21,7 @@ from jaxsr.evolution.fitness import FitnessState, fitness, next_state
 from jaxsr.evolution.front import ROUNDING, Front
 from jaxsr.evolution.individual import Individual, Problem
 from jaxsr.evolution.library import small_terms
-from jaxsr.evolution.offers import with_beam, with_quotients, with_shapes
+from jaxsr.evolution.offers import Offer, with_beam, with_quotients, with_shapes
 from jaxsr.evolution.polish import polish, promising, settled, with_frequencies
 from jaxsr.evolution.seeds import thinned_bases
 from jaxsr.expressions.editing import edit
@@ -57,6 +57,8 @@ class SearchState:
         Relative loss that is near enough to measurement noise not to start anew.
     fruitless : int
         Fresh populations in a row that did not lead to a better description.
+    drawn, since : int
+        Fresh populations so far, and the generation of the last one.
     described : float
         Shortest description of the data when the population was last drawn.
     """
@@ -71,6 +73,8 @@ class SearchState:
     exact: float = 0.0
     enough: float = 0.0
     fruitless: int = 0
+    drawn: int = 0
+    since: int = 0
     described: float = np.inf
 
 
@@ -119,6 +123,8 @@ def restart(rng: np.random.Generator, state: SearchState, problem: Problem) -> S
         population=tuple(ranked[: state.config.population]),
         rule=rule,
         idle=0,
+        drawn=state.drawn + 1,
+        since=state.generation,
         fruitless=0 if described < state.described - 1.0 else state.fruitless + 1,
         described=described,
     )
@@ -182,12 +188,14 @@ def step(
     front = state.front.with_(ranked)
     refined = state.refined
     if config.refined:
+        enough = max(state.exact, state.enough)
+        offer = Offer(generation, generation - state.since, state.drawn, enough)
         sets = [
             *promising(ranked, front, refined, config.refined, problem.rows),
             *with_frequencies(problem, front, generation, config),
-            *with_shapes(problem, front, generation, config),
-            *with_quotients(problem, front, generation, config),
-            *with_beam(problem, front, generation, config, max(state.exact, state.enough)),
+            *with_shapes(problem, front, offer, config),
+            *with_quotients(problem, front, offer, config),
+            *with_beam(problem, front, offer, config),
         ]
         better, refined = _refine(problem, sets, refined)
         front = front.with_(better)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from jaxsr.evolution.config import SearchConfig
 from jaxsr.evolution.front import Front
@@ -16,10 +17,21 @@ _MEMBERS = 4  # of the front that are offered shapes in a generation
 _SHAPES = 4  # different shapes offered to each
 _ALL, _STARTS = 150, 2  # and to a whole basis, from so many grid points each
 _PLAIN = 3  # terms of a law that nothing needs to be offered to
-_BEAM = 2  # generation in which pairs and triples are weighed
+_BEAM = 2  # generation of a population in which pairs and triples are weighed
 _SMALL = 800  # small terms, and shapes, among which they are sought
 _WIDTH = 80  # pairs, and triples, kept
 _LOOKED_AT = 10  # grid points looked at for each different shape
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """When terms are offered: generation, how many since the population was drawn, how often it
+    was drawn, and the loss at which nothing more is to be explained."""
+
+    generation: int
+    age: int
+    drawn: int
+    enough: float
 
 
 def small_offers(problem: Problem, config: SearchConfig, terms: Terms, count: int) -> list[Term]:
@@ -31,22 +43,20 @@ def small_offers(problem: Problem, config: SearchConfig, terms: Terms, count: in
     return library.best(terms, count)
 
 
-def with_shapes(
-    problem: Problem, front: Front, generation: int, config: SearchConfig
-) -> list[Terms]:
+def with_shapes(problem: Problem, front: Front, offer: Offer, config: SearchConfig) -> list[Terms]:
     """Return members of the front joined by a shape that explains most of their residual.
 
-    The first generation looks at whole bases of monomials too: the right part of a law without
-    its shape is often no member of any front.
+    The first generation of a population looks at whole bases of monomials too: the right part of
+    a law without its shape is often no member of any front. Every population has its own grid.
     """
-    primitives = config.primitives
+    primitives, shift = config.primitives, _shift(offer)
     shapes = problem.dictionary(
-        ("shapes", primitives), lambda: shape_terms(problem.variables, primitives)
+        ("shapes", primitives, shift), lambda: shape_terms(problem.variables, primitives, shift)
     )
     out: list[Terms] = []
     most = config.sizes.terms - 1
-    members = [(member.terms, _SHAPES) for member in few(front, most, generation)]
-    if generation == 1 and not explained(front, max(problem.floor, problem.noise)):
+    members = [(member.terms, _SHAPES) for member in few(front, most, offer.generation)]
+    if offer.age == 1 and not explained(front, offer.enough):
         members += [(basis, _ALL) for basis in complete(problem, config)]
     for terms, count in members:
         starts = _STARTS if count == _ALL else 1
@@ -58,15 +68,18 @@ def with_shapes(
     return out
 
 
-def with_beam(
-    problem: Problem, front: Front, generation: int, config: SearchConfig, enough: float
-) -> list[Terms]:
+def _shift(offer: Offer) -> float:
+    """Return where between its points the grid of a population lies: evenly spread, never twice."""
+    return (offer.drawn * 0.618034) % 1.0
+
+
+def with_beam(problem: Problem, front: Front, offer: Offer, config: SearchConfig) -> list[Terms]:
     """Return the best pairs and triples of small terms and shapes, once, if much is left."""
-    if generation != _BEAM or explained(front, enough):
+    if offer.age != _BEAM or explained(front, offer.enough):
         return []
     primitives = config.primitives
     small = small_terms(list(problem.variables), primitives)[:_SMALL]
-    shapes = shape_terms(problem.variables, primitives)
+    shapes = shape_terms(problem.variables, primitives, _shift(offer))
     shapes = shapes[:: max(1, len(shapes) // _SMALL)]
     return problem.beam([*small, *shapes], _WIDTH)
 
@@ -98,12 +111,13 @@ def distinct(sets: Sequence[Terms]) -> list[Terms]:
 
 
 def with_quotients(
-    problem: Problem, front: Front, generation: int, config: SearchConfig
+    problem: Problem, front: Front, offer: Offer, config: SearchConfig
 ) -> list[Terms]:
     """Return quotients of short sums, waves of the front's frequencies among their parts.
 
     Without waves at first; then in generations 2, 4, 8, ... while the frequencies settle.
     """
+    generation = offer.generation
     if "div" not in config.primitives.functions or generation & (generation - 1):
         return []
     waves = frequencies_of(front, problem.time) if generation > 1 else []
