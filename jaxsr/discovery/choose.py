@@ -32,10 +32,18 @@ class Candidate:
 
 
 def predict(
-    terms: Sequence[Term], coefficients: np.ndarray, variables: Mapping[str, np.ndarray]
+    terms: Sequence[Term],
+    coefficients: np.ndarray,
+    variables: Mapping[str, np.ndarray],
+    *,
+    time: str = "t",
+    group: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return the weighted sum of terms on samples (samples,)."""
-    cache = ColumnCache(variables)
+    """Return the weighted sum of terms on samples (samples,).
+
+    ``time`` and ``group`` (the recording of each sample) are for terms that hold integrals.
+    """
+    cache = ColumnCache(variables, time=time, group=group)
     total = np.zeros(len(next(iter(variables.values()))))
     for c, term in zip(coefficients, terms, strict=True):
         total = total + c * cache.column(term)

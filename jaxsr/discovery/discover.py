@@ -29,6 +29,7 @@ from jaxsr.discovery.recognise import kinematic, recognised
 from jaxsr.discovery.result import Discovery
 from jaxsr.discovery.samples import Roles, Samples, hold_back, roles, samples
 from jaxsr.discovery.settle import settle
+from jaxsr.discovery.treatment import Treatment
 from jaxsr.evolution import SearchConfig, SearchInfo
 from jaxsr.expressions.primitives import INTEGRALS
 from jaxsr.models.model import Model
@@ -47,6 +48,7 @@ def discover(
     inputs: Sequence[str] = (),
     time: str | None = None,
     autonomous: bool = False,
+    treatment: Treatment | None = None,
     units: str | Path | Mapping[str, str] | None = None,
     known: str | Path | Model | None = None,
     guesses: Mapping[str, Sequence[str]] | None = None,
@@ -83,6 +85,8 @@ def discover(
         Column of time, seconds.
     autonomous : bool
         True: time itself is not offered to the equations.
+    treatment : Treatment, optional
+        How states are smoothed and differentiated, and the view; chosen from the data by default.
     units : path or mapping, optional
         A file with a [units] table, or units by column; written into the model.
     known : path or Model, optional
@@ -142,7 +146,8 @@ def discover(
     began, limit = clock.monotonic(), as_budget(budget)
     config = config or SearchConfig()
     read = functools.partial(_opened, time=time)
-    part = replace(roles(states, derivatives, order, inputs, time), autonomous=autonomous)
+    part = roles(states, derivatives, order, inputs, time)
+    part = replace(part, autonomous=autonomous, treatment=treatment or Treatment())
     names = (part.time, *part.states, *part.inputs)
     given = known_terms(known, part.time, names[1:])
     table, signed = unit_table(units), signed_terms(signs, part.states, names)
@@ -186,7 +191,7 @@ def discover(
         equations.append(found)
     if not integrals:
         show.stage("roll-outs")
-        settled = settle(equations, tasks, data.traces, limit)
+        settled = settle(equations, tasks, data.traces, limit, judge.traces if validation else ())
         # roll-outs know no signs: what they turned round stays as it was
         pairs = zip(equations, settled, strict=True)
         equations = [b if obeys(b, tasks[b.state].signs) else a for a, b in pairs]

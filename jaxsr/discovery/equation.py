@@ -70,7 +70,7 @@ class Equation:
         """Return the right-hand side in the model grammar."""
         return to_text(self.term)
 
-    def sympy(self) -> sympy.Expr:
+    def sympy(self) -> sympy.Basic:
         """Return the right-hand side as a SymPy expression."""
         return to_sympy(self.term)
 
@@ -87,7 +87,9 @@ class Equation:
     def predict(self, samples: Samples) -> np.ndarray:
         """Return the right-hand side on samples (rows,)."""
         terms = [t.term for t in self.terms]
-        return predict(terms, np.array([t.coefficient for t in self.terms]), samples.variables)
+        weights = np.array([t.coefficient for t in self.terms])
+        time = next(iter(samples.variables))
+        return predict(terms, weights, samples.variables, time=time, group=samples.group)
 
 
 def weighted_sum(terms: Sequence[Term], coefficients: Sequence[float]) -> Term:

@@ -21,6 +21,7 @@ from jaxsr.regression import Judge, RegressionProblem, coefficient_ci95, constan
 MOST_ROWS = 2000  # rows the search looks at,
 MOST_JUDGED = 8000  # rows on which the front is weighed; the final estimate uses all of them
 _EXACT = 1e-12  # mean square relative to the target's: nothing is left that a roll-out could tell
+_SHORT = 60  # samples of a record too short to search in a part of it
 _FEWEST = 30  # test functions to choose by
 _ROUNDING = 1e-20  # square of the relative error of a column without noise
 
@@ -74,12 +75,23 @@ class Task:
         path = self.checkpoint.directory / f"{self.state}.json"
         return Keeper(path, problem, self.config, self.checkpoint.every)
 
+    def _given(self, samples: Samples) -> np.ndarray:
+        terms = () if self.known is None else (self.known,)
+        return self.predicted(terms, np.ones(len(terms)), samples)
+
+    def predicted(
+        self, terms: Sequence[Term], coefficients: np.ndarray, samples: Samples
+    ) -> np.ndarray:
+        """Return the weighted sum of terms on samples (rows,)."""
+        variables, group = samples.variables, samples.group
+        return predict(terms, coefficients, variables, time=self.time, group=group)
+
     def remainder(self, samples: Samples) -> np.ndarray:
         """Return the derivative without its known part (rows,)."""
         y = samples.targets[self.state]
         if self.known is None:
             return y
-        return y - predict([self.known], np.ones(1), samples.variables)
+        return y - self._given(samples)
 
     def problem(self, samples: Samples, judged: Samples | None = None) -> RegressionProblem:
         """Return the regression, every row weighed by what its left-hand side is worth.
@@ -122,8 +134,7 @@ class Task:
             weak = samples.weak[self.state]
             known = 0.0
             if self.known is not None:
-                given = predict([self.known], np.ones(1), samples.variables)
-                known = weak.matrix @ given
+                known = weak.matrix @ self._given(samples)
             return Rows(weak.target - known, weak.error, lambda c: weak.matrix @ c, False)
         y = self.remainder(samples)
         error = samples.errors.get(self.state)
@@ -177,6 +188,8 @@ def find_equation(
         train = validation = every  # blocks shorter than test functions hold none
     few = train if weak else train.take(thinned(np.arange(len(train)), MOST_ROWS))
     by_validation = task.config.fitness.data == "validation"
+    if len(every) < _SHORT and not by_validation:
+        few = every  # every sample counts for finding a law; coefficients are judged apart
     problem = task.problem(few, validation if by_validation else None)
     scale = float(np.mean(train.targets[task.state] ** 2))
     if problem.total <= 1e-24 * scale * len(few):
@@ -233,6 +246,6 @@ def final_estimate(task: Task, terms: Sequence[Term], samples: Samples) -> Equat
         FittedTerm(term, float(c), (float(low), float(high)))
         for term, c, (low, high) in zip(terms, fit.coefficients, ends, strict=False)
     ]
-    error = task.remainder(samples) - predict(terms, fit.coefficients, samples.variables)
+    error = task.remainder(samples) - task.predicted(terms, fit.coefficients, samples)
     mse = float(np.mean(error**2))
     return Equation(task.state, tuple(fitted), mse, mse)

@@ -10,7 +10,9 @@ from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
 from jaxsr.regression import RegressionProblem
 
-_NEAR = 0.02  # distance from a whole number, relative to the larger of it and one
+# distance from a whole number, relative to the larger of it and one: an exponent is likely whole,
+# a frequency or a phase is not
+_NEAR_EXPONENT, _NEAR = 0.02, 1e-3
 _RISE = 4.0  # of the residual sum of squares, in units of its mean square: two standard errors
 
 
@@ -37,10 +39,12 @@ def _candidates(terms: Sequence[Term]) -> list[tuple[Term, Term]]:
     """Return (term, the same with one constant rounded)."""
     out = []
     for term in terms:
+        exponents = {id(n.args[1]) for n in term.walk() if n.op == "pow"}
         for place, node in enumerate(term.walk()):
             if not node.is_constant or not term.args or node.value.is_integer():
                 continue
             whole = float(np.round(node.value))
-            if abs(node.value - whole) <= _NEAR * max(abs(whole), 1.0):
+            near = _NEAR_EXPONENT if id(node) in exponents else _NEAR
+            if abs(node.value - whole) <= near * max(abs(whole), 1.0):
                 out.append((term, term.replace_at(place, Term.constant(whole))))
     return out

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from jaxsr._result import InputError
-from jaxsr.discovery.treatment import treat
+from jaxsr.discovery.treatment import Treatment, treat
 from jaxsr.discovery.weak_rows import WeakRows, weak_rows
 from jaxsr.expressions import is_identifier
 from jaxsr.recordings import Recording, noise_level
+from jaxsr.views import integrate
 
 Trace = dict[str, dict[str, np.ndarray]]
 """Of one recording: "time", "values" of all states and inputs, "measured" states, their "noise"."""
+_TOLD = 100  # samples of which noise can be told
 _FINEST = 1e-3  # noise of a state relative to its spread, at least: no model is truer
 
 
@@ -35,6 +37,8 @@ class Roles:
         Symbol of time.
     autonomous : bool
         Whether time is kept out of the equations.
+    treatment : Treatment
+        How states are smoothed and differentiated.
     """
 
     states: tuple[str, ...]
@@ -43,6 +47,7 @@ class Roles:
     inputs: tuple[str, ...]
     time: str
     autonomous: bool = False
+    treatment: Treatment = field(default_factory=Treatment)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,9 +167,10 @@ def _joined(tables: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
 def _of_one(recording: Recording, roles: Roles) -> Samples:
     t = recording.time
     displacement = {rate: q for q, rate in roles.rate_of.items()}
+    recording = _integrated(recording, roles)
     computed = {r for r in displacement if r not in recording.channels}
     treated = {
-        name: treat(t, recording.channel(name), smooth=name not in roles.derivatives)
+        name: treat(t, recording.channel(name), roles.treatment, given=name in roles.derivatives)
         for name in roles.states
         if name not in computed
     }
@@ -178,12 +184,13 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
             targets[state] = values[roles.rate_of[state]]
         elif state in roles.derivatives:
             targets[state] = recording.channel(roles.derivatives[state])
-            noise[state] = noise_level(t, targets[state])
+            # of few samples, motion cannot be told from noise
+            noise[state] = noise_level(t, targets[state]) if len(t) >= _TOLD else 0.0
         else:
             order = 2 if state in computed else 1
             signal = treated[displacement[state] if order == 2 else state]
             targets[state], errors[state] = signal.derivative(order)
-            if not signal.clean:
+            if signal.weak:
                 weak[state] = weak_rows(t, signal.recorded, signal.noise, order)
     known = {n: e for n, e in errors.items() if e is not None}
     trace = {
@@ -198,6 +205,24 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
     group = np.zeros(len(t), int)
     every = frozenset(errors)
     return Samples(values, targets, group, every, known, noise, weak, (trace,))
+
+
+def _integrated(recording: Recording, roles: Roles) -> Recording:
+    """Return the recording with velocities and displacements that only accelerations tell of."""
+    channels = dict(recording.channels)
+    for state, column in roles.derivatives.items():
+        if state in channels or column not in channels:
+            continue
+        rate = channels[column]
+        channels[state] = integrate(recording.time, rate)
+        for displacement, own in roles.rate_of.items():
+            if own == state and displacement not in channels:
+                channels[displacement] = integrate(recording.time, rate, order=2)
+    return (
+        replace(recording, channels=channels)
+        if len(channels) > len(recording.channels)
+        else recording
+    )
 
 
 def _filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:

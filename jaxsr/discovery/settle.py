@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr._progress import Budget
-from jaxsr.discovery.equation import Equation, FittedTerm
+from jaxsr.discovery.equation import Equation, FittedTerm, weighted_sum
 from jaxsr.discovery.find import Task
 from jaxsr.discovery.rollout import RolloutFit, Segments, System, cut, fine_enough, fit_rollout
+from jaxsr.discovery.samples import Trace
 from jaxsr.expressions.term import Term
 
 _SEGMENTS = 8  # stretches that a single recording is cut into
@@ -50,6 +51,8 @@ class Trial:
     budget : Budget
     substeps : int
         Steps of the integration between samples.
+    judge : Segments, optional
+        Stretches of other recordings, to choose by.
     """
 
     segments: Segments
@@ -57,6 +60,7 @@ class Trial:
     known: Mapping[str, Term]
     budget: Budget
     substeps: int = 1
+    judge: Segments | None = None
 
     def fit(
         self,
@@ -77,17 +81,35 @@ class Trial:
         )
         return None if fitted is None else (system, fitted)
 
+    def judged(self, result: Result) -> RolloutFit | None:
+        """Return the roll-outs of the stretches to choose by: constants as fitted, starts free."""
+        if self.judge is None:
+            return result[1]
+        terms, weights = _moved(result)
+        known = {s: weighted_sum(terms[s], weights[s]) for s in terms if terms[s]}
+        known |= {
+            s: Term.apply("add", self.known[s], known[s]) if s in known else self.known[s]
+            for s in terms
+            if s in self.known
+        }
+        fixed = System({s: () for s in terms}, known)
+        none = np.zeros(0)
+        steps = self.substeps
+        return fit_rollout(fixed, self.judge, none, time=self.time, substeps=steps)
+
 
 def settle(
     equations: Sequence[Equation],
     tasks: Mapping[str, Task],
-    traces: Sequence[Mapping[str, Mapping[str, np.ndarray]]],
+    traces: Sequence[Trace],
     budget: Budget,
+    validation: Sequence[Trace] = (),
 ) -> list[Equation]:
     """Return the equations with picks and constants that simulate best.
 
     Equations that leave no more than the error of clean derivatives stay as they are: simulation
-    could tell nothing more. So does everything where no candidate can be simulated.
+    could tell nothing more. So does everything where no candidate can be simulated. Candidates are
+    judged on ``validation``, where there is any, else by leaving stretches out.
     """
     open_ = [e.state for e in equations if e.front and not e.exact]
     if not open_:
@@ -99,7 +121,8 @@ def settle(
     time = next(iter(tasks.values())).time
     known = {s: task.known for s, task in tasks.items() if task.known is not None}
     known |= {e.state: e.term for e in equations if not e.front and e.state not in known}
-    trial = Trial(cut(traces, length, _MOST), time, known, budget)
+    judge = cut(validation, length, _MOST) if validation else None
+    trial = Trial(cut(traces, length, _MOST), time, known, budget, judge=judge)
     rankings: dict[str, list[int]] = {}
     for place, state in enumerate(open_):
         share = replace(trial, budget=budget.share(_PICKING / (len(open_) - place * _PICKING)))
@@ -128,12 +151,15 @@ def _ranked(equation: Equation, trial: Trial, companions: Sequence[str]) -> list
         if trial.budget.exhausted or since >= _PATIENCE:
             break
         candidate = equation.front[k]
-        terms = {s: () for s in companions} | {equation.state: candidate.fit.terms}
-        weights = {s: () for s in companions} | {equation.state: candidate.fit.coefficients}
+        terms: dict[str, Sequence[Term]] = {s: () for s in companions}
+        terms[equation.state] = candidate.fit.terms
+        weights = {s: [] for s in companions}
+        weights[equation.state] = candidate.fit.coefficients.tolist()
         result = trial.fit(terms, weights)
         since += 1
-        if result is not None:
-            judged.append(Judged(k, result[1], candidate.size))
+        told = None if result is None else trial.judged(result)
+        if told is not None:
+            judged.append(Judged(k, told, candidate.size))
             since = 0 if judged[-1].length <= min(j.length for j in judged) else since
     return _order(judged)[:_RIVALS]
 
@@ -206,8 +232,11 @@ def _together(
         result = trial.fit(terms, {s: _coefficients(e) for s, e in chosen.items()}, _THOROUGH)
         if result is None:
             return np.inf, None
+        told = trial.judged(result)
+        if told is None:
+            return np.inf, result
         size = sum(e.front[e.pick].size for e in chosen.values() if e.front)
-        return Judged(0, result[1], size).length, result
+        return Judged(0, told, size).length, result
 
     length, result = fitted(picks)
     for state, order in rankings.items():
@@ -235,7 +264,7 @@ def _estimated(
     found: Mapping[str, Equation],
     result: Result | None,
     trial: Trial,
-    traces: Sequence[Mapping[str, Mapping[str, np.ndarray]]],
+    traces: Sequence[Trace],
     length: int,
 ) -> list[Equation]:
     """Fit all equations together, over stretches as long as they can be followed."""
@@ -276,8 +305,8 @@ def _terms(equation: Equation) -> tuple[Term, ...]:
     return equation.front[equation.pick].fit.terms if equation.front else ()
 
 
-def _coefficients(equation: Equation) -> np.ndarray:
-    return equation.front[equation.pick].fit.coefficients if equation.front else np.zeros(0)
+def _coefficients(equation: Equation) -> list[float]:
+    return equation.front[equation.pick].fit.coefficients.tolist() if equation.front else []
 
 
 def _with_constants(

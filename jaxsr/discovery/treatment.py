@@ -3,20 +3,64 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.ndimage import maximum_filter1d
 
+from jaxsr._result import InputError
 from jaxsr.recordings import noise_level
-from jaxsr.views import derivative, fit_adaptive, noise_by_sample
+from jaxsr.views import (
+    DERIVATIVES,
+    SMOOTHERS,
+    derivative,
+    fit_adaptive,
+    noise_by_sample,
+    smooth,
+)
 from jaxsr.views.derivative import choose_method
 from jaxsr.views.finite_difference import finite_difference
 
 _NEIGHBOURS = 9  # samples that one stencil joins
 _DIGITS = 3e-9  # of the derivative's rms: no recording, or solver, is truer
 _LEAST = 24  # samples that two stencils of different order, or a spline, need
+
+
+@dataclass(frozen=True, slots=True)
+class Treatment:
+    """How states are smoothed and differentiated; "auto" decides from each signal.
+
+    Attributes
+    ----------
+    smoothing : str
+        "auto", "none", or a key of :data:`jaxsr.views.SMOOTHERS`. "auto" smooths noisy states
+        by an adaptive spline, but those whose derivatives are columns, not at all.
+    derivative : str
+        "auto" or a key of :data:`jaxsr.views.DERIVATIVES`. "auto" takes differences of order 8
+        of clean states.
+    view : str
+        "auto", "derivative" or "weak". "auto" takes the weak view for noisy states.
+    """
+
+    smoothing: str = "auto"
+    derivative: str = "auto"
+    view: str = "auto"
+
+    def __post_init__(self) -> None:
+        known = {
+            "smoothing": ("auto", "none", *SMOOTHERS),
+            "derivative": ("auto", *DERIVATIVES),
+            "view": ("auto", "derivative", "weak"),
+        }
+        for name, values in known.items():
+            given = getattr(self, name)
+            if given not in values:
+                raise InputError(
+                    f"unknown {name} {given!r}", "Treatment", f"Use one of {', '.join(values)}."
+                )
+        if self.view == "weak" and self.derivative != "auto":
+            raise InputError("the weak view takes no derivative", "Treatment", "Name one of them.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +74,17 @@ class Treated:
         Standard deviation of every sample.
     clean : bool
         Whether differences of the samples are derivatives and not noise.
+    weak : bool
+        Whether its equation is taken in the weak view.
+    treatment : Treatment
     """
 
     time: np.ndarray
     recorded: np.ndarray
     noise: np.ndarray
     clean: bool
+    weak: bool
+    treatment: Treatment = field(default_factory=Treatment)
 
     @functools.cached_property
     def spline(self) -> BSpline:
@@ -44,11 +93,14 @@ class Treated:
 
     @property
     def values(self) -> np.ndarray:
-        """Samples where they are clean, else the smoothing spline at their times."""
-        if self.clean:
+        """Samples where they are clean, else smoothed at their times."""
+        way = self.treatment.smoothing
+        if way not in ("auto", "none"):
+            return smooth(self.time, self.recorded, way)
+        if self.clean or way == "none":
             return self.recorded
-        smooth = self.spline(self.time)
-        return np.where(np.isfinite(self.recorded), smooth, np.nan)
+        spline = self.spline(self.time)
+        return np.where(np.isfinite(self.recorded), spline, np.nan)
 
     def derivative(self, order: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Return the derivative and, where it is known, its error at every sample.
@@ -58,7 +110,9 @@ class Treated:
         resolved less well than slow ones, often by many orders of magnitude; a regression that
         knows it neither bends to the former nor needs to leave them out.
         """
-        t, x = self.time, self.recorded
+        t, x, way = self.time, self.recorded, self.treatment.derivative
+        if way != "auto":
+            return derivative(t, self.values, way, order), None
         if not self.clean:
             if len(t) < _LEAST:
                 return derivative(t, x, order=order), None
@@ -74,22 +128,29 @@ class Treated:
         return fine, apart + 2.0 * noise_level(t, x) / step**order + digits
 
 
-def treat(t: np.ndarray, x: np.ndarray, *, smooth: bool = True) -> Treated:
+def treat(
+    t: np.ndarray, x: np.ndarray, treatment: Treatment | None = None, *, given: bool = False
+) -> Treated:
     """Judge a signal's noise; samples that are clean, too few or too uneven stay as they are.
 
     Parameters
     ----------
     t, x : ndarray, (samples,)
-    smooth : bool
-        False for a state whose derivative is recorded: nothing of it is differentiated.
+    treatment : Treatment, optional
+    given : bool
+        Whether the state's derivative is a column: nothing of it is differentiated then.
     """
+    treatment = treatment or Treatment()
     known = np.isfinite(x)
     few = np.count_nonzero(known) < _LEAST
-    clean = Treated(t, x, np.full(len(t), noise_level(t, x)), True)
-    if few or not smooth or np.ptp(x[known]) == 0.0 or choose_method(t, x) == "finite_difference":
+    forced = treatment.view == "weak" and not given and not few
+    level = np.full(len(t), noise_level(t, x))
+    clean = Treated(t, x, level, True, forced, treatment)
+    if few or given or np.ptp(x[known]) == 0.0 or choose_method(t, x) == "finite_difference":
         return clean
+    weak = treatment.view != "derivative" and treatment.derivative == "auto"
     try:
-        treated = Treated(t, x, noise_by_sample(t, x), False)
+        treated = Treated(t, x, noise_by_sample(t, x), False, weak, treatment)
         treated.spline(t[:1])  # made here, so that samples too uneven for it are told
     except np.linalg.LinAlgError:
         return clean

@@ -66,9 +66,10 @@ def _parts_cost(term: Term, inside: bool) -> int:
         return 1 if term.value.is_integer() else 2
     applied = len(term.args) == 1 and term.op not in _PLAIN
     own = 1 + ((7 if inside else 4) if applied else 0)
-    if term.op == "pow" and term.args[1].is_constant:
-        power = abs(term.args[1].value)
-        own += max(int(power) - 2, 0) if power.is_integer() else 0
+    if term.op == "pow":
+        exponent = term.args[-1]
+        whole = exponent.is_constant and exponent.value.is_integer()
+        own += max(int(abs(exponent.value)) - 2, 0) if whole else 0
     return own + sum(_parts_cost(arg, inside or applied) for arg in term.args)
 
 

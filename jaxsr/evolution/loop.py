@@ -21,8 +21,8 @@ from jaxsr.evolution.fitness import FitnessState, fitness, next_state
 from jaxsr.evolution.front import ROUNDING, Front
 from jaxsr.evolution.individual import Individual, Problem
 from jaxsr.evolution.library import small_terms
-from jaxsr.evolution.offers import Offer, with_beam, with_quotients, with_shapes
-from jaxsr.evolution.polish import polish, promising, settled, with_frequencies
+from jaxsr.evolution.offers import Offer, with_beam, with_frequencies, with_quotients, with_shapes
+from jaxsr.evolution.polish import polish, promising, settled
 from jaxsr.evolution.seeds import thinned_bases
 from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
@@ -192,7 +192,7 @@ def step(
         offer = Offer(generation, generation - state.since, state.drawn, enough)
         sets = [
             *promising(ranked, front, refined, config.refined, problem.rows),
-            *with_frequencies(problem, front, generation, config),
+            *with_frequencies(problem, front, offer, config),
             *with_shapes(problem, front, offer, config),
             *with_quotients(problem, front, offer, config),
             *with_beam(problem, front, offer, config),

@@ -20,6 +20,7 @@ _PLAIN = 3  # terms of a law that nothing needs to be offered to
 _BEAM = 2  # generation of a population in which pairs and triples are weighed
 _SMALL = 800  # small terms, and shapes, among which they are sought
 _WIDTH = 80  # pairs, and triples, kept
+_PEAKS, _MANY_PEAKS, _SHORT = 2, 12, 80  # frequencies tried; rows of a short record
 _LOOKED_AT = 10  # grid points looked at for each different shape
 
 
@@ -66,6 +67,39 @@ def with_shapes(problem: Problem, front: Front, offer: Offer, config: SearchConf
         for same in list(kinds.values())[:count]:
             out += [(*terms, term) for term in same[:starts]]
     return out
+
+
+def with_frequencies(
+    problem: Problem, front: Front, offer: Offer, config: SearchConfig
+) -> list[Terms]:
+    """Return members of the front joined by a sine at a frequency of their residual.
+
+    Time, if there is one, is looked at every generation; another variable takes its turn every
+    third one. The first generation of a population looks at whole bases, too.
+    """
+    if "sin" not in config.primitives.functions:
+        return []
+    names = [n for n in problem.variables if n == problem.time]
+    others = [n for n in problem.variables if n != problem.time]
+    if others and offer.generation % 3 == 0:
+        names.append(others[(offer.generation // 3) % len(others)])
+    sets = [member.terms for member in few(front, config.sizes.terms - 1, offer.generation)]
+    if offer.age == 1 and not explained(front, offer.enough):
+        sets += complete(problem, config)
+    # a short record's spectrum is all side lobes: its highest peaks need not be near a wave
+    peaks = _PEAKS if problem.rows >= _SHORT else _MANY_PEAKS
+    out: list[Terms] = []
+    for terms in sets:
+        for name in names:
+            for w in problem.frequencies(terms, name, peaks):
+                out += _waves(terms, name, w)
+    return out
+
+
+def _waves(terms: Terms, name: str, w: float) -> list[Terms]:
+    angle = Term.apply("mul", Term.constant(w), Term.variable(name))
+    shifted = Term.apply("add", angle, Term.constant(0.8))
+    return [(*terms, Term.apply("sin", angle)), (*terms, Term.apply("sin", shifted))]
 
 
 def _shift(offer: Offer) -> float:

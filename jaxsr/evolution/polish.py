@@ -10,7 +10,6 @@ from jaxsr.evolution.config import SearchConfig
 from jaxsr.evolution.front import Front
 from jaxsr.evolution.individual import Individual, Problem
 from jaxsr.evolution.mutate import simpler_terms
-from jaxsr.evolution.offers import few
 from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
 
@@ -39,34 +38,6 @@ def promising(
     on_front = [i for i in front.members if i.terms not in refined and has_constants(i.terms)]
     mixed = [*on_front[-count // 3 :], *by_length[: count // 2], *fresh[: count // 2]]
     return list(dict.fromkeys(i.terms for i in mixed))[:count]
-
-
-def with_frequencies(
-    problem: Problem, front: Front, generation: int, config: SearchConfig
-) -> list[Terms]:
-    """Return members of the front joined by a sine at a frequency of their residual.
-
-    Time, if there is one, is looked at every generation; another variable takes its turn every
-    third one.
-    """
-    if "sin" not in config.primitives.functions:
-        return []
-    names = [n for n in problem.variables if n == problem.time]
-    others = [n for n in problem.variables if n != problem.time]
-    if others and generation % 3 == 0:
-        names.append(others[(generation // 3) % len(others)])
-    out: list[Terms] = []
-    for member in few(front, config.sizes.terms - 1, generation):
-        for name in names:
-            for w in problem.frequencies(member.terms, name, 2):
-                out += _waves(member.terms, name, w)
-    return out
-
-
-def _waves(terms: Terms, name: str, w: float) -> list[Terms]:
-    angle = Term.apply("mul", Term.constant(w), Term.variable(name))
-    shifted = Term.apply("add", angle, Term.constant(0.8))
-    return [(*terms, Term.apply("sin", angle)), (*terms, Term.apply("sin", shifted))]
 
 
 def settled(problem: Problem, moved: Sequence[tuple[Terms, float]]) -> list[tuple[Terms, float]]:

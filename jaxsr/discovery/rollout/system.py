@@ -105,8 +105,9 @@ class _Writer:
 
     def write(self, term: Term, places: Any) -> str:
         if term.is_constant:
-            free = places is not None and not term.value.is_integer()
-            return f"c[{next(places)}]" if free else repr(term.value)
+            if places is None or term.value.is_integer():
+                return repr(term.value)
+            return f"c[{next(places)}]"
         if term.is_variable:
             return self._assign(term, f"v[{term.name!r}]", True)
         if term.op == BOOLEAN:
