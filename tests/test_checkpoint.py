@@ -129,7 +129,9 @@ class _Stop(Exception):
     pass
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 4))]
+)
 def test_a_search_broken_off_again_and_again_ends_as_if_it_never_was(tmp_path, seed):
     """Restarts draw random numbers too; no break may make one of them twice or never."""
     config = replace(CONFIG, population=20, generations=16, refined=2, patience=2)

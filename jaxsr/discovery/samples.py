@@ -6,16 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from jaxsr._result import InputError
 from jaxsr.discovery.treatment import Treatment, treat
 from jaxsr.discovery.weak_rows import WeakRows, weak_rows
 from jaxsr.expressions import is_identifier
 from jaxsr.recordings import Recording, noise_level
-from jaxsr.views import integrate
+from jaxsr.views import choose_method, integrate
 
 Trace = dict[str, dict[str, np.ndarray]]
-"""Of one recording: "time", "values" of all states and inputs, "measured" states, their "noise"."""
+"""Of one recording: "time"; "values" of all states and inputs and, of smooth ones, their "slopes";
+"measured" states and their "noise"."""
+_CUBIC = 8  # samples
 _TOLD = 100  # samples of which noise can be told
 _FINEST = 1e-3  # noise of a state relative to its spread, at least: no model is truer
 
@@ -193,9 +196,11 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
             if signal.weak:
                 weak[state] = weak_rows(t, signal.recorded, signal.noise, order)
     known = {n: e for n, e in errors.items() if e is not None}
+    driving = {n: _filled(t, v) for n, v in values.items() if n != roles.time}
     trace = {
         "time": {"t": t},
-        "values": {n: _filled(t, v) for n, v in values.items() if n != roles.time},
+        "values": driving,
+        "slopes": {n: CubicSpline(t, v)(t, 1) for n, v in driving.items() if _is_smooth(t, v)},
         "measured": {n: signal.recorded for n, signal in treated.items()},
         "noise": {
             n: np.maximum(signal.noise, _FINEST * float(np.nanstd(signal.recorded)) or 1.0)
@@ -223,6 +228,12 @@ def _integrated(recording: Recording, roles: Roles) -> Recording:
         if len(channels) > len(recording.channels)
         else recording
     )
+
+
+def _is_smooth(t: np.ndarray, values: np.ndarray) -> bool:
+    """Tell whether a cubic between samples is nearer than a straight line."""
+    enough = len(t) > _CUBIC and np.ptp(values) > 0.0 and np.all(np.isfinite(values))
+    return bool(enough) and choose_method(t, values) == "finite_difference"
 
 
 def _filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:

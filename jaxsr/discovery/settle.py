@@ -32,6 +32,7 @@ _NODE = 2.0  # price of a node, in twice the logarithm of a likelihood
 _ROWS = 60.0  # rows that overlapping test functions are worth
 _PATIENCE = 16  # candidates that may follow the best one
 _FEW, _HOPELESS = 4, 20.0  # what fits worse than noise, or few terms, by so much is left out
+_BELOW_NOISE = 0.5  # mean square over the noise's below which fits differ by numerics alone
 _NOISE_LIMITED = 1.5  # mean square over the noise's up to which noise is all that is left
 
 
@@ -177,7 +178,8 @@ class Judged:
         """Return the description length: N log(loss) + k log N + 2 complexity."""
         count = self.fit.count
         free = len(self.fit.constants)
-        told = count * float(np.log(self.fit.loss)) + free * float(np.log(count))
+        loss = max(self.fit.loss, _BELOW_NOISE)
+        told = count * float(np.log(loss)) + free * float(np.log(count))
         return told + _NODE * self.size
 
 

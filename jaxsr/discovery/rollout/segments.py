@@ -20,6 +20,8 @@ class Segments:
     values : dict of str to ndarray, (samples, segments)
         Every state, smoothed, and every input: what drives the states that are not simulated,
         and where those that are start.
+    slopes : dict of str to ndarray, (samples, segments)
+        Time derivatives of those that are smooth, for cubics between samples.
     measured : dict of str to ndarray, (samples, segments)
         Recorded samples of the states that have a sensor, NaN where missing.
     noise : dict of str to ndarray, (samples, segments)
@@ -28,6 +30,7 @@ class Segments:
 
     time: np.ndarray
     values: Table
+    slopes: Table
     measured: Table
     noise: Table
 
@@ -40,7 +43,7 @@ class Segments:
         """Return some of the segments."""
         tables = (
             {k: v[:, which] for k, v in table.items()}
-            for table in (self.values, self.measured, self.noise)
+            for table in (self.values, self.slopes, self.measured, self.noise)
         )
         return Segments(self.time[:, which], *tables)
 
@@ -50,8 +53,8 @@ def cut(recordings: Sequence[Mapping[str, Table]], length: int, most: int) -> Se
 
     Parameters
     ----------
-    recordings : sequence of {"time", "values", "measured", "noise"}
-        Tables of arrays (samples,); "time" holds one, "t".
+    recordings : sequence of {"time", "values", "slopes", "measured", "noise"}
+        Tables of arrays (samples,); "time" holds one, "t"; "slopes" may be absent.
     length : int
         Samples in a segment.
     most : int
@@ -67,18 +70,19 @@ def cut(recordings: Sequence[Mapping[str, Table]], length: int, most: int) -> Se
         places = [places[k] for k in chosen]
 
     def table(key: str, hold: bool) -> Table:
-        names = recordings[0][key]
+        names = set.intersection(*(set(r.get(key, ())) for r in recordings))
         return {
             name: np.column_stack(
                 [_stretch(recordings[n][key][name], start, length, hold) for n, start in places]
             )
-            for name in names
+            for name in sorted(names)
         }
 
     time = np.column_stack(
         [_instants(recordings[n]["time"]["t"], start, length) for n, start in places]
     )
-    return Segments(time, table("values", True), table("measured", False), table("noise", True))
+    values, slopes = table("values", True), table("slopes", True)
+    return Segments(time, values, slopes, table("measured", False), table("noise", True))
 
 
 def _stretch(values: np.ndarray, start: int, length: int, hold: bool) -> np.ndarray:

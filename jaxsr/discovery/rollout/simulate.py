@@ -21,7 +21,9 @@ def simulate(
     starts: np.ndarray,
     substeps: int = 1,
 ) -> np.ndarray:
-    """Integrate by the classical method of order four, inputs linear between samples.
+    """Integrate by the classical method of order four.
+
+    Between samples, driving signals are cubics where their slopes are known, else straight.
 
     Parameters
     ----------
@@ -46,11 +48,16 @@ def simulate(
     out[0] = x = starts.copy()
 
     def f(x: np.ndarray, place: int, part: float) -> np.ndarray:
-        values: dict[str, Any] = {
-            n: v[place] + part * (v[place + 1] - v[place]) for n, v in driven.items()
-        }
         t = segments.time
-        values[time_name] = t[place] + part * (t[place + 1] - t[place])
+        step = t[place + 1] - t[place]
+        values: dict[str, Any] = {time_name: t[place] + part * step}
+        for name, v in driven.items():
+            change = v[place + 1] - v[place]
+            values[name] = v[place] + part * change
+            slope = segments.slopes.get(name)
+            if slope is not None and 0.0 < part < 1.0:
+                first, last = slope[place] * step - change, slope[place + 1] * step - change
+                values[name] += part * (1.0 - part) * ((1.0 - part) * first - part * last)
         values.update(zip(states, x, strict=True))
         result = np.empty_like(x)
         for row, rate in enumerate(rates(values, c)):
