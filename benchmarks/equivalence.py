@@ -50,7 +50,8 @@ def equivalent(
 
 def _plain(expression: sympy.Expr) -> sympy.Expr:
     """Expand products, angle sums and exponents; Abs and sign of a variable are generators."""
-    out = sympy.expand(expression, trig=False)
+    out = expression.replace(sympy.cot, lambda x: sympy.cos(x) / sympy.sin(x))
+    out = sympy.expand(out.replace(sympy.tan, lambda x: sympy.sin(x) / sympy.cos(x)), trig=False)
     out = sympy.expand_trig(out.rewrite(sympy.exp) if out.has(sympy.tanh) else out)
     out = _as_generators(out)
     # twelve digits, so that equal numbers are equal whatever they were computed from

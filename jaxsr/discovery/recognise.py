@@ -12,13 +12,15 @@ from jaxsr.discovery.samples import Samples
 from jaxsr.expressions.term import Term
 from jaxsr.recordings import noise_level
 
+_MOST_LEFT = 0.1  # of the motion's square that an integral may miss, however noisy the sensor
+
 
 def recognised(samples: Samples, state: str, states: Sequence[str]) -> str | None:
     """Return the state whose integral over time is ``state``, if there is one.
 
     The integral is compared and not the derivative: it needs no differentiation and averages
-    noise. The slope must be 1 within 1 %, and what is left over at most 2 % of the motion, or
-    twice the sensor's noise.
+    noise. The slope must be 1 within 1 % and what noise adds, and what is left over at most 2 % of
+    the motion, or twice the sensor's noise.
     """
     time = samples.variables[next(iter(samples.variables))]
     groups = [samples.group == number for number in np.unique(samples.group)]
@@ -27,7 +29,8 @@ def recognised(samples: Samples, state: str, states: Sequence[str]) -> str | Non
     noise = sum(v**2 * np.count_nonzero(g) for v, g in zip(levels, groups, strict=True))
     if not motion @ motion > 0.0:
         return None
-    allowed = min(max(4e-4 * float(motion @ motion), 4.0 * noise), 0.04 * float(motion @ motion))
+    size = float(motion @ motion)
+    allowed = min(max(4e-4 * size, 4.0 * noise), _MOST_LEFT * size)
     for other in states:
         rate = samples.variables[other]
         if other == state or not np.any(rate):
@@ -38,7 +41,9 @@ def recognised(samples: Samples, state: str, states: Sequence[str]) -> str | Non
             continue
         slope = float(area @ motion / (area @ area))
         left = motion - slope * area
-        if abs(slope - 1.0) < 0.01 and left @ left < allowed:
+        # neighbours of a noisy rate's integral err alike: a tenth of the samples tell something
+        doubt = np.sqrt(10.0 * float(left @ left) / (size * len(left)))
+        if abs(slope - 1.0) < 0.01 + 2.0 * doubt and left @ left < allowed:
             return other
     return None
 

@@ -37,6 +37,8 @@ def small_terms(names: Sequence[str], primitives: PrimitiveSet, most: int = 2000
     if "div" in functions:
         groups.append(Term.apply("div", a, b) for a in [ONE, *variables] for b in variables)
         groups.append(Term.apply("div", a, b) for a in [ONE, *variables] for b in applied)
+        if len(variables) <= _FEW:
+            groups.append(Term.apply("div", a, b) for a in applied for b in variables)
     if "mul" in functions:
         groups.append(_product(a, b) for a, b in _pairs(applied))
         if len(variables) <= _FEW:
@@ -136,8 +138,8 @@ def _steps(a: str, b: str, variables: Mapping[str, np.ndarray], shift: float) ->
     for first, second in itertools.product((1.5, 5.0), (-5.0, -1.5, 1.5, 5.0)):
         slopes = first * 3.0**shift / wide, second * 3.0**shift / other
         inner = Term.apply("add", _times(slopes[0], v), _times(slopes[1], w))
-        for shift in (-2.0, 0.0, 2.0):
-            offset = shift - slopes[0] * centre - slopes[1] * middle
+        for place in (-2.0, 0.0, 2.0):
+            offset = place - slopes[0] * centre - slopes[1] * middle
             yield _over(_plus(Term.apply("exp", _plus(inner, offset)), 1.0))
 
 
