@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -18,7 +19,19 @@ from jaxsr.evolution import (
     search,
 )
 from jaxsr.evolution.library import shape_terms, small_terms
-from jaxsr.evolution.offers import kind
+from jaxsr.evolution.offers import (
+    Offer,
+    distinct,
+    few,
+    frequencies_of,
+    kind,
+    small_offers,
+    with_beam,
+    with_frequencies,
+    with_quotients,
+    with_shapes,
+)
+from jaxsr.evolution.seeds import bases, complete, thinned_bases
 from jaxsr.expressions import Term, evaluate, parse, to_text
 from jaxsr.expressions.editing import edit
 from jaxsr.regression import RegressionProblem
@@ -337,7 +350,7 @@ def test_waves_of_time_below_the_line() -> None:
     problem = RegressionProblem(y, {"t": t})
     found = quotients(problem, [3.0], 4)
     assert problem.solve(found)[1][0] < 1e-18
-    assert not found or problem.solve(quotients(problem, [2.9], 4))[1][0] > 1e-6
+    assert problem.solve(quotients(problem, [2.9], 4))[1][0] > 1e-6
 
 
 def test_quotients_mean_nothing_in_a_weak_view_but_may_be_weighted() -> None:
@@ -491,6 +504,157 @@ def test_the_best_subset_of_every_size_is_brute_forces() -> None:
             itertools.combinations(range(6), size), key=lambda s: _loss(columns[:, s], problem.y)
         )
         assert frozenset(powers[k] for k in best) in found
+
+
+def test_a_polynomial_without_noise_is_in_the_chain_of_its_basis() -> None:
+    for seed in range(20):
+        rng = np.random.default_rng([20, seed])
+        data = {n: rng.uniform(-2.0, 2.0, size=200) for n in ("x", "v")}
+        basis = [p for d in range(5) for p in _powers(d)]
+        true = [basis[k] for k in rng.choice(len(basis), int(rng.integers(1, 7)), replace=False)]
+        columns = np.column_stack([data["x"] ** a * data["v"] ** b for a, b in true])
+        coefficients = rng.choice([-1.0, 1.0], len(true)) * rng.uniform(0.2, 5.0, len(true))
+        problem = RegressionProblem(columns @ coefficients, data)
+        words = ["*".join(["1.0", *["x"] * a, *["v"] * b]) for a, b in true]
+        chains = {frozenset(s) for s in thinned_bases(problem, SearchConfig())}
+        assert frozenset(edit([parse(w, ["x", "v"]) for w in words])) in chains, seed
+
+
+@pytest.mark.parametrize(("count", "rows"), [(1, 300), (2, 300), (2, 20), (5, 300), (12, 600)])
+def test_bases_hold_every_monomial_and_leave_rows_to_spare(count: int, rows: int) -> None:
+    rng = np.random.default_rng(21)
+    data = {f"x{k}": rng.normal(size=rows) for k in range(count)}
+    problem = RegressionProblem(rng.normal(size=rows), data)
+    found = bases(problem, SearchConfig())
+    sizes = [math.comb(count + degree, degree) for degree in range(1, 6)]
+    assert [len(b) for b in found] == [n for n in sizes if n <= min(130, rows // 3)]
+    assert all(set(a) < set(b) for a, b in itertools.pairwise(found))
+    assert all(len(b) <= 12 for b in complete(problem, SearchConfig()))
+
+
+# ---------------------------------------------------------------- offers
+
+
+def _front(problem: RegressionProblem, sets: list[list[Term]]) -> Front:
+    _, losses = problem.solve(sets)
+    pairs = zip(sets, losses, strict=True)
+    return Front().with_(Individual.of(terms, loss) for terms, loss in pairs)
+
+
+def test_a_kind_is_a_form_without_its_fitted_values() -> None:
+    names = ["x", "v"]
+    same = [parse(w, names) for w in ("sin(1.3*x)", "sin(2.7*x)", "sin(0.1*x)")]
+    other = [parse(w, names) for w in ("sin(1.3*v)", "cos(1.3*x)", "sin(2*x)", "sin(3*x)")]
+    assert len({kind(t) for t in same}) == 1
+    assert len({kind(t) for t in [same[0], *other]}) == 5
+
+
+def test_a_set_is_the_same_in_any_order() -> None:
+    a, b, c = (Term.variable(n) for n in "abc")
+    assert len(distinct([(a, b), (b, a), (a, c), (c,), (c, a)])) == 3
+
+
+def test_small_offers_are_those_that_gain_most() -> None:
+    rng = np.random.default_rng(22)
+    x, v = rng.uniform(0.5, 2.0, size=(2, 150))
+    data = {"x": x, "v": v}
+    problem = RegressionProblem(3.0 * x - np.sin(x) * v**2 + 0.3 * rng.normal(size=150), data)
+    config = SearchConfig()
+    terms = small_terms(["x", "v"], config.primitives)
+    with np.errstate(all="ignore"):
+        columns = [np.broadcast_to(evaluate(t, data), 150) for t in terms]
+    held = (Term.variable("x"),)
+    before = _loss(x[:, None], problem.y)
+    best = -np.inf
+    for column in columns:
+        pair = np.column_stack([x, column])
+        if np.all(np.isfinite(pair)) and np.any(column):
+            best = max(best, before - _loss(pair, problem.y))
+    offered = small_offers(problem, config, held, 5)
+    gains = [before - _loss(problem.columns([*held, t]), problem.y) for t in offered]
+    assert gains[0] == pytest.approx(best, rel=1e-4)
+    assert np.all(np.diff(gains) < 1e-6)
+
+
+def test_shapes_offered_to_whole_bases_hold_the_form_of_the_law() -> None:
+    config = SearchConfig()
+    for seed in range(10):
+        rng = np.random.default_rng([23, seed])
+        x = rng.uniform(0.0, 4.0, size=200)
+        y = 1.0 + 0.5 * x - 2.0 * x / (x + rng.uniform(0.2, 3.0))
+        problem = RegressionProblem(y, {"x": x})
+        front = _front(problem, [[Term.variable("x")], [Term.constant(1.0), Term.variable("x")]])
+        offered = with_shapes(problem, front, Offer(1, 1, 0, 0.0), config)
+        assert offered == with_shapes(problem, front, Offer(1, 1, 0, 0.0), config)
+        # from one of them a refinement of constants arrives at the law
+        forms = {t for terms in offered for t in terms if kind(t).startswith("div(1,add(")}
+        linear = (Term.constant(1.0), Term.variable("x"))
+        ended = problem.refine_many([(*linear, t) for t in forms if "exp" not in kind(t)])
+        assert min(loss for _, loss in ended) < 1e-15
+        again = with_shapes(problem, front, Offer(9, 1, 1, 0.0), config)
+        assert set(again) != set(offered)  # the next population has its own grid
+
+
+def test_pairs_and_triples_are_weighed_once_and_not_where_all_is_explained() -> None:
+    rng = np.random.default_rng(24)
+    x, v = rng.uniform(0.5, 2.0, size=(2, 120))
+    problem = RegressionProblem(np.sin(x) - v / x, {"x": x, "v": v})
+    poor = _front(problem, [[Term.variable("x")]])
+    config = SearchConfig()
+    assert with_beam(problem, poor, Offer(1, 1, 0, 1e-12), config) == []
+    assert with_beam(problem, poor, Offer(3, 3, 0, 1e-12), config) == []
+    sets = with_beam(problem, poor, Offer(2, 2, 0, 1e-12), config)
+    law = [parse(w, ["x", "v"]) for w in ("sin(x)", "v/x")]
+    assert problem.solve(sets[:1])[1][0] < 1e-20  # sign(x)*sin(x) says the same here
+    assert set(law) in list(map(set, sets))
+    good = _front(problem, [law])
+    assert with_beam(problem, good, Offer(2, 2, 0, 1e-12), config) == []
+
+
+def test_frequencies_are_offered_where_a_wave_is() -> None:
+    t = np.linspace(0.0, 20.0, 400)
+    x = np.sin(0.37 * t)
+    problem = RegressionProblem(2.0 * x + np.sin(3.3 * t + 1.0), {"t": t, "x": x})
+    front = _front(problem, [[Term.variable("x")]])
+    sets = with_frequencies(problem, front, Offer(2, 2, 0, 0.0), SearchConfig())
+    ended = problem.refine_many(sets)
+    assert min(loss for _, loss in ended) < 1e-15
+    best = min(ended, key=lambda pair: pair[1])[0]
+    (w,) = frequencies_of(_front(problem, [list(best)]), "t")
+    assert w == pytest.approx(3.3, rel=1e-6)
+    no_waves = SearchConfig(primitives=PrimitiveSet(functions=("add", "mul")))
+    assert with_frequencies(problem, front, Offer(2, 2, 0, 0.0), no_waves) == []
+
+
+def test_frequencies_of_a_front_are_told_once() -> None:
+    words = ["sin(3.0*t)", "cos(3.001*t)", "sin(-7.5*t + 0.3)", "sin(2.0*x)", "t*sin(9.1*t)"]
+    terms = tuple(parse(w, ["t", "x"]) for w in words)
+    front = Front().with_([Individual.of(terms, 0.5)])
+    np.testing.assert_allclose(frequencies_of(front, "t"), [3.0, 7.5], rtol=1e-3)
+
+
+def test_quotients_are_offered_in_generations_that_double() -> None:
+    rng = np.random.default_rng(25)
+    x = rng.uniform(0.5, 2.0, size=100)
+    problem = RegressionProblem(x / (x + 1.3), {"x": x})
+    front = _front(problem, [[Term.variable("x")]])
+    offered = [
+        bool(with_quotients(problem, front, Offer(g, g, 0, 0.0), SearchConfig()))
+        for g in range(1, 9)
+    ]
+    assert offered == [True, *[False] * 7]  # later ones wait for waves of time
+
+
+@pytest.mark.parametrize("generation", range(8))
+def test_few_of_a_front_are_its_ends_and_two_between(generation: int) -> None:
+    x = Term.variable("x")
+    front = Front(tuple(Individual((x,) * (k + 1), 2.0**-k, k, 0) for k in range(9)))
+    picked = few(front, 7, generation)
+    assert {picked[0].size, picked[-1].size} == {0, 6} and len(picked) <= 4
+    assert all(len(m.terms) <= 7 for m in picked)
+    # within as many generations as there are members everyone has had a turn
+    turns = {m.size for g in range(7) for m in few(front, 7, g)}
+    assert turns == set(range(7))
 
 
 # ---------------------------------------------------------------- complexity, front
