@@ -16,7 +16,14 @@ import numpy as np
 from jaxsr._progress import Budget
 from jaxsr.discovery.equation import Equation, FittedTerm, weighted_sum
 from jaxsr.discovery.find import Task
-from jaxsr.discovery.rollout import RolloutFit, Segments, System, cut, fine_enough, fit_rollout
+from jaxsr.discovery.rollout import (
+    RolloutFit,
+    Segments,
+    System,
+    cut,
+    fine_enough,
+    fit_rollout,
+)
 from jaxsr.discovery.samples import Trace
 from jaxsr.expressions.term import Term
 
@@ -24,14 +31,16 @@ _SEGMENTS = 8  # stretches that a single recording is cut into
 _SHORTEST, _LONGEST = 12, 257  # samples of a stretch
 _MOST = 32  # stretches in all
 _WORTH = 1.02  # an error within this factor of the best is as good
+_WHOLE = 2000  # samples of a recording that counts as whole
 _FOLLOWED = 1.3  # rise of the error at which a longer stretch is no longer followed
 _QUICK, _THOROUGH = 8, 20  # iterations of a candidate's fit, and of the last one
 _PICKING = 0.6  # share of the time for equations one by one; the rest is for all together
-_RIVALS = 4  # candidates of an equation that are tried together with the others
+_RIVALS = 12  # candidates of an equation that are tried together with the others
 _NODE = 2.0  # price of a node, in twice the logarithm of a likelihood
 _ROWS = 60.0  # rows that overlapping test functions are worth
-_PATIENCE = 16  # candidates that may follow the best one
-_FEW, _HOPELESS = 4, 20.0  # what fits worse than noise, or few terms, by so much is left out
+_LONG = 4  # picks that are fitted to whole recordings
+_PATIENCE = 30  # candidates that may follow the best one
+_FEW, _HOPELESS = 4, 100.0  # what fits worse than noise, or few terms, by so much is left out
 _BELOW_NOISE = 0.5  # mean square over the noise's below which fits differ by numerics alone
 _NOISE_LIMITED = 1.5  # mean square over the noise's up to which noise is all that is left
 
@@ -129,7 +138,8 @@ def settle(
         share = replace(trial, budget=budget.share(_PICKING / (len(open_) - place * _PICKING)))
         companions = _companions(state, trial, equations)
         rankings[state] = _ranked(found[state], share, companions) or [found[state].pick]
-    found, result = _together(found, rankings, trial)
+    whole = replace(trial, segments=cut(traces, min(longest, _WHOLE), len(traces)))
+    found, result = _together(found, rankings, trial, whole)
     return _estimated(found, result, trial, traces, length)
 
 
@@ -162,7 +172,7 @@ def _ranked(equation: Equation, trial: Trial, companions: Sequence[str]) -> list
         if told is not None:
             judged.append(Judged(k, told, candidate.size))
             since = 0 if judged[-1].length <= min(j.length for j in judged) else since
-    return _order(judged)[:_RIVALS]
+    return _order(_distinct(judged))[:_RIVALS]
 
 
 @dataclass(frozen=True)
@@ -181,6 +191,14 @@ class Judged:
         loss = max(self.fit.loss, _BELOW_NOISE)
         told = count * float(np.log(loss)) + free * float(np.log(count))
         return told + _NODE * self.size
+
+
+def _distinct(judged: Sequence[Judged]) -> list[Judged]:
+    """Leave out what simulates the same as something plainer: sign(x) for 1 where x > 0."""
+    out: dict[tuple[int, float], Judged] = {}
+    for j in sorted(judged, key=lambda j: j.size):
+        out.setdefault((len(j.fit.constants), float(f"{j.fit.loss:.6g}")), j)
+    return list(out.values())
 
 
 def _order(judged: Sequence[Judged]) -> list[int]:
@@ -219,37 +237,75 @@ def _hopeful(equation: Equation) -> list[int]:
 
 
 def _together(
-    found: Mapping[str, Equation], rankings: Mapping[str, Sequence[int]], trial: Trial
+    found: Mapping[str, Equation], rankings: Mapping[str, Sequence[int]], trial: Trial, whole: Trial
 ) -> tuple[dict[str, Equation], Result | None]:
-    """Choose the picks whose equations simulate together, changing one at a time.
+    """Choose the picks whose equations simulate together, the whole recordings if they can.
 
     An equation may follow recorded neighbours well and still, once they are simulated too, lead
-    the whole system astray.
+    the whole system astray; and a neighbour that changed fast was smoothed. So the picks are
+    improved one equation at a time, all of them simulated, until nothing is gained. The best few
+    are then fitted to whole recordings, which alone tell slow motions apart: the shortest
+    description of these is taken or, where none can be followed so far, as in chaos, the
+    shortest of the stretches.
     """
-    picks = {state: order[0] for state, order in rankings.items()}
+    tried: dict[tuple[int, ...], tuple[float, dict[str, int], Result | None]] = {}
 
-    def fitted(picks: Mapping[str, int]) -> tuple[float, Result | None]:
-        chosen = {s: replace(e, pick=picks.get(s, e.pick)) for s, e in found.items()}
-        terms = {s: _terms(e) for s, e in chosen.items()}
-        result = trial.fit(terms, {s: _coefficients(e) for s, e in chosen.items()}, _THOROUGH)
-        if result is None:
-            return np.inf, None
-        told = trial.judged(result)
-        if told is None:
-            return np.inf, result
-        size = sum(e.front[e.pick].size for e in chosen.values() if e.front)
-        return Judged(0, told, size).length, result
+    def length(picks: dict[str, int]) -> float:
+        key = tuple(picks.values())
+        if key not in tried:
+            chosen = _with_picks(found, picks)
+            terms = {s: _terms(e) for s, e in chosen.items()}
+            result = trial.fit(terms, {s: _coefficients(e) for s, e in chosen.items()}, _QUICK)
+            tried[key] = _described(chosen, result, trial), picks, result
+        return tried[key][0]
 
-    length, result = fitted(picks)
-    for state, order in rankings.items():
-        for place in order[1:]:
-            if trial.budget.exhausted or (result is not None and len(rankings) == 1):
-                break
-            other = picks | {state: place}
-            after, moved = fitted(other)
-            if after < length:
-                picks, length, result = other, after, moved
-    return {s: replace(e, pick=picks.get(s, e.pick)) for s, e in found.items()}, result
+    best = {state: order[0] for state, order in rankings.items()}
+    shortest, before = length(best), np.inf
+    while len(rankings) > 1 and shortest < before and not trial.budget.exhausted:
+        before = shortest
+        for state, order in rankings.items():
+            for place in order:
+                if trial.budget.exhausted:
+                    break
+                if (after := length(best | {state: place})) < shortest:
+                    best, shortest = best | {state: place}, after
+    if len(rankings) == 1:
+        for place in next(iter(rankings.values()))[:_LONG]:
+            length({state: place for state in rankings})
+    picks, result = _longest_followed(found, list(tried.values()), whole)
+    return _with_picks(found, picks or best), result
+
+
+def _longest_followed(
+    found: Mapping[str, Equation],
+    tried: Sequence[tuple[float, dict[str, int], Result | None]],
+    whole: Trial,
+) -> tuple[dict[str, int] | None, Result | None]:
+    """Return the picks that describe whole recordings best, of those few that stretches prefer."""
+    few = sorted((t for t in tried if t[2] is not None), key=lambda t: t[0])[:_LONG]
+    followed: list[tuple[float, dict[str, int], Result]] = []
+    for _, picks, result in few:
+        if result is None or (whole.budget.exhausted and followed):
+            break
+        longer = whole.fit(*_moved(result), iterations=_QUICK)
+        if longer is not None and longer[1].loss <= _FOLLOWED * result[1].loss:
+            told = _described(_with_picks(found, picks), longer, whole)
+            followed.append((told, picks, result))
+    if followed:
+        _, picks, result = min(followed, key=lambda item: item[0])
+        return picks, result
+    return (few[0][1], few[0][2]) if few else (None, None)
+
+
+def _described(chosen: Mapping[str, Equation], result: Result | None, trial: Trial) -> float:
+    told = None if result is None else trial.judged(result)
+    if told is None:
+        return np.inf
+    return Judged(0, told, sum(e.front[e.pick].size for e in chosen.values() if e.front)).length
+
+
+def _with_picks(found: Mapping[str, Equation], picks: Mapping[str, int]) -> dict[str, Equation]:
+    return {s: replace(e, pick=picks.get(s, e.pick)) for s, e in found.items()}
 
 
 def _as_good(error: np.ndarray, best: np.ndarray) -> bool:
