@@ -52,7 +52,7 @@ def _plain(expression: sympy.Expr) -> sympy.Expr:
     """Expand products, angle sums and exponents; Abs and sign of a variable are generators."""
     out = expression.replace(sympy.cot, lambda x: sympy.cos(x) / sympy.sin(x))
     out = sympy.expand(out.replace(sympy.tan, lambda x: sympy.sin(x) / sympy.cos(x)), trig=False)
-    out = sympy.expand_trig(out.rewrite(sympy.exp) if out.has(sympy.tanh) else out)
+    out = sympy.expand_trig(out.replace(sympy.tanh, lambda u: 1 - 2 / (1 + sympy.exp(2 * u))))
     out = _as_generators(out)
     # twelve digits, so that equal numbers are equal whatever they were computed from
     out = out.xreplace({n: sympy.Float(f"{float(n):.12g}") for n in out.atoms(sympy.Float)})
@@ -125,10 +125,11 @@ def _renamed(found: sympy.Expr, truth: sympy.Expr, tolerance: float) -> sympy.Ex
 
     def nearest(number: sympy.Expr) -> sympy.Expr:
         value = float(number)
-        for other in known:
-            if other and abs(value - other) <= tolerance * abs(other):
-                whole = float(other).is_integer()
-                return sympy.Integer(int(other)) if whole else sympy.Float(f"{other:.12g}")
+        near = [n for n in known if n and abs(value - n) <= tolerance * abs(n)]
+        if near:
+            other = min(near, key=lambda n: abs(value - n) / abs(n))
+            whole = float(other).is_integer()
+            return sympy.Integer(int(other)) if whole else sympy.Float(f"{other:.12g}")
         return number
 
     def inside(node: sympy.Expr) -> sympy.Expr:

@@ -20,18 +20,21 @@ def rounded(problem: RegressionProblem, terms: Sequence[Term]) -> tuple[Term, ..
     """Round inner constants that lie next to whole numbers, where the fit does not suffer.
 
     x**1.9999999 is the square, and sin(x - 1.0000002*y) the sine of a difference. A constant is
-    rounded if the residual sum of squares, other constants refined again, rises by no more than
-    a parameter at its true value would cost, or stays within the errors of the target.
+    rounded if the residual sum of squares rises by no more than a parameter at its true value would
+    cost, or stays within the errors of the target.
     """
     terms, loss = problem.refine(terms)
+    total = problem.total or 1.0
     for old, new in _candidates(terms):
         if old not in terms:
             continue
-        trial = tuple(new if term == old else term for term in terms)
-        moved, after = problem.refine(trial)
+        trial = edit(new if term == old else term for term in terms)
+        if not trial or -1 in problem.index(trial):
+            continue
+        after = problem.fit(trial).loss * problem.rows / total
         allowed = max(loss * (1.0 + _RISE / problem.rows), loss + problem.floor)
-        if edit(moved) and np.isfinite(after) and after <= allowed:
-            terms, loss = edit(moved), after
+        if after <= allowed:
+            terms, loss = trial, after
     return tuple(terms)
 
 

@@ -153,7 +153,7 @@ def samples(recordings: Sequence[Recording], roles: Roles) -> Samples:
         _joined([{n: p.errors[n] for n in sorted(kept["errors"])} for p in parts]),
         {n: float(np.median([p.noise[n] for p in parts])) for n in parts[0].noise},
         {n: WeakRows.joined([p.weak[n] for p in parts]) for n in sorted(kept["weak"])},
-        tuple(trace for p in parts for trace in p.traces),
+        _levelled([trace for p in parts for trace in p.traces]),
     )
     columns = (*whole.variables.values(), *whole.targets.values())
     complete = np.all([np.isfinite(v) for v in columns], axis=0)
@@ -161,6 +161,20 @@ def samples(recordings: Sequence[Recording], roles: Roles) -> Samples:
         names = ", ".join(recording.name for recording in recordings)
         raise InputError("no sample has every state, input and derivative", names)
     return whole if np.all(complete) else whole.take(np.flatnonzero(complete))
+
+
+def _levelled(traces: Sequence[Trace]) -> tuple[Trace, ...]:
+    """Give short recordings, whose noise cannot be told, no less than the others' median noise."""
+    long = [trace for trace in traces if len(trace["time"]["t"]) >= _TOLD]
+    out = []
+    for trace in traces:
+        noise = dict(trace["noise"])
+        if long and len(trace["time"]["t"]) < _TOLD:
+            for name, own in noise.items():
+                usual = float(np.median([np.sqrt(np.mean(o["noise"][name] ** 2)) for o in long]))
+                noise[name] = np.maximum(own, usual)
+        out.append({**trace, "noise": noise})
+    return tuple(out)
 
 
 def _joined(tables: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

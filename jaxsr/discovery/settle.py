@@ -121,7 +121,7 @@ def settle(
     could tell nothing more. So does everything where no candidate can be simulated. Candidates are
     judged on ``validation``, where there is any, else by leaving stretches out.
     """
-    open_ = [e.state for e in equations if e.front and not e.exact]
+    open_ = [e.state for e in equations if _is_open(e)]
     if not open_:
         return list(equations)
     found = {e.state: e for e in equations}
@@ -130,7 +130,7 @@ def settle(
     length = int(np.clip(longest // pieces + 1, _SHORTEST, _LONGEST))
     time = next(iter(tasks.values())).time
     known = {s: task.known for s, task in tasks.items() if task.known is not None}
-    known |= {e.state: e.term for e in equations if not e.front and e.state not in known}
+    known |= {e.state: e.term for e in equations if not _is_open(e)}
     judge = cut(validation, length, _MOST) if validation else None
     trial = Trial(cut(traces, length, _MOST), time, known, budget, judge=judge)
     rankings: dict[str, list[int]] = {}
@@ -141,6 +141,11 @@ def settle(
     whole = replace(trial, segments=cut(traces, min(longest, _WHOLE), len(traces)))
     found, result = _together(found, rankings, trial, whole)
     return _estimated(found, result, trial, traces, length)
+
+
+def _is_open(equation: Equation) -> bool:
+    """Tell whether roll-outs may choose and estimate an equation: searched, and not exact."""
+    return bool(equation.front) and not equation.exact
 
 
 def _companions(state: str, trial: Trial, equations: Sequence[Equation]) -> list[str]:
@@ -301,7 +306,7 @@ def _described(chosen: Mapping[str, Equation], result: Result | None, trial: Tri
     told = None if result is None else trial.judged(result)
     if told is None:
         return np.inf
-    return Judged(0, told, sum(e.front[e.pick].size for e in chosen.values() if e.front)).length
+    return Judged(0, told, sum(e.front[e.pick].size for e in chosen.values() if _is_open(e))).length
 
 
 def _with_picks(found: Mapping[str, Equation], picks: Mapping[str, int]) -> dict[str, Equation]:
@@ -345,7 +350,7 @@ def _estimated(
     system, fitted = result
     ends = fitted.ci95()
     parts = system.unpacked(fitted.constants)
-    return [_with_constants(e, parts[s], ends) if e.front else e for s, e in found.items()]
+    return [_with_constants(e, parts[s], ends) if _is_open(e) else e for s, e in found.items()]
 
 
 def _parts(result: Result, trial: Trial) -> tuple[System, Segments, RolloutFit]:
@@ -360,11 +365,11 @@ def _moved(result: Result) -> tuple[dict[str, tuple[Term, ...]], dict[str, list[
 
 
 def _terms(equation: Equation) -> tuple[Term, ...]:
-    return equation.front[equation.pick].fit.terms if equation.front else ()
+    return equation.front[equation.pick].fit.terms if _is_open(equation) else ()
 
 
 def _coefficients(equation: Equation) -> list[float]:
-    return equation.front[equation.pick].fit.coefficients.tolist() if equation.front else []
+    return equation.front[equation.pick].fit.coefficients.tolist() if _is_open(equation) else []
 
 
 def _with_constants(
