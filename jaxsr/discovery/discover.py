@@ -195,6 +195,7 @@ def discover(
         # roll-outs know no signs: what they turned round stays as it was
         pairs = zip(equations, settled, strict=True)
         equations = [b if obeys(b, tasks[b.state].signs) else a for a, b in pairs]
+    equations = [equation.trimmed() for equation in equations]
     model = found_model(equations, part, time, table)
     if held_out:
         unseen = samples([read(source) for source in held_out], part)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import sympy
@@ -69,6 +69,18 @@ class Equation:
     def expression(self) -> str:
         """Return the right-hand side in the model grammar."""
         return to_text(self.term)
+
+    def trimmed(self) -> Equation:
+        """Return the equation with what nothing smaller beats on its front, and its pick."""
+        kept, best = [], np.inf
+        for k, candidate in enumerate(self.front):
+            if candidate.train_mse < best or k == self.pick:
+                kept.append(k)
+            best = min(best, candidate.train_mse)
+        if not kept:
+            return self
+        front = tuple(self.front[k] for k in kept)
+        return replace(self, front=front, pick=kept.index(self.pick))
 
     def sympy(self) -> sympy.Basic:
         """Return the right-hand side as a SymPy expression."""

@@ -142,7 +142,7 @@ class SymbolicSparseRegressor(RegressorMixin, BaseEstimator):
             guesses = [*self._guessed(), *_front_of(previous, k, before == self.names_)]
             part = self._samples(X, {name: columns[:, k]})
             share = limit.share(1.0 / (len(self.target_names_) - k))
-            found.append(self._find(rng, name, part, guesses, share))
+            found.append(self._find(rng, name, part, guesses, share).trimmed())
         self.found_ = tuple(found)
         self._settle(X, columns)
         return self

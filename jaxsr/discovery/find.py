@@ -21,7 +21,8 @@ from jaxsr.regression import Judge, RegressionProblem, coefficient_ci95, constan
 MOST_ROWS = 2000  # rows the search looks at,
 MOST_JUDGED = 8000  # rows on which the front is weighed; the final estimate uses all of them
 _EXACT = 1e-12  # mean square relative to the target's: nothing is left that a roll-out could tell
-_SHORT = 60  # samples of a record too short to search in a part of it
+# samples of a record too short to search in a part of it, yet enough to tell a law from noise
+_TINY, _SHORT = 16, 60
 _FEWEST = 30  # test functions to choose by
 _ROUNDING = 1e-20  # square of the relative error of a column without noise
 
@@ -188,7 +189,7 @@ def find_equation(
         train = validation = every  # blocks shorter than test functions hold none
     few = train if weak else train.take(thinned(np.arange(len(train)), MOST_ROWS))
     by_validation = task.config.fitness.data == "validation"
-    if len(every) < _SHORT and not by_validation:
+    if _TINY <= len(every) < _SHORT and not by_validation:
         few = every  # every sample counts for finding a law; coefficients are judged apart
     problem = task.problem(few, validation if by_validation else None)
     scale = float(np.mean(train.targets[task.state] ** 2))
