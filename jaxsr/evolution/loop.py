@@ -197,7 +197,7 @@ def step(
             *with_quotients(problem, front, offer, config),
             *with_beam(problem, front, offer, config),
         ]
-        better, refined = _refine(problem, sets, refined)
+        better, refined = _refine(problem, sets, refined, config.sizes.terms)
         front = front.with_(better)
         _, found, refined = polish(problem, front, config, refined)
         found = [ind for ind in found if -1 not in problem.index(ind.terms)]
@@ -304,13 +304,14 @@ def _distinct(individuals: Iterable[Individual]) -> list[Individual]:
 
 
 def _refine(
-    problem: Problem, sets: Iterable[Terms], refined: frozenset[Terms]
+    problem: Problem, sets: Iterable[Terms], refined: frozenset[Terms], most: int
 ) -> tuple[list[Individual], frozenset[Terms]]:
-    """Refine the sets that are new; remember them and what they became."""
-    fresh = [terms for terms in dict.fromkeys(map(edit, sets)) if terms and terms not in refined]
+    """Refine the sets that are new, of at most so many terms; remember what they became."""
+    edited = dict.fromkeys(map(edit, sets))
+    fresh = [terms for terms in edited if 0 < len(terms) <= most and terms not in refined]
     moved = settled(problem, problem.refine_many(fresh))
-    edited = [(edit(terms), loss) for terms, loss in moved]
-    whole = [(terms, loss) for terms, loss in edited if terms and np.isfinite(loss)]
+    became = [(edit(terms), loss) for terms, loss in moved]
+    whole = [(t, loss) for t, loss in became if 0 < len(t) <= most and np.isfinite(loss)]
     # a constant that came to be 1 can leave a term without a meaning in units
     out = [Individual.of(terms, x) for terms, x in whole if -1 not in problem.index(terms)]
-    return out, refined.union(fresh, (terms for terms, _ in edited))
+    return out, refined.union(fresh, (terms for terms, _ in became))
