@@ -210,7 +210,7 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
             if signal.weak:
                 weak[state] = weak_rows(t, signal.recorded, signal.noise, order)
     known = {n: e for n, e in errors.items() if e is not None}
-    # a regression on given derivatives takes states as recorded, a roll-out is driven by smooth ones
+    # beside given derivatives states stay as recorded, but what drives a roll-out must be smooth
     smooth = {n: treat(t, recording.channel(n)).values for n in treated if n in roles.derivatives}
     driving = values | (smooth if len(t) >= _TOLD else {})
     driving = {n: _filled(t, v) for n, v in driving.items() if n != roles.time}
