@@ -191,7 +191,8 @@ def discover(
         equations.append(found)
     if not integrals:
         show.stage("roll-outs")
-        settled = settle(equations, tasks, data.traces, limit, judge.traces if validation else ())
+        unseen_too = judge.traces if validation else ()
+        settled = settle(equations, tasks, data.traces, limit, unseen_too, part.derivatives)
         # roll-outs know no signs: what they turned round stays as it was
         pairs = zip(equations, settled, strict=True)
         equations = [b if obeys(b, tasks[b.state].signs) else a for a, b in pairs]

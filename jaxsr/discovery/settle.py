@@ -8,7 +8,7 @@ in them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -114,12 +114,15 @@ def settle(
     traces: Sequence[Trace],
     budget: Budget,
     validation: Sequence[Trace] = (),
+    given: Collection[str] = (),
 ) -> list[Equation]:
     """Return the equations with picks and constants that simulate best.
 
     Equations that leave no more than the error of clean derivatives stay as they are: simulation
     could tell nothing more. So does everything where no candidate can be simulated. Candidates are
-    judged on ``validation``, where there is any, else by leaving stretches out.
+    judged on ``validation``, where there is any, else by leaving stretches out. Of states in
+    ``given``, whose derivatives are columns, the regression has seen more than a simulation can:
+    roll-outs may take a simpler candidate than its pick, or another one, but none of more terms.
     """
     open_ = [e.state for e in equations if _is_open(e)]
     if not open_:
@@ -137,7 +140,8 @@ def settle(
     for place, state in enumerate(open_):
         share = replace(trial, budget=budget.share(_PICKING / (len(open_) - place * _PICKING)))
         companions = _companions(state, trial, equations)
-        rankings[state] = _ranked(found[state], share, companions) or [found[state].pick]
+        ranked = _ranked(found[state], share, companions, state in given)
+        rankings[state] = ranked or [found[state].pick]
     whole = replace(trial, segments=cut(traces, min(longest, _WHOLE), len(traces)))
     found, result = _together(found, rankings, trial, whole)
     return _estimated(found, result, trial, traces, length)
@@ -159,11 +163,16 @@ def _companions(state: str, trial: Trial, equations: Sequence[Equation]) -> list
     ]
 
 
-def _ranked(equation: Equation, trial: Trial, companions: Sequence[str]) -> list[int]:
+def _ranked(
+    equation: Equation, trial: Trial, companions: Sequence[str], no_more: bool
+) -> list[int]:
     """Return the places on the front that simulate best for what they cost, best first."""
     judged: list[Judged] = []
     since = 0
+    most = len(equation.front[equation.pick].fit.terms) if no_more else np.inf
     for k in _hopeful(equation):
+        if len(equation.front[k].fit.terms) > most:
+            continue
         if trial.budget.exhausted or since >= _PATIENCE:
             break
         candidate = equation.front[k]
