@@ -59,6 +59,7 @@ class _BrokenOff(Silent):
             raise _Stop
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0])
 def test_a_discovery_broken_off_ends_as_if_it_never_was(tmp_path, seed):
     call = {**ROLES, "config": QUICK, "seed": seed}
