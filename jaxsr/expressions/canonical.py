@@ -185,19 +185,19 @@ def _unit_sum(node: Term) -> tuple[float, Term]:
 
 
 def _merge_signs(powers: Product) -> None:
-    """Join x with sign(x) and Abs(x): x*sign(x) = Abs(x), sign(x)*Abs(x) = x."""
-    for base in [b for b in powers if b.op == "sign" and powers[b] == 1.0]:
-        inner = base.args[0]
+    """Join x with sign(x) and Abs(x), above or below the line: x*sign(x) = Abs(x)."""
+    for base in [b for b in powers if b.op == "sign" and abs(powers[b]) == 1.0]:
+        inner, side = base.args[0], powers[base]
         magnitude = Term("abs", (inner,))
-        if powers.get(inner, 0.0) >= 1.0 and _keeps(powers[inner]):
+        if side * powers.get(inner, 0.0) >= 1.0 and _keeps(powers[inner]):
             source, target = inner, magnitude
-        elif powers.get(magnitude, 0.0) >= 1.0:
+        elif side * powers.get(magnitude, 0.0) >= 1.0:
             source, target = magnitude, inner
         else:
             continue
         del powers[base]
-        powers[source] -= 1.0
-        powers[target] = powers.get(target, 0.0) + 1.0
+        powers[source] -= side
+        powers[target] = powers.get(target, 0.0) + side
 
 
 def build_product(coefficient: float, powers: Product) -> Term:
