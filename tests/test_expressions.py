@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from jaxsr._result import InputError
 from jaxsr.expressions import PRIMITIVES, Term, evaluate, from_sympy, parse, to_sympy, to_text
+from jaxsr.expressions.printing import kind
 
 NAMES: tuple[str, ...] = ("q", "v", "E", "I", "S", "N", "O", "Q", "beta", "gamma", "zeta")
 BINARY = ("add", "sub", "mul", "div")
@@ -303,3 +304,11 @@ def test_substitution_and_replacement() -> None:
 def test_every_primitive_has_all_its_meanings() -> None:
     for primitive in PRIMITIVES.values():
         assert callable(primitive.numpy) and callable(primitive.jax) and callable(primitive.sympy)
+
+
+def test_a_kind_is_a_form_without_its_fitted_values() -> None:
+    names = ["x", "v"]
+    same = [parse(w, names) for w in ("sin(1.3*x)", "sin(2.7*x)", "sin(0.1*x)")]
+    other = [parse(w, names) for w in ("sin(1.3*v)", "cos(1.3*x)", "sin(2*x)", "sin(3*x)")]
+    assert len({kind(t) for t in same}) == 1
+    assert len({kind(t) for t in [same[0], *other]}) == 5

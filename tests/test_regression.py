@@ -170,13 +170,6 @@ def test_terms_that_are_not_finite_on_the_data_are_infinite_loss_not_an_error():
     assert problem.refine([bad[0]])[1] == np.inf
 
 
-def test_screen_ranks_the_term_that_is_missing_first():
-    problem, _, _ = _problem(np.random.default_rng(8))
-    library = [parse(s, ["t", "x", "z"]) for s in ("x", "z", "x*z", "t", "sin(2.5*t + 0.4)")]
-    problem.index(library)
-    assert problem.screen([library[0], library[1]], 1) == [library[4]]
-
-
 def test_storage_is_bounded_and_forgetting_changes_no_result():
     rng = np.random.default_rng(9)
     small, _, _ = _problem(rng, limit_bytes=2**20)

@@ -21,10 +21,8 @@ from jaxsr.evolution import (
 from jaxsr.evolution.library import shape_terms, small_terms
 from jaxsr.evolution.offers import (
     Offer,
-    distinct,
     few,
     frequencies_of,
-    kind,
     small_offers,
     with_beam,
     with_frequencies,
@@ -34,6 +32,7 @@ from jaxsr.evolution.offers import (
 from jaxsr.evolution.seeds import bases, complete, thinned_bases
 from jaxsr.expressions import Term, evaluate, parse, to_text
 from jaxsr.expressions.editing import edit
+from jaxsr.expressions.printing import kind
 from jaxsr.regression import RegressionProblem
 from jaxsr.regression.beam import beam
 from jaxsr.regression.dictionary import Dictionary
@@ -539,19 +538,6 @@ def _front(problem: RegressionProblem, sets: list[list[Term]]) -> Front:
     _, losses = problem.solve(sets)
     pairs = zip(sets, losses, strict=True)
     return Front().with_(Individual.of(terms, loss) for terms, loss in pairs)
-
-
-def test_a_kind_is_a_form_without_its_fitted_values() -> None:
-    names = ["x", "v"]
-    same = [parse(w, names) for w in ("sin(1.3*x)", "sin(2.7*x)", "sin(0.1*x)")]
-    other = [parse(w, names) for w in ("sin(1.3*v)", "cos(1.3*x)", "sin(2*x)", "sin(3*x)")]
-    assert len({kind(t) for t in same}) == 1
-    assert len({kind(t) for t in [same[0], *other]}) == 5
-
-
-def test_a_set_is_the_same_in_any_order() -> None:
-    a, b, c = (Term.variable(n) for n in "abc")
-    assert len(distinct([(a, b), (b, a), (a, c), (c,), (c, a)])) == 3
 
 
 def test_small_offers_are_those_that_gain_most() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from jaxsr.evolution.config import SearchConfig
@@ -10,6 +9,7 @@ from jaxsr.evolution.front import Front
 from jaxsr.evolution.individual import Individual, Problem
 from jaxsr.evolution.library import shape_terms, small_terms
 from jaxsr.evolution.seeds import complete
+from jaxsr.expressions.printing import kind
 from jaxsr.expressions.term import Term
 
 Terms = tuple[Term, ...]
@@ -130,18 +130,6 @@ def few(front: Front, most: int, generation: int) -> list[Individual]:
         return members
     picks = {(generation * 2) % len(members), (generation * 2 + 1) % len(members)}
     return [members[k] for k in sorted({0, len(members) - 1, *picks})]
-
-
-def kind(term: Term) -> str:
-    """Return the term's form without the values of its constants; whole numbers stay."""
-    if not term.args:
-        return term.name or (f"{term.value:g}" if term.value.is_integer() else "c")
-    return f"{term.op}({','.join(map(kind, term.args))})"
-
-
-def distinct(sets: Sequence[Terms]) -> list[Terms]:
-    """Return each set once, whatever the order of its terms."""
-    return list({frozenset(terms): terms for terms in sets}.values())
 
 
 def with_quotients(

@@ -86,3 +86,10 @@ def _exponent(term: Term, digits: int | None) -> str:
         return _wrap(term, digits, _ATOM)
     whole = int(term.value)
     return f"{whole}" if whole >= 0 else f"({whole})"
+
+
+def kind(term: Term) -> str:
+    """Return the term's form without the values of its constants; whole numbers stay."""
+    if not term.args:
+        return term.name or (f"{term.value:g}" if term.value.is_integer() else "c")
+    return f"{term.op}({','.join(map(kind, term.args))})"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxsr.expressions.printing import kind
 from jaxsr.expressions.term import Term
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def beam(
     unit = columns[good] / norms[good, None]
     y = problem.target[rows]
     y = y / (float(np.linalg.norm(y)) or 1.0)
-    kinds = [_kind(term) for term in kept]
+    kinds = [kind(term) for term in kept]
     out: list[Places] = []
     sets = _different(_pairs(unit, y, width * _SPREAD), kinds, width)
     out += sets
@@ -97,9 +98,3 @@ def _different(sets: list[Places], kinds: Sequence[str], width: int) -> list[Pla
         if len(out) == width:
             break
     return list(out.values())
-
-
-def _kind(term: Term) -> str:
-    if not term.args:
-        return term.name or (f"{term.value:g}" if term.value.is_integer() else "c")
-    return f"{term.op}({','.join(map(_kind, term.args))})"

@@ -282,18 +282,6 @@ class RegressionProblem:
         xi, _ = least_squares(theta, self.target)
         return self.target - theta @ xi
 
-    def screen(self, terms: Sequence[Term], count: int) -> list[Term]:
-        """Return the stored terms that would lower the loss most if added to ``terms``."""
-        store = self._store.columns
-        if not len(store):
-            return []
-        basis = _orthonormal(self.projected(terms))
-        residual = self.target - basis @ (basis.T @ self.target)
-        left = 1.0 - np.sum((store @ basis) ** 2, axis=1)
-        gain = np.where(left > 1e-6, (store @ residual) ** 2 / np.maximum(left, 1e-6), -1.0)
-        best = np.argsort(-gain)[:count]
-        return [self._store.terms[k] for k in best if gain[k] > 0.0]
-
     def dictionary(self, key: Hashable, make: Callable[[], Sequence[Term]]) -> Dictionary:
         """Return the candidate columns known as ``key``, made at the first call."""
         if key not in self._dictionaries:

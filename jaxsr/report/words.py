@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -190,8 +189,3 @@ def region_words(region: Mapping[str, Any], unit: str = "") -> str:
 
 def _bound(value: object) -> str:
     return number(value, 3) if is_number(value) else ""
-
-
-def slug(text: str) -> str:
-    """Return `text` as a piece of a file name."""
-    return re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_")[:40] or "figure"
