@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import InputError, StoppedBy
-from jaxsr.discovery.equation import Equation
+from jaxsr.discovery.equation import Equation, cut_short
 from jaxsr.discovery.find import Checkpoint, Task, find_equation
 from jaxsr.discovery.found import found_model
 from jaxsr.discovery.known import (
@@ -195,19 +195,20 @@ def discover(
         settled = settle(equations, tasks, data.traces, limit, unseen_too, part.derivatives)
         # roll-outs know no signs: what they turned round stays as it was
         pairs = zip(equations, settled, strict=True)
-        equations = [b if obeys(b, tasks[b.state].signs) else a for a, b in pairs]
+        equations = [
+            b if obeys(b, tasks[b.state].signs) else replace(a, stopped_by=b.stopped_by)
+            for a, b in pairs
+        ]
     equations = [equation.trimmed() for equation in equations]
     model = found_model(equations, part, time, table)
     if held_out:
         unseen = samples([read(source) for source in held_out], part)
         equations = [_with_held_out(equation, unseen) for equation in equations]
-    reasons = {equation.stopped_by for equation in equations}
-    ended = (r for r in (StoppedBy.INTERRUPTED, StoppedBy.BUDGET) if r in reasons)
     provenance: dict[str, Any] = {
         "seed": seed,
         "command": command,
         "seconds": clock.monotonic() - began,
-        "stopped_by": next(ended, StoppedBy.CONVERGED),
+        "stopped_by": cut_short(e.stopped_by for e in equations) or StoppedBy.CONVERGED,
         "estimated_derivatives": sorted(data.estimated),
         "data_sha256": {r.name: r.sha256 for r in opened if r.sha256},
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -47,6 +47,7 @@ class Equation:
     noise_mse : float
         Mean square that noise alone would leave in the rows of the front.
     stopped_by : StoppedBy
+        Why the search ended or, where they were cut short, the roll-outs.
     """
 
     state: str
@@ -102,6 +103,13 @@ class Equation:
         weights = np.array([t.coefficient for t in self.terms])
         time = next(iter(samples.variables))
         return predict(terms, weights, samples.variables, time=time, group=samples.group)
+
+
+def cut_short(reasons: Iterable[StoppedBy]) -> StoppedBy | None:
+    """Return why work ended early, a wish to stop before a lack of time; None if nothing did."""
+    given = set(reasons)
+    early = (StoppedBy.INTERRUPTED, StoppedBy.BUDGET)
+    return next((reason for reason in early if reason in given), None)
 
 
 def weighted_sum(terms: Sequence[Term], coefficients: Sequence[float]) -> Term:

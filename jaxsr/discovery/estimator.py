@@ -12,9 +12,9 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, check_random_state, validate_data
 
 from jaxsr._progress import Budget, as_budget
-from jaxsr._result import InputError, StoppedBy
+from jaxsr._result import InputError
 from jaxsr.discovery import plots
-from jaxsr.discovery.equation import Equation, FittedTerm
+from jaxsr.discovery.equation import Equation, FittedTerm, cut_short
 from jaxsr.discovery.find import Task, find_equation
 from jaxsr.discovery.result import front_table, latex_text, term_at
 from jaxsr.discovery.samples import Samples, thinned
@@ -193,9 +193,8 @@ class SymbolicSparseRegressor(RegressorMixin, BaseEstimator):
         self.intervals_ = self._as_given(
             [np.array([t.ci95 for t in e.terms]).reshape(-1, 2) for e in self.found_]
         )
-        reasons = {e.stopped_by for e in self.found_}
-        ended = (r for r in (StoppedBy.INTERRUPTED, StoppedBy.BUDGET) if r in reasons)
-        self.stopped_by_ = next(ended, self.found_[0].stopped_by)
+        early = cut_short(e.stopped_by for e in self.found_)
+        self.stopped_by_ = early or self.found_[0].stopped_by
         rows = thinned(np.arange(len(X)), _MOST_DRAWN)
         self._drawn = X[rows], y[rows]
 

@@ -14,16 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr._progress import Budget
-from jaxsr.discovery.equation import Equation, FittedTerm, weighted_sum
+from jaxsr._result import StoppedBy
+from jaxsr.discovery.equation import Equation, FittedTerm, cut_short, weighted_sum
 from jaxsr.discovery.find import Task
-from jaxsr.discovery.rollout import (
-    RolloutFit,
-    Segments,
-    System,
-    cut,
-    fine_enough,
-    fit_rollout,
-)
+from jaxsr.discovery.rollout import RolloutFit, Segments, System, cut, fine_enough, fit_rollout
 from jaxsr.discovery.samples import Trace
 from jaxsr.expressions.term import Term
 
@@ -43,7 +37,6 @@ _PATIENCE = 30  # candidates that may follow the best one
 _FEW, _HOPELESS = 4, 100.0  # what fits worse than noise, or few terms, by so much is left out
 _BELOW_NOISE = 0.5  # mean square over the noise's below which fits differ by numerics alone
 _NOISE_LIMITED = 1.5  # mean square over the noise's up to which noise is all that is left
-
 
 Result = tuple[System, RolloutFit]
 
@@ -123,6 +116,7 @@ def settle(
     judged on ``validation``, where there is any, else by leaving stretches out. Of states in
     ``given``, whose derivatives are columns, the regression has seen more than a simulation can:
     roll-outs may take a simpler candidate than its pick, or another one, but none of more terms.
+    Where the budget, or an equation's share of it, ends them early, ``stopped_by`` says so.
     """
     open_ = [e.state for e in equations if _is_open(e)]
     if not open_:
@@ -137,14 +131,23 @@ def settle(
     judge = cut(validation, length, _MOST) if validation else None
     trial = Trial(cut(traces, length, _MOST), time, known, budget, judge=judge)
     rankings: dict[str, list[int]] = {}
+    reasons: list[StoppedBy] = []
     for place, state in enumerate(open_):
         share = replace(trial, budget=budget.share(_PICKING / (len(open_) - place * _PICKING)))
         companions = _companions(state, trial, equations)
         ranked = _ranked(found[state], share, companions, state in given)
         rankings[state] = ranked or [found[state].pick]
+        reasons.append(share.budget.stopped_by)
     whole = replace(trial, segments=cut(traces, min(longest, _WHOLE), len(traces)))
     found, result = _together(found, rankings, trial, whole)
-    return _estimated(found, result, trial, traces, length)
+    estimated = _estimated(found, result, trial, traces, length)
+    reasons.append(budget.stopped_by)
+    return [
+        replace(e, stopped_by=cut_short([e.stopped_by, *reasons]) or e.stopped_by)
+        if _is_open(e)
+        else e
+        for e in estimated
+    ]
 
 
 def _is_open(equation: Equation) -> bool:
@@ -344,7 +347,7 @@ def _estimated(
         return list(found.values())
     longest = max(len(trace["time"]["t"]) for trace in traces)
     while not trial.budget.exhausted:
-        steps = fine_enough(*_parts(result, trial), time=trial.time)
+        steps = fine_enough(result[0], trial.segments, result[1], time=trial.time)
         if steps > trial.substeps:  # the misfit must not be the method's
             trial = replace(trial, substeps=steps)
         elif length < min(longest, 2 * _LONGEST):
@@ -360,10 +363,6 @@ def _estimated(
     ends = fitted.ci95()
     parts = system.unpacked(fitted.constants)
     return [_with_constants(e, parts[s], ends) if _is_open(e) else e for s, e in found.items()]
-
-
-def _parts(result: Result, trial: Trial) -> tuple[System, Segments, RolloutFit]:
-    return result[0], trial.segments, result[1]
 
 
 def _moved(result: Result) -> tuple[dict[str, tuple[Term, ...]], dict[str, list[float]]]:
