@@ -1,4 +1,8 @@
-"""Thin wrappers of the peers, imported only when called: equations as SymPy expressions."""
+"""Thin wrappers of the peers, imported only when called.
+
+``operon`` and ``sindy`` return equations as SymPy expressions; ``OperonTrees`` and
+``GplearnPrograms`` evaluate our terms with the peer's own machine.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,9 @@ from typing import Any
 
 import numpy as np
 import sympy
+from numpy.typing import NDArray
+
+from jaxsr.expressions import PRIMITIVES, Term
 
 OPERON_SYMBOLS = "add,sub,mul,div,constant,variable,sin,cos,sqrt,exp,abs"
 THRESHOLDS = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
@@ -129,3 +136,97 @@ def _readable(library: Any, columns: Sequence[str]) -> list[sympy.Expr]:
     for name in library.get_feature_names(list(columns)):
         out.append(sympy.parse_expr(name.replace("^", "**").replace(" ", "*"), local_dict=known))
     return out
+
+
+class OperonTrees:
+    """Our terms as pyoperon's trees, on one data set.
+
+    pyoperon keeps postfix order with the *first* argument next to the operator.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+        Of add, sub, mul, div, sin, cos, exp, log, sqrt, tanh, abs, constants and variables.
+    variables : sequence of str
+        Names of the data's columns.
+    data : ndarray of float32, (samples, variables)
+    """
+
+    def __init__(
+        self, terms: Sequence[Term], variables: Sequence[str], data: NDArray[np.float32]
+    ) -> None:
+        import pyoperon
+
+        self._module: Any = pyoperon
+        self._data = np.asfortranarray(data)  # kept: the data set is a view of it
+        self._set: Any = pyoperon.Dataset(self._data)
+        self._range: Any = pyoperon.Range(0, len(data))
+        hashes = dict(zip(variables, self._set.VariableHashes, strict=True))
+        self._trees = [self._tree(term, hashes) for term in terms]
+        self._theta = np.zeros((len(terms), len(data)), np.float32)
+
+    def _tree(self, term: Term, hashes: Mapping[str, int]) -> Any:
+        nodes = [self._node(node, hashes) for node in term.walk()]
+        return self._module.Tree(nodes[::-1]).UpdateNodes()
+
+    def _node(self, node: Term, hashes: Mapping[str, int]) -> Any:
+        if node.is_constant:
+            return self._module.Node.Constant(node.value)
+        if node.is_variable:
+            out = self._module.Node.Variable(1.0)
+            out.HashValue = out.CalculatedHashValue = hashes[node.name]
+            return out
+        return self._module.Node(getattr(self._module.NodeType, node.op.capitalize()))
+
+    def evaluate(self, threads: int = 2) -> NDArray[np.float32]:
+        """Return theta (terms, samples), always the same array: no page is touched first here."""
+        theta = self._theta.reshape(-1)
+        self._module.EvaluateTrees(self._trees, self._set, self._range, theta, threads)
+        return self._theta
+
+
+class GplearnPrograms:
+    """Our terms as gplearn's programs, executed one by one.
+
+    The operators are NumPy's own, without gplearn's protection: the same function as ours, and
+    less work. gplearn makes constants float64, whatever the data are.
+    """
+
+    def __init__(self, terms: Sequence[Term], variables: Sequence[str]) -> None:
+        from gplearn._program import _Program
+        from gplearn.functions import _Function
+
+        place = {name: k for k, name in enumerate(variables)}
+        functions = {
+            name: _Function(PRIMITIVES[name].numpy, name, PRIMITIVES[name].arity)
+            for name in {node.op for term in terms for node in term.walk() if node.args}
+        }
+
+        def program(term: Term) -> Any:
+            out: list[Any] = []
+            for node in term.walk():
+                if node.is_constant:
+                    out.append(float(node.value))
+                else:
+                    out.append(place[node.name] if node.is_variable else functions[node.op])
+            rest = dict.fromkeys(("function_set", "arities", "metric", "random_state"))
+            return _Program(
+                **rest,
+                init_depth=(2, 6),
+                init_method="grow",
+                n_features=len(variables),
+                const_range=(-1.0, 1.0),
+                p_point_replace=0.0,
+                parsimony_coefficient=0.0,
+                program=out,
+            )
+
+        self._programs = [program(term) for term in terms]
+
+    def evaluate(self, data: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return theta (terms, samples)."""
+        theta = np.empty((len(self._programs), len(data)), np.float32)
+        with np.errstate(all="ignore"):
+            for row, program in zip(theta, self._programs, strict=True):
+                row[:] = program.execute(data)
+        return theta
