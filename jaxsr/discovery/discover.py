@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,9 +13,11 @@ import numpy as np
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import InputError, StoppedBy
 from jaxsr.discovery.equation import Equation, cut_short
+from jaxsr.discovery.experiments import Experiments, Source, read_experiments, read_source
 from jaxsr.discovery.find import Checkpoint, Task, find_equation
 from jaxsr.discovery.found import found_model
 from jaxsr.discovery.known import (
+    Prior,
     admission,
     binding_units,
     guessed_terms,
@@ -27,15 +28,13 @@ from jaxsr.discovery.known import (
 )
 from jaxsr.discovery.recognise import kinematic, recognised
 from jaxsr.discovery.result import Discovery
-from jaxsr.discovery.samples import Roles, Samples, hold_back, roles, samples
+from jaxsr.discovery.samples import Roles, Samples, roles, samples
 from jaxsr.discovery.settle import settle
 from jaxsr.discovery.treatment import Treatment
 from jaxsr.evolution import SearchConfig, SearchInfo
 from jaxsr.expressions.primitives import INTEGRALS
 from jaxsr.models.model import Model
-from jaxsr.recordings import Recording, read_recording
 
-Source = Recording | str | Path
 _SEARCH = 0.6  # share of the time for the search; the rest is for roll-outs
 
 
@@ -143,92 +142,103 @@ def discover(
         raise InputError(f"modes must be 'auto' or 1, got {modes}", "modes")
     if not recordings:
         raise InputError("no recordings given", "discover")
-    began, limit = clock.monotonic(), as_budget(budget)
+    began, limit, show = clock.monotonic(), as_budget(budget), progress or Silent()
     config = config or SearchConfig()
-    read = functools.partial(_opened, time=time)
     part = roles(states, derivatives, order, inputs, time)
     part = replace(part, autonomous=autonomous, treatment=treatment or Treatment())
-    names = (part.time, *part.states, *part.inputs)
-    given = known_terms(known, part.time, names[1:])
-    table, signed = unit_table(units), signed_terms(signs, part.states, names)
-    bound = binding_units(table, bind_units, part.time, (*states, *inputs))
-    opened = [read(source) for source in recordings]
-    data = samples(opened, part)
     integrals = bool(INTEGRALS.keys() & set(config.primitives.functions))
-    train, judge, whole = _divided(data, [read(s) for s in validation], part, integrals)
-    tasks = {
-        state: Task(
-            state,
-            part.time,
-            autonomous,
-            given.get(state),
-            config,
-            guessed_terms(guesses, state, names),
-            signed.get(state, {}),
-            admission(bound, part) if bound or integrals else None,
-            Checkpoint(Path(checkpoint), every) if checkpoint is not None else None,
-        )
-        for state in part.states
-    }
-    equations, show = [], progress or Silent()
-    for place, (state, task) in enumerate(tasks.items()):
-        show.stage(f"equation of {state}")
-        rate = part.rate_of.get(state)
-        if rate is None and state not in given:
-            rate = recognised(data, state, part.states)
-        if rate is not None:
-            equations.append(kinematic(state, rate, train, judge))
-            continue
-        found = find_equation(
-            np.random.default_rng([seed, place]),
-            task,
-            train,
-            judge,
-            whole,
-            budget=limit.share(_SEARCH / (len(part.states) - place * _SEARCH)),
-            progress=_reporter(show, task.config),
-        )
-        equations.append(found)
+    names = (part.time, *part.states, *part.inputs)
+    given, table = known_terms(known, part.time, names[1:]), unit_table(units)
+    signed = signed_terms(signs, part.states, names)
+    bound = binding_units(table, bind_units, part.time, (*states, *inputs))
+    guessed = {state: guessed_terms(guesses, state, names) for state in part.states}
+    admits = admission(bound, part) if bound or integrals else None
+    kept = Checkpoint(Path(checkpoint), every) if checkpoint is not None else None
+    tasks = _tasks(part, Prior(given, guessed, signed, admits), config, kept)
+    experiments = read_experiments(recordings, validation, part, time=time, whole=integrals)
+    equations = _searched(tasks, experiments, seed, limit, show)
     if not integrals:
         show.stage("roll-outs")
-        unseen_too = judge.traces if validation else ()
-        settled = settle(equations, tasks, data.traces, limit, unseen_too, part.derivatives)
-        # roll-outs know no signs: what they turned round stays as it was
-        pairs = zip(equations, settled, strict=True)
-        equations = [
-            b if obeys(b, tasks[b.state].signs) else replace(a, stopped_by=b.stopped_by)
-            for a, b in pairs
-        ]
+        equations = _settled(equations, tasks, experiments, limit)
     equations = [equation.trimmed() for equation in equations]
     model = found_model(equations, part, time, table)
     if held_out:
-        unseen = samples([read(source) for source in held_out], part)
+        unseen = samples([read_source(source, time) for source in held_out], part)
         equations = [_with_held_out(equation, unseen) for equation in equations]
     provenance: dict[str, Any] = {
         "seed": seed,
         "command": command,
         "seconds": clock.monotonic() - began,
         "stopped_by": cut_short(e.stopped_by for e in equations) or StoppedBy.CONVERGED,
-        "estimated_derivatives": sorted(data.estimated),
-        "data_sha256": {r.name: r.sha256 for r in opened if r.sha256},
+        "estimated_derivatives": sorted(experiments.rows.estimated),
+        "data_sha256": {r.name: r.sha256 for r in experiments.recordings if r.sha256},
     }
-    return Discovery(tuple(equations), model, provenance, data)
+    return Discovery(tuple(equations), model, provenance, experiments.rows)
 
 
-def _opened(source: Source, time: str | None) -> Recording:
-    return source if isinstance(source, Recording) else read_recording(source, time=time)
+def _tasks(
+    part: Roles, prior: Prior, config: SearchConfig, checkpoint: Checkpoint | None
+) -> dict[str, Task]:
+    """Return what is to be found, by state."""
+    return {
+        state: Task(
+            state,
+            part.time,
+            part.autonomous,
+            prior.given.get(state),
+            config,
+            prior.guesses.get(state, ()),
+            prior.signs.get(state, {}),
+            prior.admits,
+            checkpoint,
+        )
+        for state in part.states
+    }
 
 
-def _divided(
-    data: Samples, validation: list[Recording], part: Roles, whole: bool
-) -> tuple[Samples, Samples, Samples]:
-    """Return rows to regress on, to choose by (whole recordings or blocks), and for both."""
-    if validation:
-        return data, samples(validation, part), data
-    held = data.group % 4 == 3 if whole else hold_back(data.group)
-    if not np.any(held):
-        return data, data, data
-    return data.take(np.flatnonzero(~held)), data.take(np.flatnonzero(held)), data
+def _searched(
+    tasks: Mapping[str, Task], experiments: Experiments, seed: int, limit: Budget, show: Progress
+) -> list[Equation]:
+    """Return the equations by regression, one state after the other."""
+    equations = []
+    for place, (state, task) in enumerate(tasks.items()):
+        show.stage(f"equation of {state}")
+        rng = np.random.default_rng([seed, place])
+        share = limit.share(_SEARCH / (len(tasks) - place * _SEARCH))
+        equations.append(_equation(rng, task, experiments, share, show))
+    return equations
+
+
+def _equation(
+    rng: np.random.Generator, task: Task, experiments: Experiments, budget: Budget, show: Progress
+) -> Equation:
+    """Return one state's equation: its rate is another state, or it is searched."""
+    part, train, judge = experiments.roles, experiments.train, experiments.judge
+    rate = part.rate_of.get(task.state)
+    if rate is None and task.known is None:
+        rate = recognised(experiments.rows, task.state, part.states)
+    if rate is not None:
+        return kinematic(task.state, rate, train, judge)
+    report = _reporter(show, task.config)
+    return find_equation(rng, task, train, judge, experiments.rows, budget=budget, progress=report)
+
+
+def _settled(
+    equations: Sequence[Equation],
+    tasks: Mapping[str, Task],
+    experiments: Experiments,
+    limit: Budget,
+) -> list[Equation]:
+    """Return the equations as roll-outs choose and estimate them, where signs allow it."""
+    given = experiments.roles.derivatives
+    settled = settle(equations, tasks, experiments.rows.traces, limit, experiments.unseen, given)
+    # roll-outs know no signs: what they turned round stays as it was
+    return [
+        after
+        if obeys(after, tasks[after.state].signs)
+        else replace(before, stopped_by=after.stopped_by)
+        for before, after in zip(equations, settled, strict=True)
+    ]
 
 
 def _with_held_out(equation: Equation, unseen: Samples) -> Equation:

@@ -117,6 +117,28 @@ class Admitted:
         return self.units is None or self.units(term)
 
 
+@dataclass(frozen=True)
+class Prior:
+    """What is known before the search.
+
+    Attributes
+    ----------
+    given : mapping of str to Term
+        Right-hand sides, or parts of them.
+    guesses : mapping of str to tuple of tuple of Term
+        For each state, sets of terms to start from.
+    signs : mapping of str to mapping of Term to int
+        For each state, terms whose coefficients have a sign.
+    admits : Admitted or None
+        Which terms may be used; None: all.
+    """
+
+    given: Mapping[str, Term]
+    guesses: Mapping[str, tuple[tuple[Term, ...], ...]]
+    signs: Mapping[str, Mapping[Term, int]]
+    admits: Admitted | None
+
+
 def admission(units: InUnits | None, part: Roles) -> Admitted:
     """Return what the equations of these roles admit."""
     return Admitted(units, (part.time, *part.states))
