@@ -1,4 +1,4 @@
-"""Treatment of samples: derivatives and their errors, the weak view, rounding, recognition."""
+"""Treatment of samples: derivatives and their errors, options, motions from accelerations."""
 
 from __future__ import annotations
 
@@ -7,25 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.special import gamma, jv
 
 import jaxsr
 from jaxsr._result import InputError
-from jaxsr.discovery.recognise import recognised
-from jaxsr.discovery.rounding import rounded
 from jaxsr.discovery.samples import Samples, hold_back, roles, samples, thinned
 from jaxsr.discovery.treatment import Treatment, treat
-from jaxsr.discovery.weak_rows import WeakRows, weak_rows
 from jaxsr.evolution import SearchConfig
-from jaxsr.expressions import parse, to_text
 from jaxsr.recordings import Recording
-from jaxsr.regression import RegressionProblem
 from jaxsr.views import DERIVATIVES, SMOOTHERS
 
 Signal = Callable[[np.ndarray], np.ndarray]
-
-# ------------------------------------------------------------------------------- derivatives
-
 SMOOTH: dict[str, tuple[Signal, Signal, Signal]] = {
     "sine": (np.sin, np.cos, lambda t: -np.sin(t)),
     "chirp": (
@@ -126,9 +117,6 @@ def test_too_few_samples_stay_as_they_are(count: int) -> None:
     assert np.all(np.isfinite(signal.derivative(1)[0]))
 
 
-# ---------------------------------------------------------------------------------- options
-
-
 @pytest.mark.parametrize("way", sorted(SMOOTHERS))
 def test_a_smoother_that_is_named_is_used(way: str) -> None:
     t, _, x = noisy(1, 0.05)
@@ -175,119 +163,6 @@ def test_the_weak_view_and_a_derivative_contradict_each_other() -> None:
         Treatment(view="weak", derivative="tikhonov")
 
 
-# -------------------------------------------------------------------------------- weak rows
-
-
-def places(rows: WeakRows, t: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return centres and half-width: first and second moments of (1 - s^2)^8 are 0 and 1/19."""
-    centre = rows.matrix @ t
-    spread = rows.matrix @ t**2 - centre**2
-    return centre, float(np.sqrt(19.0 * np.median(spread)))
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("even", [True, False])
-def test_weak_rows_of_cubics_are_exact(even: bool, order: int) -> None:
-    rng = np.random.default_rng(0)
-    t = np.linspace(0.0, 5.0, 300) if even else np.cumsum(rng.uniform(0.01, 0.02, size=300))
-    for _ in range(10):
-        p = np.polynomial.Polynomial(rng.normal(size=4))
-        rows = weak_rows(t, p(t), np.full(300, 1e-3), order)
-        scale = np.max(np.abs(rows.target))
-        np.testing.assert_allclose(rows.matrix @ p.deriv(order)(t), rows.target, atol=1e-8 * scale)
-        # and the mean of a polynomial of degree 3 - order under the test function, in closed form
-        centre, width = places(rows, t)
-        q = p.deriv(order)
-        mean = q(centre) + q.deriv(2)(centre) / 2.0 * width**2 / 19.0
-        np.testing.assert_allclose(rows.target, mean, atol=1e-7 * scale)
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("speed", [1.0, 3.0, 8.0])
-def test_weak_rows_of_sines_have_a_closed_form(speed: float, order: int) -> None:
-    r""":math:`\int \phi_c \cos(w t) = \cos(w c)\,\Gamma(19/2) (2/(wh))^{17/2} J_{17/2}(wh)`."""
-    t = np.linspace(0.0, 10.0, 2000)
-    rows = weak_rows(t, np.sin(speed * t), np.full(2000, 1e-2), order)
-    centre, width = places(rows, t)
-    factor = gamma(9.5) * (2.0 / (speed * width)) ** 8.5 * jv(8.5, speed * width)
-    rates = {1: speed * np.cos(speed * centre), 2: -(speed**2) * np.sin(speed * centre)}
-    np.testing.assert_allclose(rows.target, factor * rates[order], atol=1e-5 * speed**order)
-    assert np.all(np.diff(centre) > 0.0)
-    assert centre[0] - width > -1e-9 and centre[-1] + width < 10.0 + 1e-9
-
-
-def test_the_error_of_a_row_is_what_noise_leaves_in_it() -> None:
-    t = np.linspace(0.0, 10.0, 500)
-    pulls = []
-    for seed in range(40):
-        rng = np.random.default_rng(seed)
-        level = 0.1 + 0.05 * t  # more noise later
-        rows = weak_rows(t, 0.3 * t + level * rng.normal(size=500), level)
-        pulls.append((rows.target - 0.3) / rows.error)
-    # some ten rows of a record are independent: the root of 40 mean squares is 1 +- 0.04
-    assert 0.85 < np.sqrt(np.mean([np.mean(p**2) for p in pulls])) < 1.12
-    thirds = np.array([[np.mean(q**2) for q in np.array_split(p, 3)] for p in pulls])
-    assert np.all(np.abs(np.mean(thirds, axis=0) - 1.0) < 0.35)  # early and late alike
-
-
-def test_missing_samples_enter_no_row() -> None:
-    t = np.linspace(0.0, 10.0, 600)
-    x = np.sin(t)
-    x[200:204] = np.nan
-    rows = weak_rows(t, x, np.full(600, 0.01))
-    assert len(rows.target) and not np.any(rows.matrix[:, 200:204].toarray())
-    np.testing.assert_allclose(rows.matrix @ np.cos(t), rows.target, atol=1e-5)
-
-
-def test_a_record_all_gaps_is_refused() -> None:
-    t = np.linspace(0.0, 10.0, 400)
-    x = np.where(np.arange(400) % 3 == 0, np.nan, np.sin(t))
-    with pytest.raises(InputError, match="long enough for test functions"):
-        weak_rows(t, x, np.full(400, 0.1))
-
-
-def test_taking_samples_keeps_whole_test_functions_only() -> None:
-    t = np.linspace(0.0, 10.0, 400)
-    rows = weak_rows(t, t**2, np.full(400, 0.05))
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        low, high = sorted(rng.choice(400, 2, replace=False))
-        kept = np.arange(low, high + 1)
-        part = rows.take(kept)
-        dense = rows.matrix.toarray()
-        outside = np.delete(dense, kept, axis=1)
-        whole = ~np.any(outside, axis=1)
-        # weights at the very ends of a support are zero and may be cut off
-        assert len(part.target) <= np.count_nonzero(whole)
-        assert len(part.target) >= np.count_nonzero(whole) - 4
-        np.testing.assert_allclose(part.matrix @ (2.0 * t[kept]), part.target, atol=1e-9)
-        np.testing.assert_allclose(part.matrix @ np.ones(len(kept)), 1.0, atol=1e-12)
-    assert len(rows.take(np.arange(0, 400, 2)).target) == 0
-    again = rows.take(np.arange(400))
-    assert np.array_equal(again.target, rows.target) and np.array_equal(again.error, rows.error)
-
-
-def test_joined_rows_see_their_own_recording_alone() -> None:
-    first, second = np.linspace(0.0, 10.0, 400), np.linspace(3.0, 6.0, 300)
-    parts = [
-        weak_rows(first, np.sin(first), np.full(400, 0.01)),
-        weak_rows(second, second**3, np.full(300, 0.02)),
-    ]
-    whole = WeakRows.joined(parts)
-    count = len(parts[0].target)
-    assert whole.matrix.shape == (count + len(parts[1].target), 700)
-    assert not np.any(whole.matrix[:count, 400:].toarray())
-    assert not np.any(whole.matrix[count:, :400].toarray())
-    rate = np.concatenate([np.cos(first), 3.0 * second**2])
-    np.testing.assert_allclose(whole.matrix @ rate, whole.target, atol=1e-5)
-    assert np.array_equal(whole.error, np.concatenate([p.error for p in parts]))
-    back = whole.take(np.arange(400, 700))
-    assert np.array_equal(back.target, parts[1].target)
-
-
-# ---------------------------------------------------------------------------------- samples
-
-
 def test_every_fourth_block_of_every_recording_is_held_back() -> None:
     group = np.repeat([0, 1, 2], [160, 80, 5])
     held = hold_back(group)
@@ -324,9 +199,6 @@ def test_a_short_recording_beside_a_long_one_weighs_no_more_a_sample(count: int)
         for trace in samples([long, short], roles(["x"], None, 1, (), None)).traces
     ]
     assert 0.2 < levels[1] / levels[0] < 5.0
-
-
-# --------------------------------------------------------------------- accelerations alone
 
 
 def shaken(noise: float, seed: int = 0) -> tuple[Recording, np.ndarray, np.ndarray]:
@@ -391,115 +263,3 @@ def test_accelerations_alone_give_a_model_close_to_the_truth() -> None:
 def test_accelerations_with_a_little_noise_give_a_model_close_to_the_truth() -> None:
     """Integrated twice, noise of 1e-4 of the motion wanders by some percent of it in 120 s."""
     _from_accelerations(1e-4, 20.0)
-
-
-# --------------------------------------------------------------------------------- rounding
-
-
-def _problem(law: str, noise: float = 0.0, seed: int = 0) -> RegressionProblem:
-    rng = np.random.default_rng(seed)
-    variables = {"t": np.linspace(0.0, 10.0, 300), "x": rng.uniform(0.2, 2.0, size=300)}
-    y = jaxsr.expressions.evaluate(parse(law), variables)
-    return RegressionProblem(y + noise * rng.normal(size=300), variables)
-
-
-@pytest.mark.parametrize(
-    ("law", "given", "expected"),
-    [
-        ("3*x**2", "x**1.9999", "x**2"),
-        ("3*x**2", "x**2.015", "x**2"),
-        ("2*x**-1", "x**-1.01", "1/x"),
-        ("2*sin(x - t)", "sin(x - 1.0000002*t)", "sin(x - t)"),
-        ("2*exp(-3*x)", "exp(-2.9999999*x)", "exp(-3*x)"),
-    ],
-)
-@pytest.mark.parametrize("noise", [0.0, 0.05])
-def test_constants_next_to_whole_numbers_become_whole(
-    law: str, given: str, expected: str, noise: float
-) -> None:
-    problem = _problem(law, noise)
-    (term,) = rounded(problem, (parse(given),))
-    constants = [n.value for n in term.walk() if n.is_constant]
-    assert all(c.is_integer() for c in constants), to_text(term)
-    x = {"t": np.linspace(0.0, 9.0, 50), "x": np.linspace(0.3, 1.9, 50)}
-    column, wanted = (jaxsr.expressions.evaluate(e, x) for e in (term, parse(expected)))
-    # a sine's sign is its coefficient's
-    np.testing.assert_allclose(np.abs(column), np.abs(wanted), rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("law", "near"),
-    [
-        ("2*sin(5*t + 1.047)", 1.047),  # a phase of pi/3
-        ("3*x**2.01", 2.01),  # an exponent that the data tell from 2
-        ("2*sin(1.0003*t + x)", 1.0003),  # ten seconds tell it from 1
-        ("2*x**0.5", 0.5),
-    ],
-)
-def test_constants_that_the_data_tell_from_whole_ones_stay(law: str, near: float) -> None:
-    problem = _problem(law, 1e-5)
-    (term,) = rounded(problem, (parse(law[2:]),))
-    values = [n.value for n in term.walk() if n.is_constant]
-    assert np.min(np.abs(np.array(values) - near)) < 1e-4
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_a_phase_of_a_third_of_pi_is_no_whole_number_under_noise_either(seed: int) -> None:
-    """As much noise as sine leaves its phase open by 5 %, and still 1 is no better than 1.047."""
-    (term,) = rounded(_problem("2*sin(5*t + 1.047)", 1.4, seed), (parse("sin(5*t + 1.047)"),))
-    phase = max(n.value for n in term.walk() if n.is_constant and n.value < 4.0)
-    assert not phase.is_integer() and abs(phase - 1.047) < 0.5
-
-
-def test_other_terms_are_refined_and_none_is_lost() -> None:
-    problem = _problem("3*x**2 + 2*sin(5*t + 1.047) - x", 0.02)
-    terms = rounded(problem, [parse(e) for e in ("x**2.01", "sin(4.99*t + 1.1)", "x")])
-    assert {to_text(t) for t in terms} > {"x**2", "x"} and len(terms) == 3
-    assert problem.fit(terms).loss < 1.1 * 0.02**2
-
-
-# ------------------------------------------------------------------------------ recognition
-
-
-def _glide(seed: int, noise: float, gain: float = 1.0, n: int = 300, bias: float = 0.0) -> Samples:
-    """x and its rate, both with noise relative to their spread, in two recordings."""
-    rng = np.random.default_rng(seed)
-    recordings = []
-    for k in range(2):
-        t = np.linspace(0.0, 10.0, n)
-        a, b = rng.uniform(0.5, 2.0, size=2)
-        x = np.sin(a * t) + 0.4 * np.cos(3.0 * b * t) + 0.5 * k
-        v = gain * (a * np.cos(a * t) - 1.2 * b * np.sin(3.0 * b * t)) + bias
-        w = np.cos(a * t + 0.3)
-        x, v, w = (y + noise * np.std(y) * rng.normal(size=n) for y in (x, v, w))
-        channels = {"x": x, "v": v, "w": w, "dx": v, "dv": w, "dw": x}
-        recordings.append(Recording(f"run{k}", t, channels))
-    return samples(recordings, roles(["x", "v", "w"], ["dx", "dv", "dw"], 1, (), None))
-
-
-@pytest.mark.parametrize("noise", [0.0, 1e-3, 0.01, 0.05])
-@pytest.mark.parametrize("seed", range(5))
-def test_a_rate_is_recognised(seed: int, noise: float) -> None:
-    data = _glide(seed, noise)
-    assert recognised(data, "x", ("x", "v", "w")) == "v"
-    assert recognised(data, "x", ("x", "w", "v")) == "v"
-    assert recognised(data, "v", ("x", "v", "w")) is None
-    assert recognised(data, "w", ("x", "v", "w")) is None
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.01])
-@pytest.mark.parametrize("seed", range(5))
-def test_an_impostor_is_not_a_rate(seed: int, noise: float) -> None:
-    names = ("x", "v", "w")
-    assert recognised(_glide(seed, noise, gain=1.05), "x", names) is None  # in another unit
-    assert recognised(_glide(seed, noise, gain=-1.0), "x", names) is None
-    assert recognised(_glide(seed, noise, bias=0.3), "x", names) is None  # drifts away
-    assert recognised(_glide(seed, noise), "x", ("x", "w")) is None  # the rate is not there
-
-
-def test_a_state_at_rest_has_no_rate() -> None:
-    t = np.linspace(0.0, 1.0, 50)
-    zero = np.zeros(50)
-    channels = {"x": zero + 1.0, "v": zero, "dx": zero, "dv": zero}
-    data = samples([Recording("rest", t, channels)], roles(["x", "v"], ["dx", "dv"], 1, (), None))
-    assert recognised(data, "x", ("x", "v")) is None

@@ -1,0 +1,119 @@
+"""Holds and delays of inputs, delays and clocks of outputs, against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from model_runs import model, quiet, rolled
+
+from jaxsr._result import InputError
+from jaxsr.models import Simulator
+from jaxsr.models.free_run import free_run
+from jaxsr.models.inputs import fill_missing, stage_inputs
+from jaxsr.models.rollout import Stepping
+from jaxsr.recordings import Recording
+
+
+def lag(hold: str = "linear", extra: str = "") -> Simulator:
+    return model("x", 'x = "(u - x)/tau"', "tau = 0.5; d = 0.13", "u", extra=extra, hold=hold)
+
+
+def lag_of_line(time: np.ndarray, tau: float) -> np.ndarray:
+    """Response of tau x' = u - x, x(0) = 0 to the ramp u = t."""
+    at = np.maximum(time, 0.0)
+    return at - tau * (1 - np.exp(-at / tau))
+
+
+def test_zero_hold_against_the_exact_recursion() -> None:
+    rng = np.random.default_rng(0)
+    recording = quiet(2.0, 0.1, u=rng.normal(size=21))
+    u, decay = recording.channel("u"), np.exp(-0.1 / 0.5)
+    exact = [0.0]
+    for k in range(20):
+        exact.append(decay * exact[-1] + (1 - decay) * u[k])
+    x, _ = rolled(lag("zero"), recording, [0.0], Stepping("rk4", 8))
+    np.testing.assert_allclose(x[:, 0], exact, atol=1e-8)
+    run = free_run(lag("zero"), recording, np.zeros(1))
+    np.testing.assert_allclose(run.states[:, 0], exact, atol=1e-7)
+
+
+@pytest.mark.parametrize("delay", ["0.3", "0.1", "0.07"])
+def test_zero_hold_with_delay(delay: str) -> None:
+    """A step of the input at 0.5 s acts after the delay, also where that meets a sample."""
+    recording = quiet(2.0, 0.1, u=(np.arange(21) >= 5).astype(float))
+    run = free_run(lag("zero", f"[delays]\nu = {delay}\n"), recording, np.zeros(1))
+    assert run.success, run.message
+    exact = 1 - np.exp(-np.maximum(recording.time - 0.5 - float(delay), 0.0) / 0.5)
+    np.testing.assert_allclose(run.states[:, 0], exact, atol=1e-7)
+
+
+def test_linear_hold_against_the_ramp_response() -> None:
+    recording = quiet(2.0, 0.1, u=np.arange(21) * 0.1)
+    exact = lag_of_line(recording.time, 0.5)
+    x, _ = rolled(lag(), recording, [0.0], Stepping("rk4", 8))
+    np.testing.assert_allclose(x[:, 0], exact, atol=1e-8)
+    run = free_run(lag(), recording, np.zeros(1))
+    np.testing.assert_allclose(run.states[:, 0], exact, atol=1e-7)
+
+
+def test_bandlimited_hold_is_exact_inside_the_band() -> None:
+    time = np.arange(400) * 0.1
+    for cycles in (0.3, 1.0, 2.0):  # Hz; half the sampling rate is 5 Hz
+        u = np.sin(2 * np.pi * cycles * time)
+        start, middle, end = stage_inputs(time, u, "bandlimited", 2)
+        inside = slice(100, 299)  # away from the ends, where the record's outside is unknown
+        at = time[:-1, None] + 0.1 * np.array([0.25, 0.75])
+        error = np.abs(middle - np.sin(2 * np.pi * cycles * at))[inside].max()
+        line = np.abs((start + end) / 2 - np.sin(2 * np.pi * cycles * at))
+        assert error < 2e-3, cycles
+        np.testing.assert_allclose(start[:, 0], u[:-1], atol=1e-9)
+        np.testing.assert_allclose(end[:, -1], u[1:], atol=1e-9)
+        assert line.shape == middle.shape
+
+
+def test_bandlimited_needs_uniform_time_and_missing_inputs_are_filled() -> None:
+    with pytest.raises(InputError, match="uniform"):
+        stage_inputs(np.array([0.0, 1.0, 3.0]), np.zeros(3), "bandlimited", 1)
+    filled = fill_missing(np.arange(4.0), np.array([0.0, np.nan, 2.0, 3.0]))
+    np.testing.assert_array_equal(filled, np.arange(4.0))
+
+
+def test_free_run_draws_a_bandlimited_input() -> None:
+    time = np.arange(200) * 0.1
+    w = 2 * np.pi * 1.5
+    recording = Recording("a.csv", time, {"u": np.sin(w * time)})
+    a = 1 / 0.5
+    exact = a / (a**2 + w**2) * (a * np.sin(w * time) - w * np.cos(w * time))
+    run = free_run(lag("bandlimited"), recording, np.array([exact[0]]))
+    # What comes after the record is unknown, hence not the last samples.
+    assert np.abs(run.states[:-5, 0] - exact[:-5]).max() < 1e-3
+    linear = free_run(lag("linear"), recording, np.array([exact[0]]))
+    assert np.abs(linear.states[:-5, 0] - exact[:-5]).max() > 5e-3
+
+
+@pytest.mark.parametrize("delay", ["0.13", '"d"'])
+def test_delay_on_an_input(delay: str) -> None:
+    recording = quiet(2.0, 0.1, u=np.arange(21) * 0.1)
+    simulator = lag(extra=f"[delays]\nu = {delay}\n")
+    exact = lag_of_line(recording.time - 0.13, 0.5)
+    x, _ = rolled(simulator, recording, [0.0], Stepping("rk4", 32))
+    # The kink at 0.13 s lies inside a step.
+    np.testing.assert_allclose(x[:, 0], exact, atol=1e-4)
+    run = free_run(simulator, recording, np.zeros(1))
+    np.testing.assert_allclose(run.states[:, 0], exact, atol=1e-6)
+
+
+def test_delay_and_clock_on_an_output() -> None:
+    recording = quiet(2.0, 0.01, u=np.zeros(201))
+    late = lag(extra="[delays]\ny = 0.13\n")
+    run = free_run(late, recording, np.ones(1))
+    exact = np.exp(-np.maximum(recording.time - 0.13, 0.0) / 0.5)
+    np.testing.assert_allclose(run.outputs[:, 0], exact, atol=1e-7)
+    _, y = rolled(late, recording, [1.0], Stepping("rk4", 1))
+    np.testing.assert_allclose(y[:, 0], exact, atol=1e-4)  # lines between samples
+    fast = lag(extra='[clock]\ny = "1 - d"\n')
+    run = free_run(fast, recording, np.ones(1))
+    exact = np.exp(-recording.time * (1 - 0.13) / 0.5)
+    np.testing.assert_allclose(run.outputs[:, 0], exact, atol=1e-7)
+    _, y = rolled(fast, recording, [1.0], Stepping("rk4", 1))
+    np.testing.assert_allclose(y[:, 0], exact, atol=1e-4)
