@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -20,22 +20,21 @@ from jaxsr.evaluation import compilations
 from jaxsr.expressions import to_text
 from jaxsr.expressions.postfix import compile_postfix
 
-ROWS = (1_000, 10_000)
 STRING_NODES = 15
 
 
-def new_populations(terms: int, repeats: int) -> dict[str, Any]:
+def new_populations(terms: int, rows: Sequence[int], repeats: int) -> dict[str, Any]:
     """Compile and evaluate populations not seen before, of one shape bucket.
 
     Each repeat takes a repeated evaluation, then ``compile_terms`` and the first ``evaluate`` of
     one new population from terms, and of another from postfix arrays.
     """
     out: dict[str, Any] = {}
-    for rows in ROWS:
-        found = _at(rows, terms, repeats)
-        out[f"{rows}_rows"] = found
+    for number in rows:
+        found = _at(number, terms, repeats)
+        out[f"{number}_rows"] = found
         print(
-            f"{rows:6} rows: repeated {found['repeated']['median']:.3f} s; new from terms "
+            f"{number:6} rows: repeated {found['repeated']['median']:.3f} s; new from terms "
             f"{found['from_terms']['ratio']['median']:.2f} x, from postfix "
             f"{found['from_postfix']['ratio']['median']:.2f} x; compilations meanwhile "
             f"{found['compilations']}",
@@ -53,7 +52,8 @@ def _at(rows: int, terms: int, repeats: int) -> dict[str, Any]:
         return random_population(np.random.default_rng(seed), terms)
 
     known = jaxsr.compile_terms(fresh(0).terms, VARIABLES)
-    known.evaluate(data), known.evaluate(data)
+    for _ in range(2):  # the first compiles
+        known.evaluate(data)
     before, taken = compilations(), []
     for repeat in range(repeats):
         one = fresh(1 + 2 * repeat).terms

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import time
 import warnings
@@ -155,12 +156,10 @@ class OperonTrees:
     def __init__(
         self, terms: Sequence[Term], variables: Sequence[str], data: NDArray[np.float32]
     ) -> None:
-        import pyoperon
-
-        self._module: Any = pyoperon
+        self._module: Any = importlib.import_module("pyoperon")
         self._data = np.asfortranarray(data)  # kept: the data set is a view of it
-        self._set: Any = pyoperon.Dataset(self._data)
-        self._range: Any = pyoperon.Range(0, len(data))
+        self._set: Any = self._module.Dataset(self._data)
+        self._range: Any = self._module.Range(0, len(data))
         hashes = dict(zip(variables, self._set.VariableHashes, strict=True))
         self._trees = [self._tree(term, hashes) for term in terms]
         self._theta = np.zeros((len(terms), len(data)), np.float32)

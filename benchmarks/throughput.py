@@ -52,7 +52,8 @@ class Plan:
     ----------
     terms, repeats, slow_repeats : int
         Repeats are pairs of ours and pyoperon; slow ones are those of the other two peers.
-    rows, scaling_rows, populations, term_sizes : tuple of int
+    rows, new_rows, scaling_rows, populations, term_sizes : tuple of int
+        `new_rows` are those at which new populations are timed.
     agreement_rows : int
     """
 
@@ -60,6 +61,7 @@ class Plan:
     repeats: int = 15
     slow_repeats: int = 5
     rows: tuple[int, ...] = (250, 1_000, 10_000, 100_000, 1_000_000)
+    new_rows: tuple[int, ...] = (1_000, 10_000)
     scaling_rows: tuple[int, ...] = (1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000)
     populations: tuple[int, ...] = (100, 300, 1_000, 3_000, 6_000, 20_000)
     term_sizes: tuple[int, ...] = (3, 5, 7, 11, 15, 23, 31)
@@ -70,6 +72,7 @@ QUICK = Plan(
     repeats=7,
     slow_repeats=3,
     rows=(250, 1_000, 10_000),
+    new_rows=(1_000,),
     scaling_rows=(1_000, 10_000, 100_000),
     populations=(300, 1_000, 3_000),
     term_sizes=(3, 7, 15),
@@ -196,14 +199,16 @@ SECTIONS: dict[str, Callable[[Plan], dict[str, Any]]] = {
     "sharing": sharing,
     "raw": raw,
     "agreement": agreement,
-    "new_population": lambda plan: first_evaluation.new_populations(plan.terms, plan.repeats),
+    "new_population": lambda plan: first_evaluation.new_populations(
+        plan.terms, plan.new_rows, plan.repeats
+    ),
     "cold": lambda plan: first_evaluation.cold(plan.terms),
     "scaling": lambda plan: {
         "rows": scaling.in_rows(plan.scaling_rows, plan.slow_repeats),
         "population": scaling.in_population(plan.populations, plan.slow_repeats),
         "term_size": scaling.in_term_size(plan.term_sizes, plan.slow_repeats),
     },
-    "gpu": lambda plan: throughput_gpu.measure(plan.rows[-3:], plan.slow_repeats),
+    "gpu": lambda plan: throughput_gpu.measure(plan.terms, plan.rows[-3:], plan.slow_repeats),
 }
 
 

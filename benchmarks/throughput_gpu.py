@@ -11,14 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxsr
-from benchmarks.throughput_cases import VARIABLES, random_population, samples
+from benchmarks.throughput_cases import VARIABLES, Population, random_population, samples
 from benchmarks.timing import repeated, spread
 
+Device = Any  # jax.Device is a variable to a type checker
 COPY_BYTES = 2**28
 ANSWER = 60_000_000  # terms x rows
 
 
-def measure(rows: Sequence[int], repeats: int) -> dict[str, Any]:
+def measure(terms: int, rows: Sequence[int], repeats: int) -> dict[str, Any]:
     """Measure where JAX sees a GPU; say so where it sees none.
 
     The bound is traffic that no machine avoids: the data read once and the answer written once,
@@ -28,9 +29,16 @@ def measure(rows: Sequence[int], repeats: int) -> dict[str, Any]:
     if not devices:
         print("no GPU at hand: nothing measured")
         return {"measured": False, "reason": "JAX saw no GPU on this machine"}
-    device, cpu = devices[0], jax.local_devices(backend="cpu")[0]
+    return compare(devices[0], jax.local_devices(backend="cpu")[0], terms, rows, repeats)
+
+
+def compare(
+    device: Device, cpu: Device, terms: int, rows: Sequence[int], repeats: int
+) -> dict[str, Any]:
+    """Return rates of both devices and the share of the first one's bandwidth."""
     bandwidth = _bandwidth(device, repeats)
-    points = [_point(n, repeats, device, cpu, bandwidth) for n in rows]
+    drawn = random_population(np.random.default_rng(0), terms)
+    points = [_point(drawn, n, repeats, device, cpu, bandwidth) for n in rows]
     faster = [p["rows"] for p in points if p["gpu"]["median"] > p["cpu"]["median"]]
     return {
         "measured": True,
@@ -41,7 +49,7 @@ def measure(rows: Sequence[int], repeats: int) -> dict[str, Any]:
     }
 
 
-def _bandwidth(device: jax.Device, repeats: int) -> float:
+def _bandwidth(device: Device, repeats: int) -> float:
     """Return bytes read and written a second by a copy."""
     x = jax.device_put(jnp.zeros(COPY_BYTES // 4, jnp.float32), device)
     copy = jax.jit(lambda a: a + 1.0)
@@ -50,9 +58,9 @@ def _bandwidth(device: jax.Device, repeats: int) -> float:
 
 
 def _point(
-    rows: int, repeats: int, gpu: jax.Device, cpu: jax.Device, bandwidth: float
+    drawn: Population, rows: int, repeats: int, gpu: Device, cpu: Device, bandwidth: float
 ) -> dict[str, Any]:
-    population = random_population(np.random.default_rng(0), min(6_000, ANSWER // rows))
+    population = drawn.first(ANSWER // rows)
     data, work = samples(rows), population.nodes * rows
     out: dict[str, Any] = {"rows": rows, "terms": len(population.terms)}
     for name, device in (("gpu", gpu), ("cpu", cpu)):

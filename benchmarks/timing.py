@@ -63,7 +63,8 @@ def repeated(call: Callable[[], object], repeats: int, warm: int = 1) -> tuple[f
 
 def alternated(ours: Callable[[], object], theirs: Callable[[], object], repeats: int) -> Pairs:
     """Time two calls in turns, A B A B ..., after one of each that is not timed."""
-    ours(), theirs()
+    for call in (ours, theirs):
+        call()
     taken = [(seconds(ours), seconds(theirs)) for _ in range(repeats)]
     return Pairs(tuple(a for a, _ in taken), tuple(b for _, b in taken))
 
