@@ -288,17 +288,17 @@ class SymbolicSparseRegressor(RegressorMixin, BaseEstimator):
 
     def plot_fit(self, ax: Axes | None = None, *, output: int = 0) -> Axes:
         """Plot the prediction of the training samples against their target."""
-        return plots.plot_fit(*self._pair(output), ax=ax, name=self.target_names_[output])
+        return plots.plot_fit(self._shown(output), ax)
 
     def plot_residual(self, ax: Axes | None = None, *, output: int = 0) -> Axes:
         """Plot target minus prediction of the training samples over the prediction."""
-        return plots.plot_residual(*self._pair(output), ax=ax, name=self.target_names_[output])
+        return plots.plot_residual(self._shown(output), ax)
 
-    def _pair(self, output: int) -> tuple[np.ndarray, np.ndarray]:
+    def _shown(self, output: int) -> plots.Fitted:
         check_is_fitted(self, "found_")
         X, y = self._drawn
         fit = self.to_numpy()(X).reshape(len(X), -1)
-        return y[:, output], fit[:, output]
+        return plots.Fitted(y[:, output], fit[:, output], name=self.target_names_[output])
 
 
 class _OfColumns:

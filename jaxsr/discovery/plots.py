@@ -5,6 +5,7 @@ Each function draws on ``ax``, or on the current axes of pyplot, and returns the
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,26 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MOST_POINTS = 4000
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A target beside what an equation gives for it.
+
+    Attributes
+    ----------
+    target, fit : ndarray, (samples,)
+    over : ndarray, (samples,), optional
+        What to plot over; increasing.
+    name, over_name : str
+        Names of the target and of what it is plotted over.
+    """
+
+    target: np.ndarray
+    fit: np.ndarray
+    over: np.ndarray | None = None
+    name: str = "y"
+    over_name: str = "t"
 
 
 def plot_front(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
@@ -47,70 +68,45 @@ def plot_front(table: pd.DataFrame, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_fit(
-    target: np.ndarray,
-    fit: np.ndarray,
-    over: np.ndarray | None = None,
-    ax: Axes | None = None,
-    *,
-    name: str = "y",
-    over_name: str = "t",
-) -> Axes:
-    """Plot target and fit over time, or the fit against the target where there is no time.
-
-    Parameters
-    ----------
-    target, fit : ndarray, (samples,)
-    over : ndarray, (samples,), optional
-        What to plot over; increasing.
-    ax : matplotlib Axes, optional
-    name, over_name : str
-        Names of the target and of what it is plotted over.
-    """
-    ax = _axes(ax)
-    if over is None:
-        few = _spread(len(target))
-        ax.plot(target[few], fit[few], ".", ms=4, color=AFTER)
+def plot_fit(shown: Fitted, ax: Axes | None = None) -> Axes:
+    """Plot target and fit over time, or the fit against the target where there is no time."""
+    ax, target, fit = _axes(ax), shown.target, shown.fit
+    if shown.over is None:
+        _scattered(ax, target, fit)
         span = limits(target)
         if span is not None:
             ax.plot(span, span, color=GIVEN, lw=1, zorder=1.5)
-        ax.set_xlabel(plain(name))
-        ax.set_ylabel(f"{plain(name)} by the equation")
+        ax.set_xlabel(plain(shown.name))
+        ax.set_ylabel(f"{plain(shown.name)} by the equation")
         return ax
-    ax.plot(*decimate(over, target), color=MEASURED, lw=2.6, alpha=0.45, label="from the data")
-    ax.plot(*decimate(over, fit), color=AFTER, lw=1.3, label="equation")
-    ax.set_xlabel(plain(over_name))
-    ax.set_ylabel(plain(name))
+    ax.plot(
+        *decimate(shown.over, target), color=MEASURED, lw=2.6, alpha=0.45, label="from the data"
+    )
+    ax.plot(*decimate(shown.over, fit), color=AFTER, lw=1.3, label="equation")
+    ax.set_xlabel(plain(shown.over_name))
+    ax.set_ylabel(plain(shown.name))
     ax.legend(frameon=False)
     return ax
 
 
-def plot_residual(
-    target: np.ndarray,
-    fit: np.ndarray,
-    over: np.ndarray | None = None,
-    ax: Axes | None = None,
-    *,
-    name: str = "y",
-    over_name: str = "t",
-) -> Axes:
-    """Plot target minus fit, over time or over the fit; arguments as in :func:`plot_fit`."""
-    ax = _axes(ax)
-    residual = target - fit
+def plot_residual(shown: Fitted, ax: Axes | None = None) -> Axes:
+    """Plot target minus fit, over time or over the fit."""
+    ax, residual = _axes(ax), shown.target - shown.fit
     ax.axhline(0.0, color=GIVEN, lw=0.8)
-    if over is None:
-        few = _spread(len(target))
-        ax.plot(fit[few], residual[few], ".", ms=4, color=AFTER)
-        ax.set_xlabel(f"{plain(name)} by the equation")
+    if shown.over is None:
+        _scattered(ax, shown.fit, residual)
+        ax.set_xlabel(f"{plain(shown.name)} by the equation")
     else:
-        ax.plot(*decimate(over, residual), color=AFTER, lw=1.0)
-        ax.set_xlabel(plain(over_name))
-    ax.set_ylabel(f"residual of {plain(name)}")
+        ax.plot(*decimate(shown.over, residual), color=AFTER, lw=1.0)
+        ax.set_xlabel(plain(shown.over_name))
+    ax.set_ylabel(f"residual of {plain(shown.name)}")
     return ax
 
 
-def _spread(count: int) -> np.ndarray:
-    return np.unique(np.linspace(0, count - 1, min(count, _MOST_POINTS)).astype(int))
+def _scattered(ax: Axes, x: np.ndarray, y: np.ndarray) -> None:
+    """Plot samples as dots, evenly spread ones where there are many."""
+    few = np.unique(np.linspace(0, len(x) - 1, min(len(x), _MOST_POINTS)).astype(int))
+    ax.plot(x[few], y[few], ".", ms=4, color=AFTER)
 
 
 def _axes(ax: Axes | None) -> Axes:

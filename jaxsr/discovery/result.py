@@ -25,6 +25,8 @@ from jaxsr.models.writing import model_text
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from jaxsr.discovery.plots import Fitted
+
 _EXACT = 1e-30  # two losses below this share of the largest differ by rounding alone
 
 
@@ -115,23 +117,26 @@ class Discovery:
         """Plot the derivative of a state in one recording, and what its equation gives."""
         from jaxsr.discovery import plots
 
-        return plots.plot_fit(*self._fitted(state, recording), ax, name=f"rate of {state}")
+        return plots.plot_fit(self._fitted(state, recording), ax)
 
     def plot_residual(self, state: str, ax: Axes | None = None, *, recording: int = 0) -> Axes:
         """Plot what the equation of a state leaves in one recording."""
         from jaxsr.discovery import plots
 
-        return plots.plot_residual(*self._fitted(state, recording), ax, name=f"rate of {state}")
+        return plots.plot_residual(self._fitted(state, recording), ax)
 
-    def _fitted(self, state: str, recording: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return derivative, fit and time of one recording."""
+    def _fitted(self, state: str, recording: int) -> Fitted:
+        """Return a state's derivative in one recording beside what its equation gives."""
+        from jaxsr.discovery.plots import Fitted
+
         equation = self[state]
         rows = np.flatnonzero(self.samples.group == recording)
         if not len(rows):
             raise InputError(f"there is no recording {recording}", "recording", "Count from 0.")
         part = self.samples.take(rows)
         time = part.variables[next(iter(part.variables))]
-        return part.targets[state], equation.predict(part), time
+        target = part.targets[state]
+        return Fitted(target, equation.predict(part), time, f"rate of {state}")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the contents of ``discovery.json``."""

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
+from jaxsr.evolution.polish import NEAR, whole_near
 from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
 from jaxsr.regression import RegressionProblem
 
-# distance from a whole number, relative to the larger of it and one: an exponent is likely whole,
-# a frequency or a phase is not
-_NEAR_EXPONENT, _NEAR = 0.02, 1e-3
+_NEAR_EXPONENT = 0.02  # an exponent is likely whole, a frequency or a phase is not
 _RISE = 4.0  # of the residual sum of squares, in units of its mean square: two standard errors
 
 
@@ -46,8 +43,8 @@ def _candidates(terms: Sequence[Term]) -> list[tuple[Term, Term]]:
         for place, node in enumerate(term.walk()):
             if not node.is_constant or not term.args or node.value.is_integer():
                 continue
-            whole = float(np.round(node.value))
-            near = _NEAR_EXPONENT if id(node) in exponents else _NEAR
-            if abs(node.value - whole) <= near * max(abs(whole), 1.0):
+            near = _NEAR_EXPONENT if id(node) in exponents else NEAR
+            whole = whole_near(node.value, near)
+            if whole is not None:
                 out.append((term, term.replace_at(place, Term.constant(whole))))
     return out

@@ -15,7 +15,7 @@ from jaxsr.expressions.term import Term
 
 Terms = tuple[Term, ...]
 _EXACT = 1e-18  # relative loss at which two fits are both exact to rounding
-_NEAR = 1e-3  # distance from a whole number, relative to the larger of it and one
+NEAR = 1e-3  # distance from a whole number, relative to the larger of it and one
 _TRIED = 10  # simplifications of one individual whose constants are refined
 
 
@@ -61,11 +61,19 @@ def _rounded(terms: Terms) -> Terms:
     return changed if changed != terms else ()
 
 
+def whole_near(value: float, near: float = NEAR) -> float | None:
+    """Return the whole number next to a constant; None where it is too far.
+
+    ``near`` is relative to the larger of the whole number and one.
+    """
+    whole = float(np.round(value))
+    return whole if abs(value - whole) <= near * max(abs(whole), 1.0) else None
+
+
 def _whole(term: Term) -> Term:
     if term.is_constant:
-        whole = float(np.round(term.value))
-        near = abs(term.value - whole) <= _NEAR * max(abs(whole), 1.0)
-        return Term.constant(whole) if near else term
+        whole = whole_near(term.value)
+        return term if whole is None else Term.constant(whole)
     if not term.args:
         return term
     return Term.apply(term.op, *map(_whole, term.args))
