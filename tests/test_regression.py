@@ -10,6 +10,7 @@ from jaxsr._result import InputError
 from jaxsr.expressions import Term, parse
 from jaxsr.regression import (
     ElasticNetRule,
+    GramBatch,
     HardThreshold,
     RegressionProblem,
     aic,
@@ -25,7 +26,6 @@ from jaxsr.regression import (
     solve_ridge,
     with_constants,
 )
-from jaxsr.regression.ridge import compiled_shapes
 
 
 def _problem(rng, n=300, **options):
@@ -60,19 +60,31 @@ def test_ridge_shrinks_an_orthonormal_column_by_one_over_one_plus_lambda():
     np.testing.assert_allclose(solve_ridge(gram, ridge=0.5)[0], [2.0 / 1.5, 1.0 / 1.5])
 
 
-def test_one_compilation_serves_every_population_of_a_bucket():
+def test_a_solution_is_the_same_bits_whoever_is_solved_beside_it():
     rng = np.random.default_rng(1)
     columns, _ = scale_columns(rng.normal(size=(40, 50)))
     y = rng.normal(size=50)
+    index = np.array([[*rng.permutation(40)[:n], *[-1] * (20 - n)] for n in range(1, 21)] * 20)
+    gram = gather_gram(columns, y, index)
+    together = solve_ridge(gram)
+    for row in rng.permutation(len(index))[:60]:
+        n = int(np.sum(index[row] >= 0))
+        part = GramBatch(
+            gram.matrix[[row], :n, :n], gram.moment[[row], :n], gram.used[[row], :n], gram.total
+        )
+        np.testing.assert_array_equal(solve_ridge(part)[0], together[row, :n])
 
-    def solve(individuals, terms):
-        solve_ridge(gather_gram(columns, y, rng.integers(40, size=(individuals, terms))))
 
-    solve(100, 6)
-    before = compiled_shapes()
-    for individuals, terms in [(65, 5), (128, 8), (90, 7)]:
-        solve(individuals, terms)
-    assert compiled_shapes() == before
+def test_a_singular_system_is_nan_and_harms_no_other():
+    rng = np.random.default_rng(2)
+    columns, _ = scale_columns(rng.normal(size=(9, 30)))
+    columns[3] = 0.0
+    index = np.array([[0, 1], [2, 3], [3, 3], [4, 5], [6, -1]])
+    gram = gather_gram(columns, rng.normal(size=30), index)
+    xi = solve_ridge(gram, 0.0)
+    assert np.all(np.isnan(xi[[1, 2]]))
+    np.testing.assert_array_equal(xi[3], np.linalg.solve(gram.matrix[3], gram.moment[3]))
+    assert np.all(np.isfinite(xi[[0, 4]]))
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -102,8 +102,8 @@ class Problem(Protocol):
         """Return relative losses on validation rows with coefficients from the training rows."""
         ...
 
-    def prune(self, terms: Sequence[Term]) -> tuple[Term, ...]:
-        """Return the terms that survive hard thresholding."""
+    def prune_many(self, sets: Sequence[Sequence[Term]]) -> list[tuple[Term, ...]]:
+        """Return the terms of each set that survive hard thresholding."""
         ...
 
     def dictionary(self, key: Hashable, make: Callable[[], Sequence[Term]]) -> Any:

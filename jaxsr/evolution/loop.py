@@ -182,7 +182,7 @@ def step(
     edited = [edit(terms) for terms in children]
     newborn = weigh(problem, edited, config)
     elite = state.population[: max(2, int(config.elite * config.population))]
-    thresholded = weigh(problem, [problem.prune(ind.terms) for ind in elite], config)
+    thresholded = weigh(problem, problem.prune_many([ind.terms for ind in elite]), config)
     pool = _distinct([*elite, *thresholded, *newborn])
     ranked = _ranked(pool, state.rule, config, problem)
     front = state.front.with_(ranked)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,10 @@ from jaxsr.regression.dictionary import Dictionary
 from jaxsr.regression.elastic_net import ElasticNetRule, Penalty
 from jaxsr.regression.elimination import eliminate
 from jaxsr.regression.fitting import Fit, fit_terms
-from jaxsr.regression.gram import Array, GramBatch, gather_gram, scale_columns
+from jaxsr.regression.gram import Array, GramBatch, scale_columns
 from jaxsr.regression.judging import Judge
 from jaxsr.regression.rational import quotients
-from jaxsr.regression.ridge import least_squares, solve_ridge
+from jaxsr.regression.ridge import least_squares
 from jaxsr.regression.signs import (
     Signs,
     checked_signs,
@@ -29,12 +29,14 @@ from jaxsr.regression.signs import (
     wrong,
 )
 from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies
-from jaxsr.regression.store import DEPENDENT, ColumnStore, independent_terms
+from jaxsr.regression.store import DEPENDENT, ColumnStore, Store
+from jaxsr.regression.streamed import Evaluator, StreamedStore, pieces
 from jaxsr.regression.threshold import HardThreshold
+from jaxsr.regression.weighing import Weighing
 
 View = Callable[[Array], Array]
 
-_NORMAL_EQUATIONS = 1e-8  # relative loss below which Gram matrices are too coarse
+_HELD = 1024  # columns there must be room for; longer samples are gone through in pieces
 
 
 class RegressionProblem:
@@ -62,7 +64,9 @@ class RegressionProblem:
     noise : float
         Relative loss that measurement noise of the target leaves, estimated.
     limit_bytes : int
-        Memory for stored columns; what one call needs is held in any case.
+        Memory for columns. Where it holds fewer than 1024 of them (12,000 rows by default), a
+        problem without view and fixed columns keeps none and goes through its samples in pieces;
+        any other holds what one call needs.
     signs : mapping of Term to int, optional
         Terms whose coefficients must not be negative (1) or not be positive (-1).
     judge : Judge, optional
@@ -73,6 +77,9 @@ class RegressionProblem:
         Whether a term may be used, e.g. :class:`jaxsr.regression.InUnits`; all may when None.
     instants : ndarray, (samples,), optional
         Time of each sample for integrals, where it is not among the variables.
+    evaluator : callable, optional
+        What evaluates terms: terms and variables to columns (samples, terms). A cache that keeps
+        every subtree's column when None.
     """
 
     def __init__(
@@ -94,6 +101,7 @@ class RegressionProblem:
         group: NDArray[np.intp] | None = None,
         admits: Callable[[Term], bool] | None = None,
         instants: Array | None = None,
+        evaluator: Evaluator | None = None,
     ) -> None:
         self.y = np.asarray(y, dtype=np.float64)
         if self.y.ndim != 1 or not len(self.y):
@@ -125,15 +133,11 @@ class RegressionProblem:
         self.admits = admits
         self.judged_rows = judge.rows if judge is not None else 0
         self.timed = instants is not None or time in self.variables
-        when = time if instants is None else instants
-        self.cache = ColumnCache(self.variables, limit_bytes // 2, time=when, group=group)
-        self._store = ColumnStore(
-            self.columns,
-            self._project if self._basis.shape[1] else None,
-            admits,
-            self.rows,
-            max(256, limit_bytes // (16 * self.rows)),
-        )
+        self._evaluator, self._limit = evaluator, limit_bytes
+        self._when = time if instants is None else instants
+        self.cache = self._empty_cache()
+        target = self.target / self._scale
+        self._weighing = Weighing(self._empty_store(target), float(target @ target))
         self._waves: dict[str, Waves | None] = {}
 
     def _check_shapes(self) -> None:
@@ -144,6 +148,25 @@ class RegressionProblem:
         if self.view is None and samples != (self.rows,):
             raise InputError(f"variables have shape {samples}, y has {self.rows} rows", "variables")
 
+    def _empty_cache(self) -> ColumnCache:
+        limit = self._limit // 2
+        return ColumnCache(self.variables, limit, time=self._when, group=self.group)
+
+    def _empty_store(self, target: Array) -> Store:
+        capacity = self._limit // (16 * self.rows)
+        if capacity < _HELD and self.view is None and not self._basis.shape[1]:
+            return StreamedStore(self._pieces, self.admits, target, self._limit)
+        project = self._project if self._basis.shape[1] else None
+        return ColumnStore(self.columns, project, self.admits, target, max(256, capacity))
+
+    def _pieces(self, terms: Sequence[Term], rows: int) -> Iterator[tuple[slice, Array]]:
+        return pieces(terms, self.variables, rows, self.cache, self._evaluator)
+
+    def forget(self) -> None:
+        """Drop all columns and their products; results stay the same, work is done again."""
+        self._weighing.forget()
+        self.cache = self._empty_cache()
+
     def _project(self, columns: Array) -> Array:
         if not self._basis.shape[1]:
             return columns
@@ -151,6 +174,8 @@ class RegressionProblem:
 
     def columns(self, terms: Sequence[Term], *, keep: bool = True) -> Array:
         """Return the viewed columns (rows, terms); what is not finite stays so."""
+        if self._evaluator is not None:
+            return self._viewed(self._evaluator(terms, self.variables))
         return self._viewed(np.column_stack([self.cache.column(term, keep=keep) for term in terms]))
 
     def _viewed(self, samples: Array) -> Array:
@@ -187,7 +212,7 @@ class RegressionProblem:
         A term is unusable where it is not finite on the data (a zero denominator, the root of a
         negative number), lies in the span of the fixed columns or is not admitted.
         """
-        return self._store.index(terms)
+        return self._weighing.store.index(terms)
 
     def admitted(self, terms: Sequence[Term]) -> bool:
         """Tell whether every term may be used, whatever its column holds."""
@@ -203,24 +228,7 @@ class RegressionProblem:
         losses : ndarray, (individuals,)
             Residual sum of squares relative to that of the target; inf where a term is unusable.
         """
-        flat = self.index([term for terms in individuals for term in terms])
-        width = max((len(terms) for terms in individuals), default=0) or 1
-        index = np.full((len(individuals), width), -1, dtype=np.intp)
-        unusable = np.zeros(len(individuals), dtype=bool)
-        position = 0
-        for row, terms in enumerate(individuals):
-            found = flat[position : position + len(terms)]
-            position += len(terms)
-            unusable[row] = -1 in found
-            index[row, : len(terms)] = found
-        gram = gather_gram(self._store.columns, self.target / self._scale, index)
-        xi = solve_ridge(gram, self.ridge)
-        losses = np.where(unusable, np.inf, gram.loss(xi))
-        losses = np.where(np.isfinite(losses), losses, np.inf)
-        # normal equations lose half the digits: a fit better than that is weighed again by QR
-        for row in np.flatnonzero(losses < _NORMAL_EQUATIONS).tolist():
-            theta = self._store.columns[index[row, : len(individuals[row])]].T
-            losses[row] = least_squares(theta, self.target / self._scale)[1]
+        gram, xi, losses = self._weighing.solve(individuals, self.ridge)
         shares = [xi[row, : len(terms)] for row, terms in enumerate(individuals)]
         if self.signs:
             self._constrain(individuals, shares, losses, gram)
@@ -248,11 +256,11 @@ class RegressionProblem:
 
     def independent(self, sets: Sequence[Sequence[Term]]) -> list[tuple[Term, ...]]:
         """Return the sets of usable terms without columns that depend on simpler ones of a set."""
-        return independent_terms(self._store, sets)
+        return self._weighing.independent(sets)
 
     def in_units(self, terms: Sequence[Term], shares: Array) -> Array:
         """Return coefficients of the columns as given from those of unit-norm columns."""
-        return shares * self._scale / self._store.norms(self.index(terms))
+        return shares * self._scale / self._weighing.store.norms(self.index(terms))
 
     def judge(self, individuals: Sequence[Sequence[Term]]) -> Array:
         """Return losses on the judge's rows with coefficients from these rows.
@@ -270,11 +278,11 @@ class RegressionProblem:
 
     def prune(self, terms: Sequence[Term]) -> tuple[Term, ...]:
         """Return the terms that survive hard thresholding."""
-        where = self.index(terms)
-        theta = self._store.columns[where]
-        y = self.target / self._scale
-        kept = self.threshold.keep(theta @ theta.T, theta @ y, float(y @ y), self.ridge)
-        return tuple(terms[k] for k in kept)
+        return self.prune_many([terms])[0]
+
+    def prune_many(self, sets: Sequence[Sequence[Term]]) -> list[tuple[Term, ...]]:
+        """Return the terms of each set of usable ones that survive hard thresholding."""
+        return self._weighing.prune(sets, self.threshold, self.ridge)
 
     def residual(self, terms: Sequence[Term]) -> Array:
         """Return the target minus its best fit by ``terms`` (rows,)."""

@@ -1,30 +1,17 @@
-"""Ridge regression of many individuals in one batched solve (paper section 4.4)."""
+"""Ridge regression of many individuals, batched by their number of terms (paper section 4.4)."""
 
 from __future__ import annotations
 
-import functools
-from typing import Any
-
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxsr.regression.gram import Array, GramBatch, bucket
-
-_BATCH = 256  # individuals solved together: one compilation for each width
-
-
-@functools.cache
-def _solver() -> Any:
-    def solve(matrix: jax.Array, moment: jax.Array, ridge: jax.Array) -> jax.Array:
-        damped = matrix + ridge * jnp.eye(matrix.shape[-1], dtype=matrix.dtype)
-        return jnp.linalg.solve(damped, moment[..., None])[..., 0]
-
-    return jax.jit(solve)
+from jaxsr.regression.gram import Array, GramBatch
 
 
 def solve_ridge(gram: GramBatch, ridge: float = 1e-10) -> Array:
     r"""Solve :math:`(G + \lambda I)\,\xi = b` for every individual in float64.
+
+    Individuals with the same number of terms are solved in one call of LAPACK, none padded to a
+    larger one, and each by itself: a solution's last bit does not depend on the others.
 
     Parameters
     ----------
@@ -36,32 +23,35 @@ def solve_ridge(gram: GramBatch, ridge: float = 1e-10) -> Array:
     Returns
     -------
     ndarray, (individuals, terms)
-        Coefficients of the unit-norm columns; zero in unused slots. A singular system whose
-        solution is not finite comes back as NaN, for the caller to reject.
+        Coefficients of the unit-norm columns; zero in unused slots. A singular system comes back
+        as NaN, for the caller to reject.
 
     References
     ----------
     Askari and Crevecoeur, Eqs. 17 and 18 with :math:`J = \|\xi\|_2^2`.
     """
     individuals, terms = gram.moment.shape
-    width = bucket(terms)
-    xi = np.empty((individuals, terms))
-    for start in range(0, individuals, _BATCH):
-        part = slice(start, min(start + _BATCH, individuals))
-        matrix = np.zeros((_BATCH, width, width))
-        matrix[:, np.arange(width), np.arange(width)] = 1.0
-        matrix[: part.stop - start, :terms, :terms] = gram.matrix[part]
-        moment = np.zeros((_BATCH, width))
-        moment[: part.stop - start, :terms] = gram.moment[part]
-        with jax.enable_x64(True):
-            solved = np.asarray(_solver()(matrix, moment, np.float64(ridge)))
-        xi[part] = solved[: part.stop - start, :terms]
+    xi = np.zeros((individuals, terms))
+    slots = np.arange(1, terms + 1)
+    width = np.max(np.where(gram.used, slots, 0), axis=1, initial=0)  # to the last slot used
+    for size in np.unique(width[width > 0]).tolist():
+        rows = np.flatnonzero(width == size)
+        xi[rows, :size] = solve_many(
+            gram.matrix[rows, :size, :size] + ridge * np.eye(size), gram.moment[rows, :size]
+        )
     return xi
 
 
-def compiled_shapes() -> int:
-    """Return how many shapes the batched solve has been compiled for."""
-    return int(_solver()._cache_size())
+def solve_many(matrix: Array, moment: Array) -> Array:
+    """Solve systems (systems, n, n) of one size; NaN for a singular one."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, moment[:, :, None])[:, :, 0], np.float64)
+    except np.linalg.LinAlgError:  # one is exactly singular: the others are solved without it
+        if len(matrix) == 1:
+            return np.full(moment.shape, np.nan)
+        half = len(matrix) // 2
+        parts = (slice(None, half), slice(half, None))
+        return np.concatenate([solve_many(matrix[part], moment[part]) for part in parts])
 
 
 def least_squares(theta: Array, y: Array) -> tuple[Array, float]:

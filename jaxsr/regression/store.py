@@ -3,17 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 
 from jaxsr.expressions.term import Term
-from jaxsr.regression.gram import Array, gather_gram, scale_columns
-from jaxsr.regression.rank import independent_in_grams
+from jaxsr.regression.gram import Array, scale_columns
+from jaxsr.regression.products import Places, dot
+from jaxsr.regression.ridge import least_squares
 
 # A column that keeps less than this of its norm beside the fixed columns adds only rounding.
 DEPENDENT = 1e-9
 _TOGETHER = 256
-_DEPENDENT_IN_SET = 1e-6  # share of a unit column; Gram matrices show no less
+_LARGEST, _SMALLEST = 1e100, 1e-100  # sizes whose squares are numbers
+
+
+class Store(Protocol):
+    """Where the columns of terms are, and their products."""
+
+    epoch: int
+    """Rises whenever places come to mean other columns."""
+
+    def index(self, terms: Sequence[Term]) -> list[int]:
+        """Return the place of each term's column; -1 for a term that cannot be used."""
+        ...
+
+    def forget(self) -> None:
+        """Drop every column."""
+        ...
+
+    def norms(self, places: Sequence[int]) -> Array:
+        """Return what the columns were divided by."""
+        ...
+
+    def moments(self) -> Array:
+        """Return the products of all columns with the target."""
+        ...
+
+    def products(self, first: Places, second: Places) -> Array:
+        """Return the products of pairs of columns."""
+        ...
+
+    def exact_losses(self, sets: Sequence[Sequence[int]], shares: Sequence[Array]) -> Array:
+        """Return residual sums of squares free of the rounding of normal equations.
+
+        ``shares`` are the solutions of the normal equations.
+        """
+        ...
+
+
+def usable_sizes(largest: Array) -> np.ndarray:
+    """Tell which columns can be scaled, from their largest entries (NaN where not finite)."""
+    return np.isfinite(largest) & (largest < _LARGEST) & (largest > _SMALLEST)
 
 
 class ColumnStore:
@@ -30,7 +71,7 @@ class ColumnStore:
         A column (rows,) to what the fixed columns leave of it; None where there are none.
     admits : callable or None
         Whether a term may be used at all; None for all.
-    rows : int
+    target : ndarray, (rows,)
     capacity : int
         Columns kept; what one call needs is held in any case.
     """
@@ -40,33 +81,55 @@ class ColumnStore:
         columns_of: Callable[[Sequence[Term]], Array],
         project: Callable[[Array], Array] | None,
         admits: Callable[[Term], bool] | None,
-        rows: int,
+        target: Array,
         capacity: int,
     ) -> None:
         self._columns_of, self._project, self._admits = columns_of, project, admits
-        self._rows, self._capacity = rows, capacity
-        self._forget()
+        self._target, self._capacity = target, capacity
+        self.epoch = 0
+        self.forget()
 
-    def _forget(self) -> None:
-        self._columns = np.empty((min(1024, self._capacity), self._rows))
+    def forget(self) -> None:
+        """Drop every column."""
+        self._columns: list[Array] = []
         self._norms: list[float] = []
+        self._moments: list[float] = []
+        self._moment = np.zeros(0)
         self._index: dict[Term, int] = {}
-        self.terms: list[Term] = []
-
-    @property
-    def columns(self) -> Array:
-        """Return the columns held (terms, rows)."""
-        return self._columns[: len(self.terms)]
+        self.epoch += 1
 
     def norms(self, places: Sequence[int]) -> Array:
         """Return what the columns were divided by."""
         return np.array([self._norms[k] for k in places])
 
+    def moments(self) -> Array:
+        """Return the products of all columns with the target."""
+        if len(self._moment) != len(self._moments):
+            self._moment = np.array(self._moments)
+        return self._moment
+
+    def products(self, first: Places, second: Places) -> Array:
+        """Return the products of pairs of columns."""
+        columns = self._columns
+        pairs = zip(first.tolist(), second.tolist(), strict=True)
+        return np.array([dot(columns[i], columns[j]) for i, j in pairs])
+
+    def exact_losses(self, sets: Sequence[Sequence[int]], shares: Sequence[Array]) -> Array:
+        """Return residual sums of squares by an orthogonal factorisation of each set."""
+        del shares
+        thetas = (np.array([self._columns[k] for k in places]).T for places in sets)
+        return np.array([least_squares(theta, self._target)[1] for theta in thetas])
+
     def index(self, terms: Sequence[Term]) -> list[int]:
         """Return where each term's column is held; -1 for a term that cannot be used."""
-        new = [term for term in dict.fromkeys(terms) if term not in self._index]
-        if len(self.terms) + len(new) > self._capacity:
-            self._forget()
+        known = self._index
+        try:
+            return [known[term] for term in terms]
+        except KeyError:
+            pass
+        new = [term for term in dict.fromkeys(terms) if term not in known]
+        if len(self._columns) + len(new) > self._capacity:
+            self.forget()
             new = list(dict.fromkeys(terms))
         for start in range(0, len(new), _TOGETHER):
             self._add(new[start : start + _TOGETHER])
@@ -80,43 +143,17 @@ class ColumnStore:
         if not terms:
             return
         viewed = self._columns_of(terms)
-        size = np.max(np.abs(viewed), axis=0, initial=0.0)
-        usable = np.isfinite(size) & (size < 1e100) & (size > 1e-100)
+        usable = usable_sizes(np.max(np.abs(viewed), axis=0, initial=0.0))
         rows = np.ascontiguousarray(np.where(usable, viewed, 0.0).T)
         if self._project is not None:
             before = np.linalg.norm(rows, axis=1)
             rows = np.array([self._project(row) for row in rows])
             usable &= np.linalg.norm(rows, axis=1) > DEPENDENT * before
         scaled, norms = scale_columns(rows[usable])
-        place = len(self.terms)
-        needed = place + len(scaled)
-        if needed > len(self._columns):
-            grown = np.empty((max(needed, 2 * len(self._columns)), self._rows))
-            grown[:place] = self.columns
-            self._columns = grown
-        self._columns[place:needed] = scaled
+        self._index.update(dict.fromkeys(terms, -1))
+        places = range(len(self._columns), len(self._columns) + len(scaled))
+        kept = (term for term, ok in zip(terms, usable, strict=True) if ok)
+        self._index.update(zip(kept, places, strict=True))
+        self._columns += list(scaled)
         self._norms += norms.tolist()
-        for term, ok in zip(terms, usable, strict=True):
-            self._index[term] = len(self.terms) if ok else -1
-            if ok:
-                self.terms.append(term)
-
-
-def independent_terms(store: ColumnStore, sets: Sequence[Sequence[Term]]) -> list[tuple[Term, ...]]:
-    """Return each set of usable terms without those that depend on simpler ones of the set."""
-    width = max(map(len, sets), default=1)
-    slots = np.full((len(sets), width), -1, dtype=np.intp)
-    order = [sorted(range(len(terms)), key=lambda k: terms[k].size) for terms in sets]
-    places = iter(store.index([sets[row][k] for row, ks in enumerate(order) for k in ks]))
-    for row, ks in enumerate(order):
-        slots[row, : len(ks)] = [next(places) for _ in ks]
-    gram = gather_gram(store.columns, np.zeros(store.columns.shape[1]), slots)
-    kept = independent_in_grams(gram.matrix, _DEPENDENT_IN_SET)
-    out = []
-    for terms, ks, stays in zip(sets, order, kept, strict=True):
-        if np.all(stays[: len(ks)]):
-            out.append(tuple(terms))
-        else:
-            few = {k for k, stay in zip(ks, stays[: len(ks)], strict=True) if stay}
-            out.append(tuple(term for k, term in enumerate(terms) if k in few))
-    return out
+        self._moments += [dot(column, self._target) for column in scaled]

@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jaxsr._result import InputError
-from jaxsr.regression.gram import Array
+from jaxsr.regression.gram import Array, GramBatch
+from jaxsr.regression.ridge import solve_many
+
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,34 +62,81 @@ class HardThreshold:
         total : float
             :math:`y^T y`.
         """
-        kept = list(range(len(moment)))
-        xi, rss = _solve(matrix, moment, total, kept, ridge)
-        allowed = max(rss * (1.0 + self.tolerance), self.floor * total)
-        while len(kept) > 1:
-            limit = self.sigma * np.max(np.abs(xi))
-            small = [k for k, value in zip(kept, xi, strict=True) if abs(value) <= limit]
-            small = small[: len(kept) - 1]
-            if not small:
-                break
-            trials = [small] if len(small) > 1 else []
-            trials += [[k] for k in small]
-            costs = []
-            for trial in trials:
-                rest = [k for k in kept if k not in trial]
-                costs.append(_solve(matrix, moment, total, rest, ridge)[1])
-            # all at once first; one by one only where that is not allowed
-            best = 0 if costs[0] <= allowed else int(np.argmin(costs))
-            if costs[best] > allowed:
-                break
-            kept = [k for k in kept if k not in trials[best]]
-            xi, _ = _solve(matrix, moment, total, kept, ridge)
+        used = np.ones((1, len(moment)), dtype=bool)
+        gram = GramBatch(np.asarray(matrix)[None], np.asarray(moment)[None], used, total)
+        return np.flatnonzero(self.keep_many(gram, ridge)[0]).tolist()
+
+    def keep_many(self, gram: GramBatch, ridge: float = 1e-10) -> Mask:
+        """Return which terms of every individual stay, at least one of each that has any.
+
+        Every round solves all individuals that still lose terms at once; what becomes of one does
+        not depend on the others.
+
+        Returns
+        -------
+        ndarray of bool, (individuals, terms)
+        """
+        kept = gram.used.copy()
+        size, rss = _solve(gram, np.arange(len(kept)), kept, ridge)
+        allowed = np.maximum(rss * (1.0 + self.tolerance), self.floor * gram.total)
+        rows = np.arange(len(kept))
+        while len(rows):
+            small = self._small(size, kept[rows])
+            going = np.any(small, axis=1)
+            rows, small = rows[going], small[going]
+            out, cost = _cheapest(gram, rows, kept, small, allowed[rows], ridge)
+            loses = cost <= allowed[rows]
+            rows = rows[loses]
+            kept[rows] &= ~out[loses]
+            size, _ = _solve(gram, rows, kept[rows], ridge)
         return kept
+
+    def _small(self, size: Array, kept: Mask) -> Mask:
+        """Return the terms that may go: negligible, the last of a set never among them."""
+        limit = self.sigma * np.max(size, axis=1, initial=0.0)
+        small = kept & (size <= limit[:, None])  # none where a system has no solution
+        return small & (np.cumsum(small, axis=1) < np.sum(kept, axis=1)[:, None])
+
+
+def _cheapest(
+    gram: GramBatch, rows: NDArray[np.intp], kept: Mask, small: Mask, allowed: Array, ridge: float
+) -> tuple[Mask, Array]:
+    """Return what each individual loses, and the residual without it.
+
+    That is all its small terms at once; where that costs too much, the one that costs least.
+    """
+    out = small.copy()
+    _, cost = _solve(gram, rows, kept[rows] & ~small, ridge)
+    many = np.flatnonzero((cost > allowed) & (np.sum(small, axis=1) > 1))
+    at, term = np.nonzero(small[many])
+    single = np.zeros((len(at), small.shape[1]), dtype=bool)
+    single[np.arange(len(at)), term] = True
+    _, costs = _solve(gram, rows[many][at], kept[rows[many]][at] & ~single, ridge)
+    least = np.full(small[many].shape, np.inf)
+    least[at, term] = costs
+    best = np.argmin(least, axis=1)  # the first of equals
+    out[many] = np.arange(small.shape[1]) == best[:, None]
+    cost[many] = least[np.arange(len(many)), best]
+    return out, cost
 
 
 def _solve(
-    matrix: Array, moment: Array, total: float, kept: list[int], ridge: float
-) -> tuple[Array, float]:
-    block = matrix[np.ix_(kept, kept)]
-    b = moment[kept]
-    xi = np.asarray(np.linalg.solve(block + ridge * np.eye(len(kept)), b), np.float64)
-    return xi, max(float(total - 2.0 * xi @ b + xi @ block @ xi), 0.0)
+    gram: GramBatch, rows: NDArray[np.intp], kept: Mask, ridge: float
+) -> tuple[Array, Array]:
+    """Return sizes of coefficients (rows, terms), 0 where not kept, and residual sums of squares.
+
+    A system without a solution has NaN for its coefficients and an infinite residual.
+    """
+    size, rss = np.zeros(kept.shape), np.full(len(rows), gram.total)
+    counts = np.sum(kept, axis=1)
+    for count in np.unique(counts[counts > 0]).tolist():
+        who = np.flatnonzero(counts == count)
+        places = np.nonzero(kept[who])[1].reshape(-1, count)
+        own = rows[who][:, None]
+        block = gram.matrix[own[:, :, None], places[:, :, None], places[:, None, :]]
+        b = gram.moment[own, places]
+        xi = solve_many(block + ridge * np.eye(count), b)
+        size[who[:, None], places] = np.abs(xi)
+        fitted = (block @ xi[:, :, None])[:, :, 0]
+        rss[who] = np.maximum(gram.total + np.sum(xi * (fitted - 2.0 * b), axis=1), 0.0)
+    return size, np.where(np.isnan(rss), np.inf, rss)
