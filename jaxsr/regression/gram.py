@@ -40,9 +40,15 @@ class GramBatch:
     total: float
 
     def loss(self, xi: Array) -> Array:
-        """Return the residual sum of squares of every individual, never below zero."""
-        quadratic = np.einsum("bj,bjk,bk->b", xi, self.matrix, xi)
-        return np.maximum(self.total - 2.0 * np.sum(xi * self.moment, axis=1) + quadratic, 0.0)
+        """Return the residual sum of squares of every individual, never below zero.
+
+        Terms are summed in order, so that unused slots behind them change no bit.
+        """
+        fitted = np.zeros(xi.shape)
+        for k in range(xi.shape[1]):
+            fitted += xi[:, k, None] * self.matrix[:, :, k]
+        explained = np.cumsum(xi * (2.0 * self.moment - fitted), axis=1)[:, -1]
+        return np.maximum(self.total - explained, 0.0)
 
 
 def scale_columns(columns: Array) -> tuple[Array, Array]:
