@@ -43,21 +43,14 @@ def simulate(
     """
     samples = len(segments.time)
     c = list(constants.T[:, :, None])
-    driven = {n: v for n, v in segments.values.items() if n not in states}
+    driven = [name for name in segments.values if name not in states]
     out = np.full((samples, *starts.shape), np.nan)
     out[0] = x = starts.copy()
 
     def f(x: np.ndarray, place: int, part: float) -> np.ndarray:
         t = segments.time
-        step = t[place + 1] - t[place]
-        values: dict[str, Any] = {time_name: t[place] + part * step}
-        for name, v in driven.items():
-            change = v[place + 1] - v[place]
-            values[name] = v[place] + part * change
-            slope = segments.slopes.get(name)
-            if slope is not None and 0.0 < part < 1.0:
-                first, last = slope[place] * step - change, slope[place + 1] * step - change
-                values[name] += part * (1.0 - part) * ((1.0 - part) * first - part * last)
+        values: dict[str, Any] = {time_name: t[place] + part * (t[place + 1] - t[place])}
+        values.update((name, _between(segments, name, place, part)) for name in driven)
         values.update(zip(states, x, strict=True))
         result = np.empty_like(x)
         for row, rate in enumerate(rates(values, c)):
@@ -77,3 +70,15 @@ def simulate(
             x[np.abs(x) > _FAR] = np.nan
             out[place + 1] = x
     return out
+
+
+def _between(segments: Segments, name: str, place: int, part: float) -> np.ndarray:
+    """Return a driving signal (segments,) at a part of the way to the next sample."""
+    v, slope = segments.values[name], segments.slopes.get(name)
+    change = v[place + 1] - v[place]
+    straight = v[place] + part * change
+    if slope is None or not 0.0 < part < 1.0:
+        return straight
+    step = segments.time[place + 1] - segments.time[place]
+    first, last = slope[place] * step - change, slope[place + 1] * step - change
+    return straight + part * (1.0 - part) * ((1.0 - part) * first - part * last)
