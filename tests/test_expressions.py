@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import math
+import pickle
 from typing import Any
 
 import jax
@@ -312,3 +315,22 @@ def test_a_kind_is_a_form_without_its_fitted_values() -> None:
     other = [parse(w, names) for w in ("sin(1.3*v)", "cos(1.3*x)", "sin(2*x)", "sin(3*x)")]
     assert len({kind(t) for t in same}) == 1
     assert len({kind(t) for t in [same[0], *other]}) == 5
+
+
+def test_a_term_is_immutable_and_copies_are_equal() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        term = draw(rng, 4)
+        for name in ("op", "args", "name", "value", "size", "operators", "_hash", "other"):
+            with pytest.raises((dataclasses.FrozenInstanceError, TypeError)):
+                setattr(term, name, getattr(term, name, 1))
+        nodes = list(term.walk())
+        assert term.size == len(nodes)
+        assert term.operators == sum(1 for node in nodes if node.args)
+        for other in (pickle.loads(pickle.dumps(term)), copy.deepcopy(term)):
+            assert other == term and hash(other) == hash(term) and type(other) is Term
+            assert (other.size, other.operators, repr(other)) == (
+                term.size,
+                term.operators,
+                repr(term),
+            )

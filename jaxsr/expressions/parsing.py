@@ -1,9 +1,9 @@
-"""Text to terms, without ever executing text: Python's `ast` is walked, nodes are built here."""
+"""Text to terms, without ever executing text: tokens, then precedence climbing."""
 
 from __future__ import annotations
 
-import ast
 import difflib
+import functools
 import keyword
 import math
 import re
@@ -11,28 +11,44 @@ from collections.abc import Collection
 
 from jaxsr._result import InputError
 from jaxsr.expressions.primitives import FUNCTIONS_BY_TEXT, INTEGRALS
+from jaxsr.expressions.printing import to_text
 from jaxsr.expressions.term import Term
 
 MAX_CHARACTERS = 10_000
 MAX_NESTING = 100
 MAX_LEVELS = 250  # of operators: a flat sum nests to the left, and walks are recursive
 MAX_POWER = 1e6
-_BINARY = {
-    ast.Add: "add",
-    ast.Sub: "sub",
-    ast.Mult: "mul",
-    ast.Div: "div",
-    ast.Pow: "pow",
-}
-_COMPARISON = {
-    ast.Lt: "lt",
-    ast.LtE: "le",
-    ast.Gt: "gt",
-    ast.GtE: "ge",
-    ast.Eq: "eq",
-    ast.NotEq: "ne",
-}
+_REMEMBERED = 4096  # names and numbers whose terms are kept; one population repeats them
 _IDENTIFIER = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+_NUMBER = r"(?:[0-9][0-9_]*\.?[0-9_]*|\.[0-9][0-9_]*)(?:[eE][+-]?[0-9]+)?"
+# Any other character is a token of its own, so that nothing is passed over but white space.
+_TOKENS = re.compile(rf"[^\W\d]\w*|{_NUMBER}|\*\*|//|:=|[<>=!]=|\S")
+_END = ""
+_OPERATORS = {"+": "add", "-": "sub", "*": "mul", "/": "div", "**": "pow"}
+_COMPARISONS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
+_COMPARE, _SUM, _PRODUCT, _SIGN, _POWER = 1, 2, 3, 4, 5
+_BINDING = {
+    **dict.fromkeys(_COMPARISONS, _COMPARE),
+    **{"+": _SUM, "-": _SUM, "*": _PRODUCT, "/": _PRODUCT, "**": _POWER},
+}
+_WORDS = {
+    "pi": Term.constant(math.pi),
+    "True": Term.boolean(True),
+    "False": Term.boolean(False),
+}
+_INSTEAD = {
+    "#": "A comment stands outside the expression",
+    "^": "Write ** for a power",
+    "=": "Write == to compare",
+    "and": "Write And(a, b)",
+    "&": "Write And(a, b)",
+    "or": "Write Or(a, b)",
+    "|": "Write Or(a, b)",
+    "not": "Write Not(a)",
+    "~": "Write Not(a)",
+    "if": "Write Piecewise((a, condition), (b, True))",
+}
+_GRAMMAR = "Use numbers, symbols, + - * / **, comparisons and the listed functions"
 
 
 def is_identifier(name: str) -> bool:
@@ -82,19 +98,9 @@ def parse(
         raise InputError(
             f"expression of {len(text)} characters", where, f"At most {MAX_CHARACTERS} are read"
         )
-    if _nesting(text) > MAX_NESTING:
+    if text.count("(") > MAX_NESTING and _nesting(text) > MAX_NESTING:
         raise InputError(f"expression nested deeper than {MAX_NESTING}", where, "Split it")
-    try:
-        tree = ast.parse(text.strip(), mode="eval")
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        reason = getattr(error, "msg", None) or type(error).__name__
-        raise InputError(
-            f"cannot read {_short(text)!r} ({reason})", where, "Use + - * / ** and functions"
-        ) from None
-    try:
-        return _Reader(symbols, where, integrals).read(tree.body, 0)
-    except OverflowError:
-        raise InputError(f"a number in {_short(text)!r} is too large", where) from None
+    return _Reader(text, symbols, where, integrals).whole()
 
 
 def _short(text: str) -> str:
@@ -109,84 +115,129 @@ def _nesting(text: str) -> int:
     return deepest
 
 
+def _levels(term: Term) -> int:
+    """Return the levels below the root, without recursion."""
+    levels, row = -1, [term]
+    while row:
+        levels += 1
+        row = [arg for node in row for arg in node.args]
+    return levels
+
+
+@functools.lru_cache(maxsize=_REMEMBERED)
+def _leaf(token: str) -> Term | None:
+    """Return the term of a number or a name; None for a bracket, an operator or a keyword."""
+    if token in _WORDS:
+        return _WORDS[token]
+    if token.isidentifier():
+        return None if keyword.iskeyword(token) else Term.variable(token)
+    try:
+        return Term.constant(float(token))
+    except ValueError:
+        return None
+
+
 class _Reader:
-    """Walk the syntax tree and build terms."""
+    """Take tokens from the front and build terms.
 
-    def __init__(self, symbols: Collection[str] | None, where: str, integrals: bool) -> None:
-        self.symbols, self.where, self.integrals = symbols, where, integrals
+    ``level`` counts the operators around a place: Python's own stack is not unlimited.
+    """
 
-    def fail(self, what: str, remedy: str = "") -> InputError:
-        return InputError(what, self.where, remedy)
+    __slots__ = ("integrals", "symbols", "text", "tokens", "where")
 
-    def read(self, node: ast.expr, depth: int) -> Term:
-        if depth > MAX_LEVELS:
-            raise self.fail(f"expression of more than {MAX_LEVELS} levels of operators", "Split it")
-        match node:
-            case ast.Constant(value=bool() as value):
-                return Term.boolean(value)
-            case ast.Constant(value=int() | float() as value):
-                number = float(value)
-                if not math.isfinite(number):
-                    raise self.fail(f"number {value!r} is not finite")
-                return Term.constant(number)
-            case ast.Name(id=name):
-                return self.symbol(name)
-            case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as value)):
-                return Term.constant(-float(value))
-            case ast.UnaryOp(op=ast.USub(), operand=operand):
-                return Term.apply("neg", self.read(operand, depth + 1))
-            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-                return self.read(operand, depth + 1)
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
-                return self.binary(_BINARY[type(op)], left, right, depth)
-            case ast.Compare(left=left, ops=ops, comparators=comparators):
-                return self.comparison(left, ops, comparators, depth)
-            case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
-                return self.call(name, args, depth)
-            case _:
-                raise self.fail(
-                    f"{_short(ast.unparse(node))!r} is not part of the grammar",
-                    "Use numbers, symbols, + - * / **, comparisons and the listed functions",
-                )
+    def __init__(
+        self, text: str, symbols: Collection[str] | None, where: str, integrals: bool
+    ) -> None:
+        self.text, self.symbols, self.where, self.integrals = text, symbols, where, integrals
+        self.tokens = _TOKENS.findall(text)
+        self.tokens.append(_END)
+        self.tokens.reverse()  # the front is the cheap end of a list to take from
 
-    def symbol(self, name: str) -> Term:
-        if name == "pi":
-            return Term.constant(math.pi)
-        if self.symbols is None and is_identifier(name):
-            return Term.variable(name)
-        if self.symbols is not None and name in self.symbols:
-            return Term.variable(name)
-        known = list(self.symbols or ())
-        close = difflib.get_close_matches(name, known, 1)
-        hint = f"Did you mean {close[0]!r}?" if close else "Declare it in [parameters]"
-        raise self.fail(f"unknown symbol {name!r}", hint)
+    def whole(self) -> Term:
+        term = self.expression(0, 0)
+        if self.tokens[-1] != _END:
+            raise self.unexpected("an operator")
+        if term.size > MAX_LEVELS and _levels(term) > MAX_LEVELS:
+            raise self.too_deep()
+        return term
 
-    def binary(self, op: str, left: ast.expr, right: ast.expr, depth: int) -> Term:
-        a, b = self.read(left, depth + 1), self.read(right, depth + 1)
-        if op == "pow" and b.is_constant and a.is_constant:
-            self.bounded_power(a.value, b.value)
-        if op == "pow" and b.is_constant and abs(b.value) > MAX_POWER:
-            raise self.fail(f"power {b.value:g} is too large", f"At most {MAX_POWER:g}")
-        if op == "pow" and not b.is_constant and not b.variables:
-            raise self.fail(f"power {ast.unparse(right)!r} is not a plain number", "Write it out")
-        return Term.apply(op, a, b)
+    def expression(self, least: int, level: int) -> Term:
+        """Read operands and the operators that bind tighter than `least`."""
+        if level > MAX_LEVELS:
+            raise self.too_deep()
+        tokens = self.tokens
+        left = self.operand(level)
+        while (binding := _BINDING.get(tokens[-1], 0)) > least:
+            if binding == _COMPARE:
+                left = self.comparison(left, level + 1)
+            elif binding == _POWER:
+                tokens.pop()
+                # to the right, and a sign may stand in the exponent
+                left = self.power(left, self.expression(_SIGN, level + 1))
+            else:
+                op = _OPERATORS[tokens.pop()]
+                left = Term(op, (left, self.expression(binding, level + 1)))
+        return left
+
+    def operand(self, level: int) -> Term:
+        """Read a number, a name, a call, a bracket, or any of them with a sign."""
+        tokens = self.tokens
+        leaf = _leaf(tokens[-1])
+        if leaf is None:
+            return self.bracket_or_sign(level)
+        token = tokens.pop()
+        if leaf.op == "variable":
+            if tokens[-1] == "(":
+                return self.call(token, level)
+            if token not in self.symbols if self.symbols is not None else not is_identifier(token):
+                raise self.unknown_symbol(token)
+        elif leaf.op == "constant" and not math.isfinite(leaf.value):
+            raise self.fail(f"number {_short(token)} is not finite")
+        return leaf
+
+    def bracket_or_sign(self, level: int) -> Term:
+        token = self.tokens[-1]
+        if token == "(":
+            self.tokens.pop()
+            inner = self.expression(0, level)
+            self.take(")")
+            return inner
+        if token not in ("-", "+"):
+            raise self.unexpected("a number, a symbol or a function")
+        self.tokens.pop()
+        inner = self.expression(_SIGN, level + 1)
+        if token == "+":
+            return inner
+        plain = inner.is_constant and math.copysign(1.0, inner.value) > 0.0
+        return Term.constant(-inner.value) if plain else Term("neg", (inner,))
+
+    def power(self, base: Term, exponent: Term) -> Term:
+        if exponent.is_constant:
+            if base.is_constant:
+                self.bounded_power(base.value, exponent.value)
+            if abs(exponent.value) > MAX_POWER:
+                what = f"power {exponent.value:g} is too large"
+                raise self.fail(what, f"At most {MAX_POWER:g}")
+        elif not exponent.variables:
+            what = f"power {_short(to_text(exponent))!r} is not a plain number"
+            raise self.fail(what, "Write it out")
+        return Term("pow", (base, exponent))
 
     def bounded_power(self, base: float, exponent: float) -> None:
         if base and abs(exponent) * abs(math.log(abs(base))) > 690:
             raise self.fail(f"power {base:g}**{exponent:g} overflows", "Write the number")
 
-    def comparison(
-        self, left: ast.expr, ops: list[ast.cmpop], comparators: list[ast.expr], depth: int
-    ) -> Term:
-        terms = [self.read(part, depth + 1) for part in (left, *comparators)]
+    def comparison(self, left: Term, level: int) -> Term:
+        """Read ``a < b`` or a chain: ``a < b < c`` is ``And(a < b, b < c)``."""
         pairs = []
-        for op, a, b in zip(ops, terms[:-1], terms[1:], strict=True):
-            if type(op) not in _COMPARISON:
-                raise self.fail("only <, <=, >, >=, ==, != compare")
-            pairs.append(Term.apply(_COMPARISON[type(op)], a, b))
-        return pairs[0] if len(pairs) == 1 else Term.apply("and", *pairs)
+        while self.tokens[-1] in _COMPARISONS:
+            op = _COMPARISONS[self.tokens.pop()]
+            right = self.expression(_COMPARE, level)
+            pairs.append(Term(op, (left, right)))
+            left = right
+        return pairs[0] if len(pairs) == 1 else Term("and", tuple(pairs))
 
-    def call(self, name: str, args: list[ast.expr], depth: int) -> Term:
+    def call(self, name: str, level: int) -> Term:
         primitive = FUNCTIONS_BY_TEXT.get(name)
         if primitive is None and name in INTEGRALS:
             if not self.integrals:
@@ -194,23 +245,76 @@ class _Reader:
                 raise self.fail(f"{name} is not part of the grammar", remedy)
             primitive = INTEGRALS[name]
         if primitive is None:
-            close = difflib.get_close_matches(name, FUNCTIONS_BY_TEXT, 1)
-            hint = f"Did you mean {close[0]!r}?" if close else ""
-            raise self.fail(
-                f"unknown function {name!r}", hint or f"Known: {', '.join(FUNCTIONS_BY_TEXT)}"
-            )
+            raise self.unknown_function(name)
         if name == "Piecewise":
-            return self.piecewise(args, depth)
-        if primitive.arity not in (-1, len(args)) or not args:
-            raise self.fail(f"{name} takes {primitive.arity} arguments, got {len(args)}")
-        return Term.apply(primitive.name, *(self.read(arg, depth + 1) for arg in args))
+            return self.piecewise(level + 1)
+        args = self.arguments(level + 1)
+        if not args or primitive.arity not in (-1, len(args)):
+            count = "some" if primitive.arity == -1 else primitive.arity
+            raise self.fail(f"{name} takes {count} arguments, got {len(args)}")
+        return Term(primitive.name, tuple(args))
 
-    def piecewise(self, args: list[ast.expr], depth: int) -> Term:
+    def arguments(self, level: int) -> list[Term]:
+        self.take("(")
+        args: list[Term] = []
+        while self.tokens[-1] != ")":
+            args.append(self.expression(0, level))
+            if self.tokens[-1] != ",":
+                break
+            self.tokens.pop()
+        self.take(")")
+        return args
+
+    def piecewise(self, level: int) -> Term:
+        remedy = "Piecewise((value, condition), ...)"
         flat: list[Term] = []
-        for arg in args:
-            if not (isinstance(arg, ast.Tuple) and len(arg.elts) == 2):
-                raise self.fail("Piecewise takes pairs", "Piecewise((value, condition), ...)")
-            flat.extend(self.read(element, depth + 1) for element in arg.elts)
+        self.take("(")
+        while self.tokens[-1] != ")":
+            pair = self.arguments(level) if self.tokens[-1] == "(" else []
+            if len(pair) != 2 or self.tokens[-1] not in (",", ")"):
+                raise self.fail("Piecewise takes pairs", remedy)
+            flat += pair
+            if self.tokens[-1] == ",":
+                self.tokens.pop()
+        self.take(")")
         if not flat:
-            raise self.fail("Piecewise needs a branch", "Piecewise((value, condition), ...)")
-        return Term.apply("piecewise", *flat)
+            raise self.fail("Piecewise needs a branch", remedy)
+        return Term("piecewise", tuple(flat))
+
+    def take(self, token: str) -> None:
+        if self.tokens[-1] != token:
+            raise self.unexpected(repr(token))
+        self.tokens.pop()
+
+    def fail(self, what: str, remedy: str = "") -> InputError:
+        return InputError(what, self.where, remedy)
+
+    def too_deep(self) -> InputError:
+        what = f"expression of more than {MAX_LEVELS} levels of operators"
+        return self.fail(what, "Split it")
+
+    def unexpected(self, wanted: str) -> InputError:
+        """Return the error for a token at the front that the grammar has no place for."""
+        token = self.tokens[-1]
+        starts = [match.start() for match in _TOKENS.finditer(self.text)]
+        place = len(starts) - len(self.tokens) + 1
+        if token == _END:
+            found = "ends" if starts else "is empty"
+            what = f"cannot read {_short(self.text)!r} ({found} where {wanted} is expected)"
+            return self.fail(what, "Use + - * / ** and functions")
+        what = (
+            f"cannot read {_short(self.text)!r} (character {starts[place] + 1}: "
+            f"{wanted} expected, got {_short(token)!r})"
+        )
+        return self.fail(what, _INSTEAD.get(token, _GRAMMAR))
+
+    def unknown_symbol(self, name: str) -> InputError:
+        close = difflib.get_close_matches(name, list(self.symbols or ()), 1)
+        hint = f"Did you mean {close[0]!r}?" if close else "Declare it in [parameters]"
+        return self.fail(f"unknown symbol {_short(name)!r}", hint)
+
+    def unknown_function(self, name: str) -> InputError:
+        close = difflib.get_close_matches(name, FUNCTIONS_BY_TEXT, 1)
+        hint = f"Did you mean {close[0]!r}?" if close else ""
+        known = f"Known: {', '.join(FUNCTIONS_BY_TEXT)}"
+        return self.fail(f"unknown function {_short(name)!r}", hint or known)

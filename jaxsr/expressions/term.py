@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from jaxsr.expressions.primitives import PRIMITIVES, Primitive
@@ -13,7 +13,7 @@ VARIABLE = "variable"
 BOOLEAN = "boolean"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, init=False)
 class Term:
     """A node of an expression: a constant, a variable, or a primitive of terms.
 
@@ -32,20 +32,14 @@ class Term:
     args: tuple[Term, ...] = ()
     name: str = ""
     value: float = 0.0
-    size: int = field(init=False, repr=False, default=1)
-    operators: int = field(init=False, repr=False, default=0)
-    _hash: int = field(init=False, repr=False, default=0)
+    size: int = field(init=False, repr=False)
+    operators: int = field(init=False, repr=False)
+    _hash: int = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        store = object.__setattr__
-        store(self, "_hash", hash((self.op, self.args, self.name, self.value)))
-        if self.args:
-            size = operators = 1
-            for arg in self.args:
-                size += arg.size
-                operators += arg.operators
-            store(self, "size", size)
-            store(self, "operators", operators)
+    def __new__(
+        cls, op: str, args: tuple[Term, ...] = (), name: str = "", value: float = 0.0
+    ) -> Term:
+        return _built(op, args, name, value)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The hash of text differs between processes, and a user's function travels along.
@@ -55,17 +49,17 @@ class Term:
     @staticmethod
     def constant(value: float) -> Term:
         """Return a constant."""
-        return Term(CONSTANT, value=float(value))
+        return _built(CONSTANT, (), "", float(value))
 
     @staticmethod
     def boolean(value: bool) -> Term:
         """Return the constant condition True or False."""
-        return Term(BOOLEAN, value=float(value))
+        return _built(BOOLEAN, (), "", float(value))
 
     @staticmethod
     def variable(name: str) -> Term:
         """Return a variable."""
-        return Term(VARIABLE, name=name)
+        return _built(VARIABLE, (), name, 0.0)
 
     @staticmethod
     def apply(op: str, *args: Term) -> Term:
@@ -79,9 +73,9 @@ class Term:
         primitive = PRIMITIVES.get(op)
         if primitive is None:
             raise ValueError(f"`op` must be a primitive, got {op!r}. Known: {sorted(PRIMITIVES)}")
-        if primitive.arity not in (-1, len(args)):
+        if primitive.arity != len(args) and primitive.arity != -1:
             raise ValueError(f"{op} takes {primitive.arity} arguments, got {len(args)}")
-        return Term(op, args)
+        return _built(op, args, "", 0.0)
 
     def __hash__(self) -> int:
         return self._hash
@@ -148,6 +142,34 @@ class Term:
                 return Term(self.op, (*self.args[:i], changed, *self.args[i + 1 :]))
             position += size
         raise IndexError(f"`index` must be below the size {self.size}, got {index}")
+
+
+class _Draft:
+    """A term while its slots are filled; one assignment then makes it an immutable Term."""
+
+    __slots__ = tuple(f.name for f in fields(Term))
+
+
+def _built(op: str, args: tuple[Term, ...], name: str, value: float) -> Term:
+    # A frozen class fills its slots through object.__setattr__, which takes four times as long.
+    draft: Any = _Draft()
+    draft.op = op
+    draft.args = args
+    draft.name = name
+    draft.value = value
+    draft._hash = hash((op, args, name, value))
+    if args:
+        size = operators = 1
+        for arg in args:
+            size += arg.size
+            operators += arg.operators
+        draft.size = size
+        draft.operators = operators
+    else:
+        draft.size = 1
+        draft.operators = 0
+    draft.__class__ = Term
+    return draft
 
 
 def _restored(op: str | Primitive, args: tuple[Term, ...], name: str, value: float) -> Term:
