@@ -1,8 +1,5 @@
 """Weighing many sets: shared products, thresholds in batch, samples too long to be held."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
