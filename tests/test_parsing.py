@@ -141,6 +141,13 @@ def test_an_error_says_where_and_what_to_write(text: str, message: str) -> None:
     assert message in str(caught.value)
 
 
+def test_an_error_in_a_long_text_shows_the_place() -> None:
+    text = " + ".join(["x"] * 100) + " ? z + " + " + ".join(["t"] * 100)
+    with pytest.raises(InputError, match=r"x \+ x \? z \+ t.*character 399:") as caught:
+        parse(text, NAMES)
+    assert len(str(caught.value)) < 250
+
+
 @pytest.mark.parametrize(
     ("text", "same"),
     [

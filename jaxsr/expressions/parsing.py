@@ -48,7 +48,7 @@ _INSTEAD = {
     "~": "Write Not(a)",
     "if": "Write Piecewise((a, condition), (b, True))",
 }
-_GRAMMAR = "Use numbers, symbols, + - * / **, comparisons and the listed functions"
+_GRAMMAR = "The grammar has numbers, symbols, + - * / **, comparisons and the listed functions"
 
 
 def is_identifier(name: str) -> bool:
@@ -105,6 +105,14 @@ def parse(
 
 def _short(text: str) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _near(text: str, at: int) -> str:
+    """Return the text around a character, all of it where it is short."""
+    if len(text) <= 60:
+        return text
+    start, stop = max(at - 27, 0), at + 27
+    return ("..." if start else "") + text[start:stop] + ("..." if stop < len(text) else "")
 
 
 def _nesting(text: str) -> int:
@@ -302,8 +310,9 @@ class _Reader:
             found = "ends" if starts else "is empty"
             what = f"cannot read {_short(self.text)!r} ({found} where {wanted} is expected)"
             return self.fail(what, "Use + - * / ** and functions")
+        at = starts[place]
         what = (
-            f"cannot read {_short(self.text)!r} (character {starts[place] + 1}: "
+            f"cannot read {_near(self.text, at)!r} (character {at + 1}: "
             f"{wanted} expected, got {_short(token)!r})"
         )
         return self.fail(what, _INSTEAD.get(token, _GRAMMAR))
