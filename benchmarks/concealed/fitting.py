@@ -222,7 +222,7 @@ def fit(
         jacobian = (r[:, :, 1:] - base[:, :, None]) / scale[None, None, :, None]
         jacobian = np.where(np.isfinite(jacobian), jacobian, 0.0)
         better = False
-        for _ in range(6):
+        for _ in range(4):
             step, shift = _solve(jacobian, base, theta.size, damping)
             trial = task.clipped(theta + step)
             begin = x0.copy()
@@ -236,7 +236,7 @@ def fit(
             break
         theta, x0, gain, cost = trial, begin, cost - new, new
         damping = max(damping / 10.0, 1e-9)
-        if gain < 0.02 + 1e-7 * cost:
+        if gain < 0.1 + 1e-7 * cost:
             break
     return Fitted(theta, x0, cost, int(parts.weight.sum()))
 
