@@ -5,8 +5,15 @@ import pytest
 
 from jaxsr.evaluation import compile_terms
 from jaxsr.expressions import parse
-from jaxsr.regression import GramBatch, HardThreshold, RegressionProblem, least_squares
+from jaxsr.regression import (
+    GramBatch,
+    HardThreshold,
+    RegressionProblem,
+    least_squares,
+    scale_columns,
+)
 from jaxsr.regression.products import ROWS, PairProducts, dot, gathered, slots_of
+from jaxsr.regression.store import refined_loss
 
 NAMES = ["t", "x", "z"]
 POOL = [
@@ -238,3 +245,28 @@ def test_another_evaluator_gives_the_same_losses(rows):
     own = _problem(rows, limit_bytes=limit).solve(sets)[1]
     other = _problem(rows, limit_bytes=limit, evaluator=interpreted).solve(sets)[1]
     np.testing.assert_allclose(own, other, rtol=1e-9)
+
+
+@pytest.mark.parametrize("degree", [2, 4, 6])
+@pytest.mark.parametrize("noise", [0.0, 1e-12, 1e-7, 1e-5])
+def test_a_refined_loss_is_that_of_an_orthogonal_factorisation(degree, noise):
+    rng = np.random.default_rng(degree)
+    x = rng.uniform(0.5, 1.5, size=400)
+    theta = np.array([x**k for k in range(degree + 1)])  # ill-conditioned for the higher ones
+    theta, _ = scale_columns(theta)
+    y = rng.normal(size=degree + 1) @ theta
+    y = y / np.linalg.norm(y) + noise * rng.normal(size=400)
+    gram = theta @ theta.T
+    damped = np.linalg.solve(gram + 1e-10 * np.eye(len(gram)), theta @ y)
+    least = least_squares(theta.T, y)[1]
+    refined = refined_loss(theta, y, damped)
+    assert refined == pytest.approx(least, rel=1e-6, abs=1e-26)
+
+
+def test_a_refined_loss_of_columns_that_depend_is_still_a_loss():
+    rng = np.random.default_rng(11)
+    theta, _ = scale_columns(rng.normal(size=(3, 100)))
+    theta = np.array([*theta, theta[1], theta[0]])
+    y = theta[0] - 2.0 * theta[1]
+    xi = np.array([0.5, -1.0, 0.0, -1.0, 0.5]) + 1e-6
+    assert refined_loss(theta, y, xi) < 1e-24

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -155,21 +156,32 @@ def weigh(problem: Problem, sets: Iterable[Terms], config: SearchConfig) -> list
     removed from their set, not the set with them.
     """
     sets = [terms for terms in sets if terms]
-    flat = list(dict.fromkeys(term for terms in sets for term in terms))
-    usable = {t: k >= 0 for t, k in zip(flat, problem.index(flat), strict=True)}
-    unique: dict[frozenset[Term], Terms] = {}
+    flat = [term for terms in sets for term in terms]
+    places = problem.index(flat)
+    large = config.sizes.later + 4
+    usable = iter([k >= 0 and t.size <= large for t, k in zip(flat, places, strict=True)])
+    numbers = iter(places)  # of a term's column; they hash faster than terms
+    unique: dict[frozenset[int], tuple[Terms, list[int]]] = {}
     for terms in sets:
-        kept = tuple(t for t in terms if usable[t] and t.size <= config.sizes.later + 4)[
+        marked = [(t, k) for t, k, ok in zip(terms, numbers, usable, strict=False) if ok][
             : config.sizes.terms
         ]
-        if kept:
-            unique.setdefault(frozenset(kept), kept)
+        if marked:
+            own = [k for _, k in marked]
+            unique.setdefault(frozenset(own), (tuple([t for t, _ in marked]), own))
     if not unique:
         return []
-    independent = problem.independent(list(unique.values()))
-    candidates = list({frozenset(terms): terms for terms in independent}.values())
-    _, losses = problem.solve(candidates)
-    return [Individual.of(t, x) for t, x in zip(candidates, losses, strict=True) if np.isfinite(x)]
+    stays = problem.independent([terms for terms, _ in unique.values()])
+    candidates: dict[frozenset[int], Terms] = {}
+    for (key, (terms, own)), kept in zip(unique.items(), stays, strict=True):
+        if len(kept) < len(terms):
+            number = dict(zip(terms, own, strict=True))
+            key = frozenset([number[term] for term in kept])
+        candidates[key] = kept
+    found = list(candidates.values())
+    _, losses = problem.solve(found)
+    weighed = zip(found, losses.tolist(), strict=True)
+    return [Individual.of(terms, loss) for terms, loss in weighed if isfinite(loss)]
 
 
 def step(

@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jaxsr.expressions.term import Term
+from jaxsr.regression.gram import Array
 
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem
 
+_ROWS = 8192  # factored at once
 _DEPENDENT = 1e-11  # diagonal of R, relative to unit columns, below which a column is dependent
 
 
@@ -40,18 +43,16 @@ def eliminate(
     theta = problem.projected(terms, keep=True)
     with np.errstate(all="ignore"):
         norms = np.linalg.norm(theta, axis=0)
-    usable = np.isfinite(norms) & (norms > 1e-100) & (norms < 1e100)
-    kept = [term for term, ok in zip(terms, usable, strict=True) if ok][: problem.rows]
-    columns = (theta[:, usable] / norms[usable])[:, : problem.rows]
-    if not kept:
+    usable = np.flatnonzero(np.isfinite(norms) & (norms > 1e-100) & (norms < 1e100))
+    usable = usable[: problem.rows]
+    if not len(usable):
         return []
-    basis, upper = np.linalg.qr(columns)
-    free = np.abs(np.diag(upper)) > _DEPENDENT
-    kept = [term for term, ok in zip(kept, free, strict=True) if ok]
-    basis, upper = np.linalg.qr(columns[:, free])
-    share = basis.T @ problem.target
-    rest = problem.target - basis @ share
-    lost = float(rest @ rest)
+    triangle = _triangle(theta, usable, norms, problem.target)
+    free = np.abs(np.diag(triangle)[:-1]) > _DEPENDENT
+    kept = [terms[k] for k in usable[free]]
+    triangle = _upper(triangle[:, [*np.flatnonzero(free), len(usable)]])
+    upper, share = triangle[:-1, :-1], triangle[:-1, -1]
+    lost = float(triangle[-1, -1] ** 2)
     total = problem.total or 1.0
     chain: list[tuple[tuple[Term, ...], float]] = []
     while kept:
@@ -68,6 +69,25 @@ def eliminate(
         share = turn.T @ share
         lost += max(before - float(share @ share), 0.0)
     return _signed(problem, chain)
+
+
+def _triangle(theta: Array, places: NDArray[np.intp], norms: Array, target: Array) -> Array:
+    """Return the triangular factor of some columns at unit norm and of the target behind them.
+
+    Rows are taken in pieces, so that no other matrix as long as ``theta`` is made.
+    """
+    count = len(places) + 1
+    factor = np.zeros((count, count))  # a target in the columns' span has a zero at the end
+    for first in range(0, len(target), _ROWS):
+        part = slice(first, first + _ROWS)
+        columns = theta[part][:, places] / norms[places]
+        rows = np.vstack([factor, np.column_stack([columns, target[part]])])
+        factor = _upper(rows)
+    return factor
+
+
+def _upper(matrix: Array) -> Array:
+    return np.asarray(np.linalg.qr(matrix, mode="r"), np.float64)
 
 
 def _signed(

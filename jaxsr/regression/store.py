@@ -10,11 +10,13 @@ import numpy as np
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array, scale_columns
 from jaxsr.regression.products import Places, dot
-from jaxsr.regression.ridge import least_squares
+from jaxsr.regression.ridge import solve_many
 
 # A column that keeps less than this of its norm beside the fixed columns adds only rounding.
 DEPENDENT = 1e-9
 _TOGETHER = 256
+_DAMPING = 1e-13  # of corrections: far below the share that independent columns have
+_CORRECTIONS, _GAIN = 8, 0.9  # at most; a loss that falls by less than this is the least
 _LARGEST, _SMALLEST = 1e100, 1e-100  # sizes whose squares are numbers
 
 
@@ -55,6 +57,33 @@ class Store(Protocol):
 def usable_sizes(largest: Array) -> np.ndarray:
     """Tell which columns can be scaled, from their largest entries (NaN where not finite)."""
     return np.isfinite(largest) & (largest < _LARGEST) & (largest > _SMALLEST)
+
+
+def refined_loss(theta: Array, y: Array, xi: Array) -> float:
+    r"""Return the least :math:`\|y - \xi\Theta\|^2`, by iterative refinement from ``xi``.
+
+    Every residual is taken from the columns, so that normal equations serve for corrections only:
+    an exact fit is found exact, and no factorisation of long columns is needed.
+
+    Parameters
+    ----------
+    theta : ndarray, (terms, rows)
+        Columns of unit norm.
+    xi : ndarray, (terms,)
+        Solution of the damped normal equations.
+    """
+    damped = theta @ theta.T
+    damped[np.diag_indices(len(xi))] += _DAMPING
+    least = np.inf
+    for _ in range(_CORRECTIONS):
+        residual = y - xi @ theta
+        loss = float(residual.dot(residual))
+        if not loss < _GAIN * least:
+            return loss if loss < least else least
+        least = loss
+        # without a solution the next residual is NaN, and the last stands
+        xi = xi + solve_many(damped[None], (theta @ residual)[None])[0]
+    return least
 
 
 class ColumnStore:
@@ -115,10 +144,12 @@ class ColumnStore:
         return np.array([dot(columns[i], columns[j]) for i, j in pairs])
 
     def exact_losses(self, sets: Sequence[Sequence[int]], shares: Sequence[Array]) -> Array:
-        """Return residual sums of squares by an orthogonal factorisation of each set."""
-        del shares
-        thetas = (np.array([self._columns[k] for k in places]).T for places in sets)
-        return np.array([least_squares(theta, self._target)[1] for theta in thetas])
+        """Return residual sums of squares, from the residuals themselves."""
+        columns = self._columns
+        pairs = zip(sets, shares, strict=True)
+        return np.array(
+            [refined_loss(np.array([columns[k] for k in p]), self._target, x) for p, x in pairs]
+        )
 
     def index(self, terms: Sequence[Term]) -> list[int]:
         """Return where each term's column is held; -1 for a term that cannot be used."""
