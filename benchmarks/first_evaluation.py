@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from jaxsr.evaluation import compilations
 from jaxsr.expressions import to_text
 from jaxsr.expressions.postfix import compile_postfix
 
+ROOT = Path(__file__).resolve().parents[1]
 STRING_NODES = 15
 
 
@@ -110,5 +112,7 @@ def _process(terms: int, rows: int, folder: str) -> dict[str, Any]:
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
     }
     command = [sys.executable, "-m", "benchmarks.cold_start", str(terms), str(rows), "0"]
-    done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, check=True, capture_output=True, text=True
+    )
     return json.loads(done.stdout.splitlines()[-1])

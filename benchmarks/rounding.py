@@ -6,8 +6,8 @@ through the function itself (not its derivative), e.g. for a quotient
 
     |a'/b' - a/b| <= (e_a + |a/b| e_b) / (|b| - e_b),
 
-plus the operation's own rounding: half a unit in the last place for arithmetic, `ULPS` units for
-functions (Higham, Accuracy and Stability of Numerical Algorithms, section 3.3). Where a bound
+plus the operation's own rounding: half a unit in the last place for arithmetic, a whole one for a
+quotient (a machine may multiply by a constant's reciprocal), `ULPS` units for functions (Higham, Accuracy and Stability of Numerical Algorithms, section 3.3). Where a bound
 exceeds `tolerance * |value|`, equality to that tolerance is not asked; where a value lies beyond
 its bound, a machine is less accurate than `ULPS` says.
 """
@@ -25,7 +25,7 @@ from jaxsr.expressions import PRIMITIVES, Term
 
 UNIT = 2.0**-24  # half the distance of neighbouring float32 numbers, relative
 ULPS = 4.0  # error granted to each function, in units in the last place
-ARITHMETIC = frozenset({"add", "sub", "mul", "div", "abs"})
+ROUNDINGS = {"add": 1, "sub": 1, "mul": 1, "abs": 1, "div": 2}  # in `UNIT`; functions: from ULPS
 SMALLEST, LARGEST = 2.0**-126, float(np.finfo(np.float32).max)
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def _with_bound(
         args = [_with_bound(arg, columns, known) for arg in term.args]
         value = PRIMITIVES[term.op].numpy(*(v for v, _ in args))
         error = _BOUNDS[term.op](*(part for arg in args for part in arg), value)
-        own = UNIT if term.op in ARITHMETIC else 2.0 * ULPS * UNIT
+        own = ROUNDINGS.get(term.op, 2.0 * ULPS) * UNIT
         error = error + own * np.abs(value) + SMALLEST  # below it a machine may flush to zero
         # what is lost once stays lost: tanh bounds an overflow, but not an invalid value
         lost = ~(np.abs(value) + error < LARGEST) | _any_infinite([e for _, e in args])

@@ -25,7 +25,15 @@ from typing import Any
 import numpy as np
 
 import jaxsr
-from benchmarks import cores, first_evaluation, peers, provenance, scaling, throughput_gpu
+from benchmarks import (
+    cores,
+    first_evaluation,
+    generations,
+    peers,
+    provenance,
+    scaling,
+    throughput_gpu,
+)
 from benchmarks.naive_stack import NaiveStack
 from benchmarks.rounding import reference
 from benchmarks.throughput_cases import (
@@ -55,6 +63,10 @@ class Plan:
     rows, new_rows, scaling_rows, populations, term_sizes : tuple of int
         `new_rows` are those at which new populations are timed.
     agreement_rows : int
+    population, generations : int
+        Of the search whose generations are timed, on 1,000 samples.
+    memory_samples : int
+        Length of the recording whose memory is measured; zero for none.
     """
 
     terms: int = 6000
@@ -66,6 +78,9 @@ class Plan:
     populations: tuple[int, ...] = (100, 300, 1_000, 3_000, 6_000, 20_000)
     term_sizes: tuple[int, ...] = (3, 5, 7, 11, 15, 23, 31)
     agreement_rows: int = 1_000
+    population: int = 600
+    generations: int = 10
+    memory_samples: int = 1_000_000
 
 
 QUICK = Plan(
@@ -77,6 +92,9 @@ QUICK = Plan(
     populations=(300, 1_000, 3_000),
     term_sizes=(3, 7, 15),
     agreement_rows=100,
+    population=60,
+    generations=2,
+    memory_samples=0,
 )
 
 
@@ -195,6 +213,20 @@ def sharing(plan: Plan) -> dict[str, Any]:
     return out
 
 
+def generation(plan: Plan) -> dict[str, Any]:
+    """Time fitness passes and whole generations on three engines; measure a long one's memory."""
+    repeats = min(3, plan.slow_repeats)
+    out = generations.compare_engines(plan.population, 1_000, plan.generations, SEED, repeats)
+    for name, ratio in out["ratios"].items():
+        print(f"{name}: {ratio['median']:.1f} [{ratio['least']:.1f}, {ratio['largest']:.1f}]")
+    if plan.memory_samples:
+        out["memory"] = generations.memory(plan.memory_samples)
+        print(
+            f"{plan.memory_samples} samples: {out['memory']['peak_bytes'] / 2**30:.2f} GiB at most"
+        )
+    return out
+
+
 SECTIONS: dict[str, Callable[[Plan], dict[str, Any]]] = {
     "sharing": sharing,
     "raw": raw,
@@ -208,6 +240,7 @@ SECTIONS: dict[str, Callable[[Plan], dict[str, Any]]] = {
         "population": scaling.in_population(plan.populations, plan.slow_repeats),
         "term_size": scaling.in_term_size(plan.term_sizes, plan.slow_repeats),
     },
+    "generation": generation,
     "gpu": lambda plan: throughput_gpu.measure(plan.terms, plan.rows[-3:], plan.slow_repeats),
 }
 

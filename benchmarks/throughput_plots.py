@@ -10,6 +10,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 matplotlib.use("Agg")
 
@@ -144,6 +145,7 @@ def _curve(ax: Axes, points: list[dict[str, Any]], key: str, label: str) -> None
         _with_quartiles(ax, [p[key] for p in points], turned, 1e9, name)
     if key == "terms":
         ax.set_xscale("log")
+        ax.xaxis.set_minor_formatter(NullFormatter())
     ax.set_ylim(bottom=0.0)
     ax.legend(frameon=False, fontsize=9)
     _style(ax, f"Rate against {label.split(' (')[0]}", label, "G node-rows / s")

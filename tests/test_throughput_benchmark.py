@@ -40,6 +40,9 @@ TINY = throughput.Plan(
     populations=(5, 15),
     term_sizes=(3, 5),
     agreement_rows=30,
+    population=20,
+    generations=1,
+    memory_samples=0,
 )
 
 
