@@ -200,7 +200,8 @@ def weigh(setting: Setting) -> tuple[Evidence, dict[str, float]]:
         innovation=float(np.sqrt(oracle.cost / max(oracle.count, 1))),
         substeps=substeps,
     )
-    return evidence, {n: float(x) for n, x in zip(untold.names, null.theta, strict=True)}
+    named = zip(untold.names, null.theta, strict=True)
+    return evidence, {n: float(x) for n, x in named if isinstance(n, str)}
 
 
 def _dead_time(setting: Setting, parts: Pieces) -> None:

@@ -47,7 +47,8 @@ class Whitener:
 
     def __call__(self, residual: Array) -> Array:
         """Whiten along the first axis."""
-        return lfilter([1.0, -self.rho], [1.0, -self.moving], residual, axis=0) / self.deviation
+        filtered = lfilter([1.0, -self.rho], [1.0, -self.moving], residual, axis=0)
+        return np.asarray(filtered) / self.deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +210,8 @@ def fit(
         for i, d in enumerate(d_theta):
             many[i, (1 + i) * runs : (2 + i) * runs] += d
         for j, row in enumerate(moved):
-            begin = (1 + theta.size + j) * runs
-            starts[row, begin : begin + runs] += d_x[row]
+            first = (1 + theta.size + j) * runs
+            starts[row, first : first + runs] += d_x[row]
         y = simulate(task, parts, many, starts)
         y = y.reshape(*y.shape[:2], columns, runs)
         r = residual(y)

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.concealed.effects import Effect, Look, Scene, on
+from benchmarks.concealed.effects import E, Effect, Look, Scene, on
 from benchmarks.concealed.systems import per
 from benchmarks.concealed.units import NONE, TIME, Dims, times
 
-Law = Callable[[Look, dict], np.ndarray]
+Law = Callable[[Look, E], np.ndarray]
 CRISP = 0.01
 """Width of the reversal of dry friction, as a share of the rms velocity."""
 
@@ -73,7 +73,7 @@ def dissipative(rng: np.random.Generator, scene: Scene, mechanism: str, row: int
     if mechanism == "stribeck_friction":
         ratio, share = rng.uniform(1.4, 2.2), rng.uniform(0.1, 0.4)
 
-        def stribeck(w: Look, e: dict) -> np.ndarray:
+        def stribeck(w: Look, e: E) -> np.ndarray:
             v = w.v[row]
             fall = np.exp(-((np.abs(v) / e["vs"]) ** 2))
             return -(e["Fc"] + (e["Fs"] - e["Fc"]) * fall) * sign(v)
@@ -158,7 +158,7 @@ def _backlash(rng: np.random.Generator, scene: Scene) -> Effect:
     rows = tuple(int(i) for i in np.flatnonzero(g[:, 0]))
     stretch = np.abs((g * scene.q).sum(0))
 
-    def gap(w: Look, e: dict) -> np.ndarray:
+    def gap(w: Look, e: E) -> np.ndarray:
         elongation = (g * w.q).sum(0)
         # what the spring of the model pulls too much while the gap is open
         return g * w.p[name] * np.clip(elongation, -e["b"], e["b"])
@@ -223,7 +223,7 @@ def coupling(rng: np.random.Generator, scene: Scene, mechanism: str, row: int) -
     x, force = system.coordinates[row], system.force_dims[row]
     name = "kc" if mechanism == "coupling_stiffness" else "cc"
 
-    def pull(w: Look, e: dict) -> np.ndarray:
+    def pull(w: Look, e: E) -> np.ndarray:
         motion = w.q if name == "kc" else w.v
         out = on(w, row, -e[name] * (motion[row] - motion[other]))
         out[other] = -out[row]
@@ -285,15 +285,15 @@ def unnamed(rng: np.random.Generator, scene: Scene, mechanism: str, row: int) ->
     scale, force = scene.q_max(row), scene.system.force_dims[row]
     q0, v_rms = scene.q0[row], max(scene.v_rms(row), 1e-12)
 
-    def magnet(w: Look, e: dict) -> np.ndarray:
+    def magnet(w: Look, e: E) -> np.ndarray:
         s = (w.q[row] - q0) / (0.4 * scale)
         return -e["A"] * s * np.exp(-(s**2))
 
-    def squeeze(w: Look, e: dict) -> np.ndarray:
+    def squeeze(w: Look, e: E) -> np.ndarray:
         s = (w.q[row] - q0) / scale
         return -e["A"] * (w.v[row] / v_rms) * s**2
 
-    def slanted(w: Look, e: dict) -> np.ndarray:
+    def slanted(w: Look, e: E) -> np.ndarray:
         s = (w.q[row] - q0) / scale
         return -e["A"] * (w.v[row] / v_rms) ** 2 * np.tanh(4.0 * s)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.concealed.effects import Effect, Look, Scene, on
+from benchmarks.concealed.effects import E, Effect, Look, Scene, on
 from benchmarks.concealed.systems import per
 from benchmarks.concealed.units import NONE, TIME, times
 
@@ -26,7 +26,7 @@ def _hysteresis(rng: np.random.Generator, scene: Scene, row: int) -> Effect:
     size = rng.uniform(0.15, 0.5) * scene.q_max(row)
     share = rng.uniform(0.5, 0.9)
 
-    def bouc_wen(w: Look, e: dict) -> np.ndarray:
+    def bouc_wen(w: Look, e: E) -> np.ndarray:
         v, z = w.v[row], w.z[0]
         return (e["a"] * v - e["b"] * np.abs(v) * z - e["g"] * v * np.abs(z))[None]
 
@@ -50,7 +50,7 @@ def _hidden_mode(rng: np.random.Generator, scene: Scene, row: int) -> Effect:
     pace = float(scene.omega * rng.uniform(0.4, 1.3))
     damping = float(rng.uniform(0.02, 0.1))
 
-    def pull(w: Look, e: dict) -> np.ndarray:
+    def pull(w: Look, e: E) -> np.ndarray:
         return e["w"] ** 2 * (w.q[row] - w.z[0]) + 2 * e["d"] * e["w"] * (w.v[row] - w.z[1])
 
     return Effect(
@@ -86,7 +86,7 @@ def _overflow(rng: np.random.Generator, scene: Scene, row: int) -> Effect:
     led_on = bool(rng.integers(2))
     height = float(np.quantile(scene.q[0], 0.9))
 
-    def spill(w: Look, e: dict) -> np.ndarray:
+    def spill(w: Look, e: E) -> np.ndarray:
         over = e["ko"] * np.maximum(w.q[0] - e["hm"], 0.0)
         out = on(w, 0, -over)
         if led_on:
@@ -179,7 +179,7 @@ def external(rng: np.random.Generator, scene: Scene, mechanism: str, row: int) -
     begin = float(rng.uniform(0.15, 0.75) * scene.length)
     which = int(rng.integers(scene.count))
 
-    def push(w: Look, e: dict) -> np.ndarray:
+    def push(w: Look, e: E) -> np.ndarray:
         s = (w.t - e["from"]) / e["width"]
         inside = (s > 0) & (s < 1) & (w.run == which)
         wave = np.where(inside, np.sin(np.pi * np.clip(s, 0, 1)) ** 2, 0.0)

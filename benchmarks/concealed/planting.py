@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.concealed import forces, memory
-from benchmarks.concealed.bodies import BODIES, MuJoCoPlant
 from benchmarks.concealed.control import Gains, tuned
 from benchmarks.concealed.effects import FAMILY, Effect, Scene
 from benchmarks.concealed.excitation import Design, design
@@ -18,7 +17,7 @@ from benchmarks.concealed.sensing import Sensor, choose, fitted_out
 from benchmarks.concealed.sensing_effects import sensing
 from benchmarks.concealed.sizes import sized, strength
 from benchmarks.concealed.systems import Array, System
-from benchmarks.concealed.truth import World
+from benchmarks.concealed.truth import Plant, World
 
 BUILDERS = {
     "parameter": memory.wrong_value,
@@ -33,6 +32,8 @@ BUILDERS = {
     "unnamed": forces.unnamed,
 }
 ATTEMPTS = 8
+LEAST_LAG = 0.3
+"""Shortest time constant of an actuator, in samples; a shorter one no recording resolves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +89,8 @@ def _attempt(rng: np.random.Generator, ticket: Ticket, tiny: bool, caution: floa
         if effect.kind == "output":
             clean = x[sensors[effect.index].row(system), :, : made.learning]
         done = sized(effect, scene, target * caution, clean, shape)
+        if effect.mechanism == "actuator_lag" and done.values["tau"] < LEAST_LAG * made.dt:
+            done = done.with_values({"tau": LEAST_LAG * made.dt})
         effects.append(done)
         sizes.append(strength(done, scene, clean, shape))
     body = _plant(system, p)
@@ -98,12 +101,13 @@ def _attempt(rng: np.random.Generator, ticket: Ticket, tiny: bool, caution: floa
     )
 
 
-def _plant(system: System, p: Mapping[str, float]) -> MuJoCoPlant | None:
-    return (
-        MuJoCoPlant(system.name, p)
-        if system.simulator == "mujoco" and system.name in BODIES
-        else None
-    )
+def _plant(system: System, p: Mapping[str, float]) -> Plant | None:
+    """Return MuJoCo's plant where it is the truth; imported only then."""
+    if system.simulator != "mujoco":
+        return None
+    from benchmarks.concealed.bodies import MuJoCoPlant
+
+    return MuJoCoPlant(system.name, p)
 
 
 def _undisturbed(

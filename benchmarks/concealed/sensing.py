@@ -103,7 +103,7 @@ def noise(rng: np.random.Generator, sensor: Sensor, shape: tuple[int, int]) -> A
     """Draw coloured noise in SI; shape (samples, experiments)."""
     white = rng.normal(size=shape) * sensor.sigma
     white[1:] *= np.sqrt(1.0 - sensor.rho**2)
-    return lfilter([1.0], [1.0, -sensor.rho], white, axis=0)
+    return np.asarray(lfilter([1.0], [1.0, -sensor.rho], white, axis=0))
 
 
 def at(x: Array, dx: Array, position: Array, dt: float) -> Array:

@@ -77,8 +77,6 @@ def own_states(effect: Effect, scene: Scene, shape: tuple, parts: int = 6) -> Ar
     z = np.zeros((effect.extra, runs))
     if effect.mechanism == "hidden_mode":
         z[0] = q[effect.index, 0]
-    elif effect.mechanism == "actuator_lag":
-        z[0] = u[effect.index, 0]
     out = np.empty((effect.extra, samples, runs))
     assert effect.rates is not None
     for k in range(samples):
@@ -112,8 +110,19 @@ def _driven(effect: Effect, scene: Scene, shape: tuple) -> Array:
         return np.stack(late, axis=1).ravel()
     assert effect.drive is not None
     if effect.extra:
-        return own_states(effect, scene, shape)[0]
+        return _lagging(u.reshape(shape), effect.values["tau"], scene.length / shape[0])
     return effect.drive(_look(effect, scene, np.zeros((0, u.size))), u, effect.values)
+
+
+def _lagging(u: Array, tau: float, dt: float) -> Array:
+    """Return u behind a first-order lag, exact for inputs that are linear between samples."""
+    keep = np.exp(-dt / tau)
+    z = np.empty_like(u)
+    z[0] = u[0]
+    for k in range(len(u) - 1):
+        slope = (u[k + 1] - u[k]) / dt
+        z[k + 1] = u[k + 1] - tau * slope + (z[k] - u[k] + tau * slope) * keep
+    return z.ravel()
 
 
 def _of_reading(effect: Effect, clean: Array, scene: Scene) -> float:

@@ -21,7 +21,7 @@ LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 0.0254, "dm": 0.1}
 MASSES = {"kg": 1.0, "g": 1e-3, "lb": 0.45359237, "tonne": 1e3}
 
 
-def times(a: Dims, b: Dims, power: int = 1) -> Dims:
+def times(a: Dims, b: Dims, power: float = 1) -> Dims:
     """Return the dimensions of a * b**power."""
     return (a[0] + power * b[0], a[1] + power * b[1], a[2] + power * b[2])
 
