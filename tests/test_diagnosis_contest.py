@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from functools import cache
 
 import numpy as np
 import pytest
+from diagnosis_systems import simulator_of
 
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, gain, held_back, weights
 from jaxsr.diagnosis.decide import detect, simplest_adequate
 from jaxsr.diagnosis.uncertainty import half_widths
-from jaxsr.models import Model, Simulator, parse_model
+from jaxsr.models import Model, parse_model
 from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import Prepared
 from jaxsr.models.shooting import Fit, Problem, fit
@@ -48,10 +48,6 @@ k = { value = 20.0, bounds = [1, 100] }
 c = { value = 0.8, bounds = [0, 10] }
 """
 )
-
-
-# One simulator a model: another one would be compiled again.
-simulator_of = cache(Simulator)
 
 
 def arena_of(model: Model, recording: Recording, horizon: float | None, scale: float) -> Arena:

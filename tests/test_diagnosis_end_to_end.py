@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnosis_systems import ARM, DEMO, RAIL
 
 from jaxsr._files import dump_json
 from jaxsr.diagnosis import Diagnosis, diagnose
@@ -21,30 +22,7 @@ from jaxsr.models.simulation import simulate_to_csv
 from jaxsr.recordings import Recording
 
 ROOT = Path(__file__).resolve().parents[1]
-DEMO = ROOT / "jaxsr" / "datasets" / "demo"
 TRUTH = json.loads((ROOT / "benchmarks" / "demo_truth.json").read_text())["sets"]
-RAIL = """
-[model]
-name = "mass on a rail"
-states = ["q", "v"]
-inputs = ["force"]
-outputs = ["y"]
-[equations]
-q = "v"
-v = "force - Fv*v"
-[inertia]
-v = { v = "M" }
-[readings]
-y = "q"
-[parameters]
-M = { value = MASS, unit = "kg", bounds = [0.5, 10.0] }
-Fv = { value = 3.0, unit = "N*s/m", bounds = [0.0, 30.0] }
-[units]
-q = "m"
-v = "m/s"
-force = "N"
-y = "m"
-"""
 NOISE, COUNT = 1e-4, 600  # m, samples
 
 
@@ -74,7 +52,7 @@ def rail(coulomb: float, mass: float, held: int, run: int = 0) -> Diagnosis:
     """Diagnose a rail; `held` is the seed of the held-out recording, `run` counts repetitions."""
     data = [rail_recording("a.csv", coulomb, 1)]
     held_out = [rail_recording("b.csv", coulomb, held)] if held else []
-    simulator = Simulator(parse_model(RAIL.replace("MASS", str(mass))))
+    simulator = Simulator(parse_model(RAIL.replace("value = 2.0", f"value = {mass}")))
     return diagnose(simulator, data, held_out=held_out, seed=3)
 
 
@@ -265,7 +243,7 @@ def test_explained_model_reads_back_and_simulates(tmp_path):
 @cache
 def demo(name: str) -> Diagnosis:
     train, held = DEMO / f"{name}_train.csv", DEMO / f"{name}_validation.csv"
-    return diagnose(Simulator(read_model(DEMO / "arm.toml")), [train], held_out=[held], seed=0)
+    return diagnose(Simulator(read_model(ARM)), [train], held_out=[held], seed=0)
 
 
 @pytest.mark.slow

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
+from diagnosis_systems import ARM as ARM_FILE
+from diagnosis_systems import STIFF
 
 from jaxsr._result import Verdict
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
@@ -25,33 +26,8 @@ from jaxsr.models import (
 )
 from jaxsr.models.units import check_units, dimension
 
-ARM = read_model(Path(__file__).resolve().parents[1] / "jaxsr" / "datasets" / "demo" / "arm.toml")
-# A model with fixed values as well, so that wrong_value has something to say.
-STIFF = parse_model(
-    """
-[model]
-states = ["q", "v"]
-inputs = ["u"]
-outputs = ["y"]
-[equations]
-q = "v"
-v = "u - k*q - Fv*v"
-[inertia]
-v = { v = "M" }
-[readings]
-y = "c*q"
-[parameters]
-M = { value = 2.0, unit = "kg" }
-k = { value = 50.0, unit = "N/m", bounds = [10.0, 200.0] }
-Fv = { value = 1.0, unit = "N*s/m" }
-c = { value = 3.0, unit = "V/m" }
-[units]
-q = "m"
-v = "m/s"
-u = "N"
-y = "V"
-"""
-)
+ARM = read_model(ARM_FILE)
+MASS = parse_model(STIFF)
 # CONTRACT.md, section 4, "mechanisms": family and parameters by name.
 CONTRACT = {
     "wrong_value": ("parameter", None),
@@ -105,7 +81,7 @@ def candidates_of(model: Model) -> list[Candidate]:
 
 CASES = [
     pytest.param(model, candidate, id=f"{label} {candidate.key}")
-    for label, model in (("arm", ARM), ("mass", STIFF))
+    for label, model in (("arm", ARM), ("mass", MASS))
     for candidate in candidates_of(model)
 ]
 
@@ -226,12 +202,12 @@ def test_new_names_clash_with_nothing(model, candidate):
 
 def test_clashing_names_get_the_state_appended():
     names = {
-        c.site: names_in(STIFF, c) for c in candidates_of(STIFF) if c.mechanism == "viscous_damping"
+        c.site: names_in(MASS, c) for c in candidates_of(MASS) if c.mechanism == "viscous_damping"
     }
     assert names == {"equation:v": {"Fv": "Fv_v"}}
 
 
-@pytest.mark.parametrize("model", [ARM, STIFF], ids=["arm", "mass"])
+@pytest.mark.parametrize("model", [ARM, MASS], ids=["arm", "mass"])
 def test_all_candidates_together_leave_the_model_as_it_was(model):
     candidates = candidates_of(model)
     built = SuperModel.build(model, candidates)
@@ -284,9 +260,9 @@ def test_friction_takes_energy_out(model, candidate):
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_asymmetry_dissipates_beside_at_least_as_much_viscous_friction(sign):
     """-Fv*v - Fa*|v| opposes the motion while |Fa| <= Fv; Fv of the model is 1."""
-    (candidate,) = [c for c in candidates_of(STIFF) if c.mechanism == "asymmetric_friction"]
-    (_, v), _ = random_states(STIFF)
-    force = added_force(STIFF, candidate, {"Fa": 0.9 * sign})[1] - 1.0 * v
+    (candidate,) = [c for c in candidates_of(MASS) if c.mechanism == "asymmetric_friction"]
+    (_, v), _ = random_states(MASS)
+    force = added_force(MASS, candidate, {"Fa": 0.9 * sign})[1] - 1.0 * v
     assert (force * v < 0).all()
 
 
@@ -313,24 +289,24 @@ def test_couplings_push_both_axes_alike():
     ],
 )
 def test_force_laws_have_the_contracts_sign_and_form(mechanism, name, law):
-    (candidate,) = [c for c in candidates_of(STIFF) if c.mechanism == mechanism]
-    (q, v), _ = random_states(STIFF)
+    (candidate,) = [c for c in candidates_of(MASS) if c.mechanism == mechanism]
+    (q, v), _ = random_states(MASS)
     # sign is run as tanh(v/1e-4).
     np.testing.assert_allclose(
-        added_force(STIFF, candidate, {name: 0.7})[1], law(q, v), rtol=1e-9, atol=1e-9
+        added_force(MASS, candidate, {name: 0.7})[1], law(q, v), rtol=1e-9, atol=1e-9
     )
 
 
 def test_added_mass_adds_to_the_inertia():
-    (candidate,) = [c for c in candidates_of(STIFF) if c.mechanism == "added_mass"]
-    edited = apply_edit(STIFF, candidate.edit(STIFF, names_in(STIFF, candidate), {"ma": 0.5}))
-    x, u = random_states(STIFF)
-    heavier = with_values(STIFF, {"M": 2.5})
+    (candidate,) = [c for c in candidates_of(MASS) if c.mechanism == "added_mass"]
+    edited = apply_edit(MASS, candidate.edit(MASS, names_in(MASS, candidate), {"ma": 0.5}))
+    x, u = random_states(MASS)
+    heavier = with_values(MASS, {"M": 2.5})
     np.testing.assert_allclose(rates(edited, x, u), rates(heavier, x, u), rtol=1e-12)
 
 
 def test_wrong_values_are_offered_for_fixed_parameters_alone():
-    found = {c.fixed_parameter for c in candidates_of(STIFF) if c.mechanism == "wrong_value"}
+    found = {c.fixed_parameter for c in candidates_of(MASS) if c.mechanism == "wrong_value"}
     assert found == {"M", "Fv", "c"}
     assert not [c for c in candidates_of(ARM) if c.mechanism == "wrong_value"]
 
@@ -340,7 +316,7 @@ def test_gravity_belongs_to_turning_axes():
         "equation:w1",
         "equation:w2",
     }
-    assert not [c for c in candidates_of(STIFF) if c.mechanism == "gravity"]
+    assert not [c for c in candidates_of(MASS) if c.mechanism == "gravity"]
 
 
 @pytest.mark.parametrize(
@@ -377,5 +353,5 @@ def test_sites_know_position_and_unit():
     w1, w2 = sites_of(ARM, {})
     assert (w1.state, w1.position, w1.turning, w1.force_unit) == ("w1", "q1", True, "N*m")
     assert [o.state for o in w2.others] == ["w1"]
-    (v,) = sites_of(STIFF, {})
+    (v,) = sites_of(MASS, {})
     assert (v.position, v.turning, v.force_unit) == ("q", False, "N")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 import pytest
+from diagnosis_systems import simulator_of
 
 from jaxsr.diagnosis.scoring import FreeRun, free_run, horizons
-from jaxsr.models import Model, Simulator, parse_model
+from jaxsr.models import Model, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -40,7 +40,6 @@ z = "r"
 )
 TIME = np.arange(2000) * 0.01
 FIRST = 100  # samples of the first 5 %
-simulator_of = cache(Simulator)
 
 
 def run(model: Model, channels: Sequence[dict[str, np.ndarray]], horizon: float | None) -> FreeRun:

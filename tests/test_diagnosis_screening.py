@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from diagnosis_systems import SPRUNG
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.screening import ScreenedSet
@@ -13,28 +14,6 @@ from jaxsr.diagnosis.setup import Screened, prepare, screen_all
 from jaxsr.models import Simulator, parse_model
 from jaxsr.recordings import Recording
 
-ONE = """
-[model]
-states = ["q", "v"]
-inputs = ["u"]
-outputs = ["y"]
-[equations]
-q = "v"
-v = "u - k*q - Fv*v"
-[inertia]
-v = { v = "M" }
-[readings]
-y = "q"
-[parameters]
-M = { value = 2.0, unit = "kg", bounds = [0.5, 8.0] }
-k = { value = 30.0, unit = "N/m", bounds = [0.0, 200.0] }
-Fv = { value = 2.0, unit = "N*s/m", bounds = [0.0, 20.0] }
-[units]
-q = "m"
-v = "m/s"
-u = "N"
-y = "m"
-"""
 TWO = """
 [model]
 states = ["q1", "q2", "v1", "v2"]
@@ -143,7 +122,7 @@ PLANTED = {
 @pytest.mark.parametrize("mechanism", sorted(PLANTED))
 def test_planted_force_is_the_best_single_candidate(mechanism, seed):
     force, name, value = PLANTED[mechanism]
-    found = screened(ONE, one_axis(force, seed))
+    found = screened(SPRUNG, one_axis(force, seed))
     singles = [s for s in found.screening.sets if len(s.members) == 1]
     best = min(singles, key=lambda s: s.error)
     if mechanism == "coulomb_friction" and labels(found, best) == {"stribeck_friction@equation:v"}:
@@ -167,7 +146,7 @@ def test_planted_coupling_is_the_best_single_candidate(seed):
 
 def test_negative_friction_is_never_proposed():
     """The axis is damped far less than the model fixes: no friction may make up for it."""
-    fixed = ONE.replace(", bounds = [0.0, 20.0]", "")
+    fixed = SPRUNG.replace(", bounds = [0.0, 20.0]", "")
     found = screened(fixed, one_axis(lambda q, v: 0.0, 4, damping=0.5))
     order = list(found.super_model.model.parameters)
     for item in found.screening.sets:
@@ -185,7 +164,7 @@ def test_negative_friction_is_never_proposed():
 
 
 def test_what_a_free_parameter_reproduces_is_collinear():
-    found = screened(ONE, one_axis(PLANTED["cubic_stiffness"][0], 5))
+    found = screened(SPRUNG, one_axis(PLANTED["cubic_stiffness"][0], 5))
     collinear = {found.super_model.candidates[i].label for i in found.screening.collinear}
     same = {f"{m}@equation:v" for m in ("viscous_damping", "linear_stiffness", "added_mass")}
     assert same <= collinear
@@ -196,7 +175,7 @@ def test_what_a_free_parameter_reproduces_is_collinear():
 
 def test_what_no_parameter_reproduces_is_not_collinear():
     """With damping fixed, viscous damping is a candidate like any other."""
-    fixed = ONE.replace(", bounds = [0.0, 20.0]", "")
+    fixed = SPRUNG.replace(", bounds = [0.0, 20.0]", "")
     found = screened(fixed, one_axis(lambda q, v: -2.0 * v, 6))
     collinear = {found.super_model.candidates[i].label for i in found.screening.collinear}
     assert "viscous_damping@equation:v" not in collinear
@@ -204,7 +183,7 @@ def test_what_no_parameter_reproduces_is_not_collinear():
 
 def test_errors_are_held_back():
     """A column of pure chance lowers the error inside the data but not on held-back blocks."""
-    found = screened(ONE, one_axis(lambda q, v: 0.0, 7))
+    found = screened(SPRUNG, one_axis(lambda q, v: 0.0, 7))
     empty = found.screening.empty
     assert empty.errors.size == 12
     singles = [s.error for s in found.screening.sets if len(s.members) == 1]

@@ -4,30 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from diagnosis_systems import CART
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis import diagnose
 from jaxsr.expressions import evaluate, parse
 from jaxsr.models import Simulator, parse_model
 from jaxsr.recordings import Recording
-
-CART = """
-[model]
-states = ["q", "v"]
-inputs = ["u"]
-outputs = ["y"]
-[equations]
-q = "v"
-v = "u - c*v - k*q"
-[inertia]
-v = { v = "m" }
-[readings]
-y = "q"
-[parameters]
-m = { value = 2.0, bounds = [0.5, 10.0] }
-c = { value = 3.0, bounds = [0.0, 50.0] }
-k = { value = 8.0, bounds = [0.0, 500.0] }
-"""
 
 
 def recording(seed: int) -> Recording:

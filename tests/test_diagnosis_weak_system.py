@@ -4,41 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnosis_systems import ARM, RAIL
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.weak_system import WeakSystem, observable_states, weak_system
 from jaxsr.models import Model, Simulator, parse_model, read_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
-
-ARM = Path(__file__).resolve().parents[1] / "jaxsr" / "datasets" / "demo" / "arm.toml"
-RAIL = """
-[model]
-name = "mass on a damped rail"
-time = "t"
-states = ["q", "v"]
-inputs = ["force"]
-outputs = ["y"]
-[equations]
-q = "v"
-v = "force - Fv*v"
-[inertia]
-v = { v = "M" }
-[readings]
-y = "q"
-[parameters]
-M = { value = 2.0, unit = "kg", bounds = [0.5, 8.0] }
-Fv = { value = 3.0, unit = "N*s/m", bounds = [0.0, 20.0] }
-[units]
-q = "m"
-v = "m/s"
-force = "N"
-y = "m"
-"""
 
 
 def trajectory(field: Callable, x0: list[float], time: np.ndarray) -> np.ndarray:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from diagnosis_systems import ARM
 from model_runs import ball, friction, model, quiet, rolled
 
 from jaxsr._result import InputError
@@ -14,8 +14,6 @@ from jaxsr.models import Simulator, read_model
 from jaxsr.models.free_run import free_run
 from jaxsr.models.rollout import Stepping
 from jaxsr.recordings import Recording
-
-ARM = Path(__file__).resolve().parents[1] / "jaxsr" / "datasets" / "demo" / "arm.toml"
 
 
 def test_fixed_steps_agree_with_adaptive_ones_on_the_arm() -> None:
