@@ -93,7 +93,9 @@ def test_a_checkpoint_of_other_data_or_settings_is_refused(tmp_path):
 UNITS = {"q": "m", "v": "m/s"}
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 3))]
+)
 def test_units_that_bind_keep_what_has_no_meaning_out_of_every_front(seed):
     rng = np.random.default_rng(seed)
     q, v = rng.uniform(-2.0, 2.0, size=(2, 150))

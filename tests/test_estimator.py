@@ -27,7 +27,7 @@ EXPECTED_FAILURES: dict[str, str] = {}
 
 
 @parametrize_with_checks(
-    [jaxsr.SymbolicSparseRegressor(population=20, generations=2, random_state=0)],
+    [jaxsr.SymbolicSparseRegressor(population=20, generations=1, random_state=0)],
     expected_failed_checks=lambda estimator: EXPECTED_FAILURES,
 )
 def test_scikit_learn_protocol(estimator, check):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from jaxsr.discovery.samples import Samples, roles, samples
 from jaxsr.recordings import Recording
 
 
+@cache
 def _glide(seed: int, noise: float, gain: float = 1.0, n: int = 300, bias: float = 0.0) -> Samples:
     """x and its rate, both with noise relative to their spread, in two recordings."""
     rng = np.random.default_rng(seed)
