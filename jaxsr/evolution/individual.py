@@ -41,7 +41,7 @@ class Individual:
             tuple(terms),
             float(loss),
             complexity(terms),
-            sum(term.operators for term in terms),
+            sum([term.operators for term in terms]),
         )
 
 
@@ -53,7 +53,7 @@ def complexity(terms: Iterable[Term]) -> int:
     variables and seven for a function inside another: sin(cos(x)) is no plainer than x + x**2,
     short as it is.
     """
-    return sum(_cost(term) for term in terms)
+    return sum(map(_cost, terms))
 
 
 @functools.lru_cache(maxsize=100_000)

@@ -16,7 +16,7 @@ from jaxsr.regression.ridge import solve_many
 DEPENDENT = 1e-9
 _TOGETHER = 256
 _DAMPING = 1e-13  # of corrections: far below the share that independent columns have
-_CORRECTIONS, _GAIN = 8, 0.9  # at most; a loss that falls by less than this is the least
+_CORRECTIONS, _SMALL = 8, 0.1  # at most; a gain that needs no further one
 _LARGEST, _SMALLEST = 1e100, 1e-100  # sizes whose squares are numbers
 
 
@@ -78,11 +78,15 @@ def refined_loss(theta: Array, y: Array, xi: Array) -> float:
     for _ in range(_CORRECTIONS):
         residual = y - xi @ theta
         loss = float(residual.dot(residual))
-        if not loss < _GAIN * least:
-            return loss if loss < least else least
+        if not loss < least:
+            break
         least = loss
-        # without a solution the next residual is NaN, and the last stands
-        xi = xi + solve_many(damped[None], (theta @ residual)[None])[0]
+        slope = theta @ residual
+        step = solve_many(damped[None], slope[None])[0]
+        gain = float(slope.dot(step) + _DAMPING * step.dot(step))
+        if gain < _SMALL * loss:  # the loss is a parabola: its least is known without another step
+            return loss - gain
+        xi = xi + step  # where there is no solution the next residual is NaN
     return least
 
 
