@@ -259,7 +259,7 @@ def test_a_refined_loss_is_that_of_an_orthogonal_factorisation(degree, noise):
     gram = theta @ theta.T
     damped = np.linalg.solve(gram + 1e-10 * np.eye(len(gram)), theta @ y)
     least = least_squares(theta.T, y)[1]
-    refined = refined_loss(theta, y, damped)
+    refined = refined_loss(theta, gram, y, damped)
     assert refined == pytest.approx(least, rel=1e-6, abs=1e-26)
 
 
@@ -269,4 +269,4 @@ def test_a_refined_loss_of_columns_that_depend_is_still_a_loss():
     theta = np.array([*theta, theta[1], theta[0]])
     y = theta[0] - 2.0 * theta[1]
     xi = np.array([0.5, -1.0, 0.0, -1.0, 0.5]) + 1e-6
-    assert refined_loss(theta, y, xi) < 1e-24
+    assert refined_loss(theta, theta @ theta.T, y, xi) < 1e-24

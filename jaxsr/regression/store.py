@@ -46,10 +46,12 @@ class Store(Protocol):
         """Return the products of pairs of columns."""
         ...
 
-    def exact_losses(self, sets: Sequence[Sequence[int]], shares: Sequence[Array]) -> Array:
+    def exact_losses(
+        self, sets: Sequence[Sequence[int]], shares: Sequence[Array], grams: Sequence[Array]
+    ) -> Array:
         """Return residual sums of squares free of the rounding of normal equations.
 
-        ``shares`` are the solutions of the normal equations.
+        ``shares`` solve the normal equations, whose matrices are ``grams``.
         """
         ...
 
@@ -59,7 +61,7 @@ def usable_sizes(largest: Array) -> np.ndarray:
     return np.isfinite(largest) & (largest < _LARGEST) & (largest > _SMALLEST)
 
 
-def refined_loss(theta: Array, y: Array, xi: Array) -> float:
+def refined_loss(theta: Array, gram: Array, y: Array, xi: Array) -> float:
     r"""Return the least :math:`\|y - \xi\Theta\|^2`, by iterative refinement from ``xi``.
 
     Every residual is taken from the columns, so that normal equations serve for corrections only:
@@ -69,11 +71,12 @@ def refined_loss(theta: Array, y: Array, xi: Array) -> float:
     ----------
     theta : ndarray, (terms, rows)
         Columns of unit norm.
+    gram : ndarray, (terms, terms)
+        Their products.
     xi : ndarray, (terms,)
         Solution of the damped normal equations.
     """
-    damped = theta @ theta.T
-    damped[np.diag_indices(len(xi))] += _DAMPING
+    damped = (gram + _DAMPING * np.eye(len(xi)))[None]
     least = np.inf
     for _ in range(_CORRECTIONS):
         residual = y - xi @ theta
@@ -82,7 +85,7 @@ def refined_loss(theta: Array, y: Array, xi: Array) -> float:
             break
         least = loss
         slope = theta @ residual
-        step = solve_many(damped[None], slope[None])[0]
+        step = solve_many(damped, slope[None])[0]
         gain = float(slope.dot(step) + _DAMPING * step.dot(step))
         if gain < _SMALL * loss:  # the loss is a parabola: its least is known without another step
             return loss - gain
@@ -147,13 +150,14 @@ class ColumnStore:
         pairs = zip(first.tolist(), second.tolist(), strict=True)
         return np.array([dot(columns[i], columns[j]) for i, j in pairs])
 
-    def exact_losses(self, sets: Sequence[Sequence[int]], shares: Sequence[Array]) -> Array:
+    def exact_losses(
+        self, sets: Sequence[Sequence[int]], shares: Sequence[Array], grams: Sequence[Array]
+    ) -> Array:
         """Return residual sums of squares, from the residuals themselves."""
         columns = self._columns
-        pairs = zip(sets, shares, strict=True)
-        return np.array(
-            [refined_loss(np.array([columns[k] for k in p]), self._target, x) for p, x in pairs]
-        )
+        thetas = (np.array([columns[k] for k in places]) for places in sets)
+        each = zip(thetas, grams, shares, strict=True)
+        return np.array([refined_loss(theta, gram, self._target, xi) for theta, gram, xi in each])
 
     def index(self, terms: Sequence[Term]) -> list[int]:
         """Return where each term's column is held; -1 for a term that cannot be used."""

@@ -115,7 +115,9 @@ class StreamedStore:
             seen |= {i, j}
         yield np.arange(start, len(first))
 
-    def exact_losses(self, sets: Sequence[Sequence[int]], shares: Sequence[Array]) -> Array:
+    def exact_losses(
+        self, sets: Sequence[Sequence[int]], shares: Sequence[Array], grams: Sequence[Array]
+    ) -> Array:
         r"""Return residual sums of squares by a correction from the residual itself.
 
         With residual r of the given coefficients and its products
@@ -123,7 +125,6 @@ class StreamedStore:
         """
         rss = np.zeros(len(sets))
         gains = [np.zeros(len(places)) for places in sets]
-        grams = [np.zeros((len(places), len(places))) for places in sets]
         for who in self._sharing(sets):
             used = sorted({k for row in who for k in sets[row]})
             slot = {k: n for n, k in enumerate(used)}
@@ -135,7 +136,6 @@ class StreamedStore:
                     residual = self._target[part] - shares[row] @ theta
                     rss[row] += residual @ residual
                     gains[row] += theta @ residual
-                    grams[row] += theta @ theta.T
         for row, (gain, gram) in enumerate(zip(gains, grams, strict=True)):
             rss[row] -= gain @ np.linalg.lstsq(gram, gain, rcond=1e-13)[0]
         return np.maximum(rss, 0.0)

@@ -66,7 +66,7 @@ class Weighing:
         unusable = np.array([-1 in row for row in places], dtype=bool)
         losses = np.where(unusable | ~np.isfinite(losses), np.inf, losses)
         # normal equations lose half the digits: a fit better than that is weighed again
-        for row in self._exact_losses(sets, places, xi, losses):
+        for row in self._exact_losses(sets, places, gram.matrix, xi, losses):
             losses[row] = self._exact[tuple(sets[row])]
         return gram, xi, losses
 
@@ -74,6 +74,7 @@ class Weighing:
         self,
         sets: Sequence[Sequence[Term]],
         places: Sequence[Sequence[int]],
+        gram: Array,
         xi: Array,
         losses: Array,
     ) -> list[int]:
@@ -84,8 +85,11 @@ class Weighing:
             self._exact.clear()
             new = rows
         if new:
-            shares = [xi[row, : len(places[row])] for row in new]
-            found = self.store.exact_losses([places[row] for row in new], shares).tolist()
+            sizes = [len(places[row]) for row in new]
+            shares = [xi[row, :n] for row, n in zip(new, sizes, strict=True)]
+            matrices = [gram[row, :n, :n] for row, n in zip(new, sizes, strict=True)]
+            own = [places[row] for row in new]
+            found = self.store.exact_losses(own, shares, matrices).tolist()
             self._exact.update((tuple(sets[r]), x) for r, x in zip(new, found, strict=True))
         return rows
 
