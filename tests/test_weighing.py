@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.generations import memory
 from jaxsr.evaluation import compile_terms
 from jaxsr.expressions import parse
 from jaxsr.regression import (
@@ -270,3 +271,10 @@ def test_a_refined_loss_of_columns_that_depend_is_still_a_loss():
     y = theta[0] - 2.0 * theta[1]
     xi = np.array([0.5, -1.0, 0.0, -1.0, 0.5]) + 1e-6
     assert refined_loss(theta, theta @ theta.T, y, xi) < 1e-24
+
+
+@pytest.mark.slow
+def test_memory_stays_far_below_that_of_the_columns_weighed():
+    told = memory(100_000, 60, 32 * 2**20)
+    library = 8 * 100_000 * 1000  # small terms alone are more than a thousand columns
+    assert told["peak_bytes"] - told["before_bytes"] < library / 2
