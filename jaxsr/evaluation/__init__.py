@@ -1,7 +1,15 @@
-"""Evaluate batches of terms: cached columns, and the postfix reference in JAX."""
+"""Evaluate batches of terms: a compiled register machine, cached columns, a postfix reference."""
 
 from jaxsr.evaluation.batch import TermBatch, compile_terms
 from jaxsr.evaluation.cache import ColumnCache
+from jaxsr.evaluation.engine import EngineConfig
 from jaxsr.evaluation.interpreter import compilations, interpret
 
-__all__ = ["ColumnCache", "TermBatch", "compilations", "compile_terms", "interpret"]
+__all__ = [
+    "ColumnCache",
+    "EngineConfig",
+    "TermBatch",
+    "compilations",
+    "compile_terms",
+    "interpret",
+]

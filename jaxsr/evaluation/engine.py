@@ -1,0 +1,177 @@
+"""Evaluate a batch on any number of samples: chunks of rows that a cache holds, on all cores."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxsr.evaluation.machine import Program, bucket, load, run
+from jaxsr.evaluation.schedule import schedule
+from jaxsr.expressions.postfix import PostfixBatch
+
+Array = NDArray[Any]
+Use = Callable[[Array, slice, slice], Any]
+
+_MOST_TERMS = 8192  # in one schedule, which bounds a thread's buffer
+
+
+@dataclass(frozen=True, slots=True)
+class EngineConfig:
+    """How a batch is evaluated.
+
+    Parameters
+    ----------
+    threads : int, optional
+        Chunks evaluated at a time; by default one for each core this process may use.
+    chunk : int
+        Most samples evaluated at a time; a power of two. Long enough to hide the cost of an
+        instruction, short enough for a core's cache. A device that lacks memory gets smaller ones.
+    device : jax.Device, optional
+        Where; JAX's default device when None.
+    """
+
+    threads: int | None = None
+    chunk: int | None = None
+    device: Any = None
+
+    def __post_init__(self) -> None:
+        if self.threads is not None and self.threads < 1:
+            raise ValueError(f"`threads` must be at least 1, got {self.threads}")
+        if self.chunk is not None and (self.chunk < 16 or self.chunk & (self.chunk - 1)):
+            raise ValueError(f"`chunk` must be a power of two from 16 on, got {self.chunk}")
+
+    @property
+    def platform(self) -> str:
+        """Return ``cpu``, ``gpu``, ..."""
+        return self.device.platform if self.device is not None else jax.default_backend()
+
+    @property
+    def workers(self) -> int:
+        """Return how many chunks are evaluated at a time."""
+        if self.platform != "cpu":
+            return 1
+        return self.threads or len(os.sched_getaffinity(0))
+
+    def samples(self, rows: int) -> int:
+        """Return how many samples are evaluated at a time where there are ``rows``."""
+        most = self.chunk or (1024 if self.platform == "cpu" else 2**18)
+        return bucket(min(rows, most), min(128, most))
+
+
+class Engine:
+    """A batch's schedules, made when first needed and kept.
+
+    Parameters
+    ----------
+    batch : PostfixBatch
+    config : EngineConfig
+    """
+
+    def __init__(self, batch: PostfixBatch, config: EngineConfig | None = None) -> None:
+        self._batch = batch
+        self._config = config or EngineConfig()
+        self._programs = functools.cache(self._loaded)
+
+    def __len__(self) -> int:
+        return len(self._batch)
+
+    @property
+    def unique_fraction(self) -> float:
+        """Distinct inner nodes, which are computed, over all inner nodes."""
+        programs = [program.schedule for _, program in self._programs(self._parts(1), "float32")]
+        inner = sum(s.inner_nodes for s in programs)
+        return sum(s.unique_nodes for s in programs) / inner if inner else 1.0
+
+    def columns(self, data: Array) -> Array:
+        """Return the columns (terms, samples) of data (variables, samples), in its type."""
+        out = np.empty((len(self._batch), data.shape[1]), data.dtype)
+
+        def keep(block: Array, terms: slice, samples: slice) -> None:
+            out[terms, samples] = block
+
+        self.each(data, keep)
+        return out
+
+    def each(self, data: Array, use: Use) -> list[Any]:
+        """Call ``use(block, terms, samples)`` on blocks of columns; return what it returned.
+
+        A block (terms, samples) is the machine's own memory. Blocks come from several threads at
+        once, and are never all held: this is how to reduce a library that does not fit in memory.
+        The answers are ordered by samples, then terms, whatever thread was first.
+
+        Parameters
+        ----------
+        data : ndarray, (variables, samples)
+        use : callable
+        """
+        rows, size = data.shape[1], self._config.samples(data.shape[1])
+        while True:
+            try:
+                return self._each(data, use, rows, size)
+            except jax.errors.JaxRuntimeError as error:
+                if "RESOURCE_EXHAUSTED" not in str(error) or size <= 16:
+                    raise
+                size //= 2
+
+    def _each(self, data: Array, use: Use, rows: int, size: int) -> list[Any]:
+        if not len(self._batch) or not rows:
+            return []
+        starts = range(0, rows, size)
+        # few samples: terms are shared among the threads instead
+        shares = 1 if len(starts) >= self._config.workers else self._config.workers
+        programs = self._programs(self._parts(shares), data.dtype.name)
+
+        def one(job: tuple[int, slice, Program]) -> Any:
+            start, terms, program = job
+            stop = min(start + size, rows)
+            part = _padded(data[:, start:stop], size)
+            return run(
+                program, part, lambda y: use(y[:, : stop - start], terms, slice(start, stop))
+            )
+
+        jobs = [(start, terms, program) for start in starts for terms, program in programs]
+        if self._config.workers == 1 or len(jobs) == 1:
+            return [one(job) for job in jobs]
+        return list(_pool(self._config.workers).map(one, jobs))
+
+    def _parts(self, shares: int) -> int:
+        """Return how many schedules the terms are divided into."""
+        needed = -(-len(self._batch) // _MOST_TERMS)
+        return max(needed, min(shares, len(self._batch)))
+
+    def _loaded(self, parts: int, dtype: str) -> Sequence[tuple[slice, Program]]:
+        count = len(self._batch)
+        bounds = [count * k // parts for k in range(parts + 1)]
+        pieces = [slice(a, b) for a, b in itertools.pairwise(bounds)]
+
+        def one(piece: slice) -> tuple[slice, Program]:
+            batch = self._batch
+            code = (batch.opcode[piece], batch.operand[piece], batch.constants[piece])
+            part = PostfixBatch(*code, batch.variables)
+            return piece, load(schedule(part), np.dtype(dtype), self._config.device)
+
+        return [one(piece) for piece in pieces]
+
+
+@functools.cache
+def _pool(workers: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(workers, thread_name_prefix="jaxsr")
+
+
+def _padded(data: Array, samples: int) -> Array:
+    """Return data (variables, samples) with the last sample repeated, and at least one row."""
+    missing = samples - data.shape[1]
+    if not len(data):
+        return np.zeros((1, samples), data.dtype)
+    if missing:
+        return np.pad(data, ((0, 0), (0, missing)), mode="edge")
+    return np.ascontiguousarray(data)
