@@ -7,9 +7,10 @@ through the function itself (not its derivative), e.g. for a quotient
     |a'/b' - a/b| <= (e_a + |a/b| e_b) / (|b| - e_b),
 
 plus the operation's own rounding: half a unit in the last place for arithmetic, a whole one for a
-quotient (a machine may multiply by a constant's reciprocal), `ULPS` units for functions (Higham, Accuracy and Stability of Numerical Algorithms, section 3.3). Where a bound
-exceeds `tolerance * |value|`, equality to that tolerance is not asked; where a value lies beyond
-its bound, a machine is less accurate than `ULPS` says.
+quotient (a machine may multiply by a constant's reciprocal), `ULPS` units for functions (Higham,
+Accuracy and Stability of Numerical Algorithms, section 3.3). Where a bound exceeds
+`tolerance * |value|`, equality to that tolerance is not asked; where a value lies beyond its
+bound, a machine is less accurate than this.
 """
 
 from __future__ import annotations

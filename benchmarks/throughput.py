@@ -48,7 +48,6 @@ from benchmarks.throughput_plots import plot
 from benchmarks.timing import alternated, repeated, spread
 
 LARGEST_ANSWER = 60_000_000  # terms x rows: 240 MB in float32
-SLOW_ANSWER = 6_000_000
 SEED = 0
 
 
@@ -63,6 +62,8 @@ class Plan:
     rows, new_rows, scaling_rows, populations, term_sizes : tuple of int
         `new_rows` are those at which new populations are timed.
     agreement_rows : int
+    slow_answer : int
+        Terms x rows that gplearn and the naive machine evaluate at most.
     population, generations : int
         Of the search whose generations are timed, on 1,000 samples.
     memory_samples : int
@@ -78,6 +79,7 @@ class Plan:
     populations: tuple[int, ...] = (100, 300, 1_000, 3_000, 6_000, 20_000)
     term_sizes: tuple[int, ...] = (3, 5, 7, 11, 15, 23, 31)
     agreement_rows: int = 1_000
+    slow_answer: int = 6_000_000
     population: int = 600
     generations: int = 10
     memory_samples: int = 1_000_000
@@ -89,9 +91,10 @@ QUICK = Plan(
     rows=(250, 1_000, 10_000),
     new_rows=(1_000,),
     scaling_rows=(1_000, 10_000, 100_000),
-    populations=(300, 1_000, 3_000),
-    term_sizes=(3, 7, 15),
+    populations=(300, 3_000),
+    term_sizes=(3, 15),
     agreement_rows=100,
+    slow_answer=600_000,
     population=60,
     generations=2,
     memory_samples=0,
@@ -112,7 +115,7 @@ def raw(plan: Plan) -> dict[str, Any]:
             repeats = plan.repeats if rows < 1_000_000 else max(5, plan.repeats // 2)
             runs.append(_beside_operon(population, rows, repeats))
             if population.name == "random":
-                runs[-1] |= _beside_slow_peers(population, rows, plan.slow_repeats)
+                runs[-1] |= _beside_slow_peers(population, rows, plan)
             _print_run(runs[-1])
             gc.collect()
     return {"runs": runs}
@@ -133,15 +136,16 @@ def _beside_operon(population: Population, rows: int, repeats: int) -> dict[str,
     ).document(work, "pyoperon")
 
 
-def _beside_slow_peers(population: Population, rows: int, repeats: int) -> dict[str, Any]:
+def _beside_slow_peers(population: Population, rows: int, plan: Plan) -> dict[str, Any]:
     """Time the naive machine and gplearn on as many terms as a moment allows."""
     data, out = samples(rows), {}
-    naive = population.first(max(12, SLOW_ANSWER // rows))
+    answer, repeats = plan.slow_answer, plan.slow_repeats
+    naive = population.first(max(12, answer // rows))
     machine = NaiveStack(naive.terms, VARIABLES)
     out["naive"] = _rate(naive, rows, lambda: machine.evaluate(data), repeats)
     if absent := peers.missing("gplearn"):
         return out | {"gplearn": absent}
-    part = population.first(max(12, SLOW_ANSWER // rows))
+    part = population.first(max(12, answer // rows))
     programs = peers.GplearnPrograms(part.terms, VARIABLES)
     return out | {"gplearn": _rate(part, rows, lambda: programs.evaluate(data), repeats)}
 
