@@ -21,6 +21,7 @@ from benchmarks.concealed.plan import SYSTEMS, rows_for
 from benchmarks.concealed.planting import BUILDERS, _undisturbed, scene_of
 from benchmarks.concealed.recording import perform
 from benchmarks.concealed.sensing import Sensor, at, noise
+from benchmarks.concealed.sensing_effects import sensing
 from benchmarks.concealed.sizes import sized, strength
 from benchmarks.concealed.systems import solve, total_force
 from benchmarks.concealed.truth import Exact, Tape, World, replay
@@ -203,6 +204,19 @@ def test_an_effect_gets_the_size_it_is_given(mechanism: str) -> None:
             build(np.random.default_rng(8), scene, mechanism, row), scene, target, None, shape
         )
         assert strength(effect, scene, None, shape) == pytest.approx(target, rel=0.02)
+
+
+@pytest.mark.parametrize("mechanism", FAMILIES["measurement"])
+def test_a_sensor_gets_the_error_it_is_given(mechanism: str) -> None:
+    scene, shape = a_scene("two_mass")
+    clean = scene.q[1].reshape(shape)
+    for seed, target in ((0, 0.02), (1, 0.09)):
+        rng = np.random.default_rng(seed)
+        effect = sensing(rng, mechanism, 0, (0, 1, 0), clean, scene.omega)
+        effect = sized(effect, scene, target, clean, shape)
+        assert strength(effect, scene, clean, shape) == pytest.approx(target, rel=0.03)
+        if mechanism == "sensor_gain":
+            assert abs(effect.values["g"] - 1.0) == pytest.approx(target, rel=0.2)
 
 
 @pytest.mark.parametrize(

@@ -77,7 +77,7 @@ def _attempt(rng: np.random.Generator, ticket: Ticket, tiny: bool, caution: floa
     x0 = made.start(rng, system)
     nominal = _undisturbed(system, p, made, gains, x0)
     scene, shape = scene_of(system, p, made, nominal)
-    level = (3e-4, 1e-2) if ticket.kind != "below_noise" else (2e-2, 1e-1)
+    level = (3e-4, 3e-2) if ticket.kind != "below_noise" else (2e-2, 1e-1)
     complete = ticket.kind in ("sensor", "timing", "nothing")
     which = choose(rng, system, ticket.closed, complete)
     x, dx = nominal.x, nominal.dx

@@ -34,6 +34,9 @@ from jaxsr._result import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMA = "jaxsr.concealed/1"
+ATTEMPTS = 6
+NOISE = 1.1
+"""Rms innovation up to which a fit told the truth has reached the noise; another is drawn above."""
 FAINT = 2.0
 """Likelihood-ratio statistic that a case below the noise may reach about."""
 
@@ -120,20 +123,16 @@ def _mapped(todo: list[tuple[int, Ticket, Path, bool]], jobs: int) -> Iterable[s
 
 def seal_case(seed: int, ticket: Ticket, out: Path, tiny: bool = False) -> str:
     """Plant, weigh, disguise and write one case; return its name."""
-    rng = np.random.default_rng([seed, 1, ticket.number])
-    planted = plant(rng, ticket, tiny)
-    system = planted.system
-    bounds = {
-        c: (planted.p[c] * rng.uniform(0.25, 0.5), planted.p[c] * rng.uniform(2.0, 4.0))
-        for c, constant in system.constants.items()
-        if constant.free
-    }
-    given = dict(planted.p)
-    for effect in planted.effects:
-        if effect.replaces:
-            given[effect.replaces] = planted.p[effect.replaces] * effect.values["ratio"]
-    setting = _setting(planted, bounds, given)
-    evidence, calibrated = weigh(setting)
+    for attempt in range(ATTEMPTS):
+        rng = np.random.default_rng([seed, 1, ticket.number, attempt])
+        planted = plant(rng, ticket, tiny)
+        bounds, given = _priors(rng, planted)
+        setting = _setting(planted, bounds, given)
+        evidence, calibrated = weigh(setting)
+        if evidence.innovation < NOISE:
+            break
+    else:
+        raise FloatingPointError(f"{ticket.name}: the fit told the truth does not reach the noise")
     if ticket.kind == "below_noise":
         for _ in range(4):
             if evidence.statistic <= 3.0 * FAINT:
@@ -146,11 +145,25 @@ def seal_case(seed: int, ticket: Ticket, out: Path, tiny: bool = False) -> str:
         # as of an engineer who calibrated the model on such data before
         given |= calibrated
         evidence = replace(evidence, absorbed=False)
-    disguise = Disguise.draw(rng, system, len(planted.sensors))
+    disguise = Disguise.draw(rng, planted.system, len(planted.sensors))
     _write_case(rng, out, planted, disguise, given, bounds)
     entry = _truth(planted, disguise, evidence, given, masked)
     atomic_write_text(_part(out, ticket), dump_json(entry))
     return ticket.name
+
+
+def _priors(rng: np.random.Generator, planted: Planted) -> tuple[dict, dict[str, float]]:
+    """Return bounds of the constants that may be calibrated, and the given values."""
+    bounds = {
+        c: (planted.p[c] * rng.uniform(0.25, 0.5), planted.p[c] * rng.uniform(2.0, 4.0))
+        for c, constant in planted.system.constants.items()
+        if constant.free
+    }
+    given = dict(planted.p)
+    for effect in planted.effects:
+        if effect.replaces:
+            given[effect.replaces] = planted.p[effect.replaces] * effect.values["ratio"]
+    return bounds, given
 
 
 def _setting(planted: Planted, bounds: dict, given: dict[str, float]) -> Setting:

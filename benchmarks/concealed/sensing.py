@@ -72,7 +72,7 @@ def fitted_out(
     x: Array,
     dx: Array,
     dt: float,
-    level: tuple[float, float] = (3e-4, 1e-2),
+    level: tuple[float, float] = (3e-4, 3e-2),
 ) -> tuple[Sensor, ...]:
     """Give every sensor a scale and noise, relative to the undisturbed motion x."""
     sensors = []

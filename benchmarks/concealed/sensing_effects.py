@@ -28,6 +28,7 @@ def sensing(
             {},
             ("g",),
             linear=False,
+            about=1.0,
             reading=lambda y, e: e["g"] * y,
         )
     if mechanism == "sensor_bias":
