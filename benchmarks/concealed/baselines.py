@@ -129,9 +129,10 @@ class Residual:
 def residual(c: Calibrated, item: Prepared) -> Residual:
     """Return M dv/dt - f at the smoothed states; a margin at both ends is left out."""
     model, simulator = c.model, Simulator(c.model)
-    x = savgol_filter(item.states.values, 15, 3, axis=0)
+    x = np.asarray(savgol_filter(item.states.values, 15, 3, axis=0))
     dt = np.median(np.diff(item.time))
-    dx = savgol_filter(item.states.values, 21, 3, deriv=1, delta=dt, axis=0)
+    smooth = savgol_filter(item.states.values, 21, 3, deriv=1, delta=dt, axis=0)
+    dx = np.asarray(smooth)
     rows = tuple(model.inertia)
     columns, u = tuple(x.T), tuple(item.inputs.T)
     with jax.enable_x64(True), np.errstate(all="ignore"):

@@ -125,7 +125,10 @@ def seal_case(seed: int, ticket: Ticket, out: Path, tiny: bool = False) -> str:
     """Plant, weigh, disguise and write one case; return its name."""
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, 1, ticket.number, attempt])
-        planted = plant(rng, ticket, tiny)
+        try:
+            planted = plant(rng, ticket, tiny)
+        except FloatingPointError:
+            continue
         bounds, given = _priors(rng, planted)
         setting = _setting(planted, bounds, given)
         evidence, calibrated = weigh(setting)

@@ -183,13 +183,14 @@ class Exact:
             x = y.reshape(shape)
             return dt * self.world.rates((k + s) * dt, x, self.tape, at, self.tape.run).ravel()
 
+        tolerance: Any = (1e-10 * self.scale).ravel()
         solver = DOP853(
             f,
             0.0,
             self.x.ravel(),
             1.0,
             rtol=RTOL,
-            atol=(1e-10 * self.scale).ravel(),
+            atol=tolerance,
             first_step=min(max(self.step, 1e-4), 1.0),
         )
         while solver.status == "running":
