@@ -1,7 +1,8 @@
 """What public tools give: re-calibration alone, pysindy on the residual, a network on it.
 
 All three start from the re-calibrated given model. The acceleration residual is that of the
-smoothed and differentiated recordings, row by row: M dv/dt - f.
+smoothed and differentiated recordings, row by row: M dv/dt - f. Where no term stands, the last two
+say what re-calibration alone says.
 """
 
 from __future__ import annotations
@@ -105,9 +106,12 @@ def _answer(
 def recalibration(case: Path) -> dict[str, Any]:
     """Re-calibrate, and blame the parameter that moved most where the fit gained by it."""
     c = calibrate(case)
-    before = held_out(c, c.model, c.theta)
-    moved = 1.0 - c.cost / max(c.given_cost, 1e-300)
-    if moved < WORTH:
+    return _without_terms(c, held_out(c, c.model, c.theta))
+
+
+def _without_terms(c: Calibrated, before: float) -> dict[str, Any]:
+    """Return what re-calibration alone says."""
+    if 1.0 - c.cost / max(c.given_cost, 1e-300) < WORTH:
         return _answer(c, "nothing", [], before, before)
     names, values = list(c.model.parameters), [p.value for p in c.model.parameters.values()]
     shift = np.abs(c.theta / np.where(np.array(values) != 0, values, 1.0) - 1.0)
@@ -215,14 +219,14 @@ def sindy(case: Path) -> dict[str, Any]:
                 chosen.append((abs(coefficient) * s, row, mechanism, text, float(coefficient)))
     before = held_out(c, c.model, c.theta)
     if not chosen:
-        return _answer(c, "nothing", [], before, before)
+        return _without_terms(c, before)
     equations = dict(c.model.equations)
     for _, row, _, text, coefficient in chosen:
         equations[row] = f"{equations[row]} + ({coefficient!r})*({text})"
     edited = replace(c.model, equations=equations)
     gate = replace(c, held=c.data[-1:])
     if held_out(gate, edited, c.theta) > (1 - WORTH) * held_out(gate, c.model, c.theta):
-        return _answer(c, "nothing", [], before, before)
+        return _without_terms(c, before)
     chosen.sort(reverse=True)
     rows = [{"site": f"equation:{row}", "mechanism": m} for _, row, m, _, _ in chosen]
     finding = {**rows[0], "alternatives": rows[1:4], "parameters": {}}
@@ -257,7 +261,7 @@ def network(case: Path) -> dict[str, Any]:
         gains.append((1.0 - float(np.mean((wanted - guess) ** 2) / np.mean(wanted**2)), row))
     gain, row = max(gains)
     if gain < 2 * WORTH:
-        return _answer(c, "nothing", [], before, before)
+        return _without_terms(c, before)
     finding = {"site": f"equation:{row}", "mechanism": "unnamed", "parameters": {}}
     return _answer(c, "structure", [finding], None, before)
 
