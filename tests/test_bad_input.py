@@ -163,7 +163,7 @@ def test_directory_that_cannot_be_written(work: Path, capsys: Any) -> None:
 
 def test_bad_held_out_file_leaves_nothing(work: Path, capsys: Any) -> None:
     Path("b.csv").write_text(table(drop(), "time_s,altitude_m"))
-    assert main("diagnose m.toml a.csv --held-out b.csv --budget 1 --out d".split()) == 2
+    assert main("diagnose m.toml a.csv --held-out b.csv --out d".split()) == 2
     # It is opened last, so stages stand before the error; nothing stands after it.
     *stages, error = capsys.readouterr().err.splitlines()
     assert error.startswith("jaxsr: error: ") and "b.csv" in error and "height_m" in error
