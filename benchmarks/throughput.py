@@ -127,12 +127,15 @@ def _beside_operon(population: Population, rows: int, repeats: int) -> dict[str,
     batch = jaxsr.compile_terms(part.terms, VARIABLES)
     head = {"population": part.name, "rows": rows, "terms": len(part.terms), "nodes": part.nodes}
     work = part.nodes * rows
+    theta = np.zeros(
+        (len(part.terms), rows), np.float32
+    ).T  # pyoperon keeps its answer's memory too
     if absent := peers.missing("pyoperon"):
-        times = np.array(repeated(lambda: batch.evaluate(data), repeats))
+        times = np.array(repeated(lambda: batch.evaluate(data, out=theta), repeats))
         return head | {"ours": asdict(spread(work / times)), "pyoperon": absent}
     operon = peers.OperonTrees(part.terms, VARIABLES, data)
     return head | alternated(
-        lambda: batch.evaluate(data), lambda: operon.evaluate(cores.CORES), repeats
+        lambda: batch.evaluate(data, out=theta), lambda: operon.evaluate(cores.CORES), repeats
     ).document(work, "pyoperon")
 
 

@@ -21,7 +21,8 @@ from jaxsr.expressions.postfix import PostfixBatch
 Array = NDArray[Any]
 Use = Callable[[Array, slice, slice], Any]
 
-_MOST_TERMS = 8192  # in one schedule, which bounds a thread's buffer
+_MOST_TERMS = 65536  # in one schedule, which bounds a thread's instructions
+_WINDOW = 1024  # outputs taken at a time: what a core's cache holds beside the registers
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +92,10 @@ class Engine:
         inner = sum(s.inner_nodes for s in programs)
         return sum(s.unique_nodes for s in programs) / inner if inner else 1.0
 
-    def columns(self, data: Array) -> Array:
+    def columns(self, data: Array, out: Array | None = None) -> Array:
         """Return the columns (terms, samples) of data (variables, samples), in its type."""
-        out = np.empty((len(self._batch), data.shape[1]), data.dtype)
+        if out is None:
+            out = np.empty((len(self._batch), data.shape[1]), data.dtype)
 
         def keep(block: Array, terms: slice, samples: slice) -> None:
             out[terms, samples] = block
@@ -130,18 +132,22 @@ class Engine:
         shares = 1 if len(starts) >= self._config.workers else self._config.workers
         programs = self._programs(self._parts(shares), data.dtype.name)
 
-        def one(job: tuple[int, slice, Program]) -> Any:
+        def one(job: tuple[int, slice, Program]) -> list[Any]:
             start, terms, program = job
             stop = min(start + size, rows)
-            part = _padded(data[:, start:stop], size)
-            return run(
-                program, part, lambda y: use(y[:, : stop - start], terms, slice(start, stop))
-            )
+
+            def took(block: Array, own: slice) -> Any:
+                place = slice(terms.start + own.start, terms.start + own.stop)
+                return use(block[:, : stop - start], place, slice(start, stop))
+
+            return run(program, _padded(data[:, start:stop], size), took)
 
         jobs = [(start, terms, program) for start in starts for terms, program in programs]
         if self._config.workers == 1 or len(jobs) == 1:
-            return [one(job) for job in jobs]
-        return list(_pool(self._config.workers).map(one, jobs))
+            answers = map(one, jobs)
+        else:
+            answers = _pool(self._config.workers).map(one, jobs)
+        return list(itertools.chain.from_iterable(answers))
 
     def _parts(self, shares: int) -> int:
         """Return how many schedules the terms are divided into."""
@@ -157,9 +163,11 @@ class Engine:
             batch = self._batch
             code = (batch.opcode[piece], batch.operand[piece], batch.constants[piece])
             part = PostfixBatch(*code, batch.variables)
-            return piece, load(schedule(part), np.dtype(dtype), self._config.device)
+            plan = schedule(part, min(_WINDOW, bucket(len(part), 16)))
+            return piece, load(plan, np.dtype(dtype), self._config.device)
 
-        return [one(piece) for piece in pieces]
+        each = map if len(pieces) == 1 else _pool(self._config.workers).map
+        return list(each(one, pieces))
 
 
 @functools.cache

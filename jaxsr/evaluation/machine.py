@@ -27,49 +27,56 @@ Array = NDArray[Any]
 _LEAST_ROWS, _LEAST_INSTRUCTIONS = 256, 1024
 
 
-def _branches(samples: int, dtype: Any) -> list[Callable[..., Any]]:
-    """Return what each instruction does with (buffer, left, right, immediate)."""
+def _at(values: Any, k: Any) -> Any:
+    return lax.dynamic_index_in_dim(values, k, keepdims=False)
 
-    def row(buffer: Any, place: Any) -> Any:
-        return lax.dynamic_slice(buffer, (place, jnp.zeros_like(place)), (1, samples))
+
+def _branches(samples: int, dtype: Any) -> list[Callable[..., Any]]:
+    """Return what each instruction does with (buffer, k, left, right, immediate).
+
+    The operands are looked up inside the branch, where the compiler joins that to the arithmetic.
+    """
+    zero = np.int32(0)
+
+    def row(buffer: Any, places: Any, k: Any) -> Any:
+        return lax.dynamic_slice(buffer, (_at(places, k), zero), (1, samples))
 
     def of(name: str) -> Callable[..., Any]:
         match name:
             case "copy":
-                return lambda m, a, b, c: row(m, a)
+                return lambda m, k, a, b, c: row(m, a, k)
             case "constant":
-                return lambda m, a, b, c: jnp.full((1, samples), c, dtype)
+                return lambda m, k, a, b, c: jnp.full((1, samples), _at(c, k), dtype)
             case "square":
-                return lambda m, a, b, c: row(m, a) * row(m, a)
+                return lambda m, k, a, b, c: row(m, a, k) ** 2
             case "cube":
-                return lambda m, a, b, c: row(m, a) * row(m, a) * row(m, a)
+                return lambda m, k, a, b, c: row(m, a, k) ** 3
         base, _, side = name.partition("_")
         f = elementary.function(base)
         match side:
             case "right":
-                return lambda m, a, b, c: f(row(m, a), c)
+                return lambda m, k, a, b, c: f(row(m, a, k), _at(c, k))
             case "left":
-                return lambda m, a, b, c: f(c, row(m, a))
+                return lambda m, k, a, b, c: f(_at(c, k), row(m, a, k))
         if elementary.arity(base) == 1:
-            return lambda m, a, b, c: jnp.asarray(f(row(m, a)), dtype)
-        return lambda m, a, b, c: jnp.asarray(f(row(m, a), row(m, b)), dtype)
+            return lambda m, k, a, b, c: jnp.asarray(f(row(m, a, k)), dtype)
+        return lambda m, k, a, b, c: jnp.asarray(f(row(m, a, k), row(m, b, k)), dtype)
 
     return [of(name) for name in INSTRUCTIONS]
 
 
-def _run(buffer: Any, data: Any, first_variable: Any, count: Any, code: Any) -> Any:
-    """Write the variables into the buffer (rows, samples), then run ``count`` instructions."""
+def _run(buffer: Any, data: Any, first_variable: Any, start: Any, stop: Any, code: Any) -> Any:
+    """Write the variables into the buffer (rows, samples), then run some instructions."""
     operation, left, right, target, immediate = code
-    samples = buffer.shape[1]
-    branches = _branches(samples, buffer.dtype)
-    zero = jnp.zeros((), jnp.int32)
+    branches = _branches(buffer.shape[1], buffer.dtype)
+    zero = np.int32(0)
     buffer = lax.dynamic_update_slice(buffer, data, (first_variable, zero))
 
     def step(k: Any, buffer: Any) -> Any:
-        value = lax.switch(operation[k], branches, buffer, left[k], right[k], immediate[k])
-        return lax.dynamic_update_slice(buffer, value, (target[k], zero))
+        value = lax.switch(_at(operation, k), branches, buffer, k, left, right, immediate)
+        return lax.dynamic_update_slice(buffer, value, (_at(target, k), zero))
 
-    return lax.fori_loop(zero, count, step, buffer)
+    return lax.fori_loop(start, stop, step, buffer)
 
 
 @functools.cache
@@ -117,8 +124,7 @@ def load(schedule: Schedule, dtype: Any, device: Any = None) -> Program:
         code = [jnp.asarray(np.pad(part, (0, length - len(part)))) for part in parts]
         values = np.pad(schedule.immediate, (0, length - len(schedule))).astype(dtype)
         code.append(jnp.asarray(values))
-    rows = bucket(schedule.rows + 1, _LEAST_ROWS)  # one more: what a load points at
-    return Program(schedule, tuple(code), rows, dtype, device)
+    return Program(schedule, tuple(code), bucket(schedule.rows, _LEAST_ROWS), dtype, device)
 
 
 class _Buffers:
@@ -152,18 +158,23 @@ class _Buffers:
 _BUFFERS = _Buffers(256 * 2**20)
 
 
-def run(program: Program, data: Array, use: Callable[[Array], Any]) -> Any:
-    """Evaluate data (variables, samples) and return ``use`` of the columns (terms, samples).
+def run(program: Program, data: Array, use: Callable[[Array, slice], Any]) -> list[Any]:
+    """Evaluate data (variables, samples); return what ``use`` makes of each segment.
 
-    The columns are the machine's own memory: ``use`` copies or reduces them before it returns.
+    ``use`` gets columns (terms, samples) and which terms they are. The columns are the machine's
+    own memory: it copies or reduces them before it returns.
     """
     key = (program.rows, data.shape[1], program.dtype, program.device)
     buffer = _BUFFERS.take(key)
-    schedule = program.schedule
+    schedule, answers = program.schedule, []
+    window, start = schedule.window, 0
     with jax.enable_x64(True), jax.default_device(program.device):
-        buffer = _compiled()(
-            buffer, data, np.int32(schedule.outputs), np.int32(len(schedule)), program.code
-        )
-        answer = use(np.asarray(buffer)[: schedule.outputs])
+        values = jnp.asarray(data)
+        for segment, stop in enumerate(schedule.ends):
+            limits = (np.int32(window), np.int32(start), np.int32(stop))
+            buffer = _compiled()(buffer, values, *limits, program.code)
+            terms = slice(segment * window, min((segment + 1) * window, schedule.outputs))
+            answers.append(use(np.asarray(buffer)[: terms.stop - terms.start], terms))
+            start = stop
     _BUFFERS.give(key, buffer)
-    return answer
+    return answers
