@@ -26,6 +26,7 @@ from jaxsr.regression import (
     solve_ridge,
     with_constants,
 )
+from jaxsr.regression.ridge import compiled_shapes
 
 
 def _problem(rng, n=300, **options):
@@ -83,8 +84,25 @@ def test_a_singular_system_is_nan_and_harms_no_other():
     gram = gather_gram(columns, rng.normal(size=30), index)
     xi = solve_ridge(gram, 0.0)
     assert np.all(np.isnan(xi[[1, 2]]))
-    np.testing.assert_array_equal(xi[3], np.linalg.solve(gram.matrix[3], gram.moment[3]))
+    alone = GramBatch(gram.matrix[[3]], gram.moment[[3]], gram.used[[3]], gram.total)
+    np.testing.assert_array_equal(xi[3], solve_ridge(alone, 0.0)[0])
+    np.testing.assert_allclose(xi[3], np.linalg.solve(gram.matrix[3], gram.moment[3]), rtol=1e-13)
     assert np.all(np.isfinite(xi[[0, 4]]))
+
+
+def test_one_compilation_serves_every_population_of_a_bucket():
+    rng = np.random.default_rng(1)
+    columns, _ = scale_columns(rng.normal(size=(40, 50)))
+    y = rng.normal(size=50)
+
+    def solve(individuals, terms):
+        solve_ridge(gather_gram(columns, y, rng.integers(40, size=(individuals, terms))))
+
+    solve(100, 6)
+    before = compiled_shapes()
+    for individuals, terms in [(65, 5), (300, 8), (90, 7)]:
+        solve(individuals, terms)
+    assert compiled_shapes() == before
 
 
 @pytest.mark.parametrize("seed", range(5))

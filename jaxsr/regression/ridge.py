@@ -1,17 +1,34 @@
-"""Ridge regression of many individuals, batched by their number of terms (paper section 4.4)."""
+"""Ridge regression of many individuals in batched solves by size (paper section 4.4)."""
 
 from __future__ import annotations
 
-import numpy as np
+import functools
+from typing import Any
 
-from jaxsr.regression.gram import Array, GramBatch
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxsr.regression.gram import Array, GramBatch, bucket
+
+_BATCH = 128  # individuals solved together: one compilation for each bucket of sizes
+
+
+@functools.cache
+def _solver() -> Any:
+    def solve(matrix: jax.Array, moment: jax.Array, ridge: jax.Array) -> jax.Array:
+        damped = matrix + ridge * jnp.eye(matrix.shape[-1], dtype=matrix.dtype)
+        return jnp.linalg.solve(damped, moment[..., None])[..., 0]
+
+    return jax.jit(solve)
 
 
 def solve_ridge(gram: GramBatch, ridge: float = 1e-10) -> Array:
     r"""Solve :math:`(G + \lambda I)\,\xi = b` for every individual in float64.
 
-    Individuals with the same number of terms are solved in one call of LAPACK, none padded to a
-    larger one, and each by itself: a solution's last bit does not depend on the others.
+    Individuals are solved beside others of their size (up to 4 terms, 8, 16, ...), none padded to
+    the largest of all, and each by itself: a solution's last bit does not depend on the others.
 
     Parameters
     ----------
@@ -32,14 +49,31 @@ def solve_ridge(gram: GramBatch, ridge: float = 1e-10) -> Array:
     """
     individuals, terms = gram.moment.shape
     xi = np.zeros((individuals, terms))
-    slots = np.arange(1, terms + 1)
-    width = np.max(np.where(gram.used, slots, 0), axis=1, initial=0)  # to the last slot used
-    for size in np.unique(width[width > 0]).tolist():
-        rows = np.flatnonzero(width == size)
-        xi[rows, :size] = solve_many(
-            gram.matrix[rows, :size, :size] + ridge * np.eye(size), gram.moment[rows, :size]
-        )
+    last = np.max(np.where(gram.used, np.arange(1, terms + 1), 0), axis=1, initial=0)
+    sizes = np.array([bucket(int(n)) if n else 0 for n in range(terms + 1)])[last]
+    for size in np.unique(sizes[sizes > 0]).tolist():
+        rows, width = np.flatnonzero(sizes == size), min(size, terms)
+        for start in range(0, len(rows), _BATCH):
+            part = rows[start : start + _BATCH]
+            xi[part, :width] = _solved(gram, part, width, size, ridge)
     return xi
+
+
+def _solved(gram: GramBatch, rows: NDArray[np.intp], width: int, size: int, ridge: float) -> Array:
+    """Solve up to ``_BATCH`` individuals in a batch padded to one shape."""
+    matrix = np.broadcast_to(np.eye(size), (_BATCH, size, size)).copy()
+    moment = np.zeros((_BATCH, size))
+    matrix[: len(rows), :width, :width] = gram.matrix[rows, :width, :width]
+    moment[: len(rows), :width] = gram.moment[rows, :width]
+    with jax.enable_x64(True):
+        solved = np.asarray(_solver()(matrix, moment, np.float64(ridge)))[: len(rows), :width]
+    whole = np.all(np.isfinite(solved), axis=1, keepdims=True)
+    return np.where(whole, solved, np.nan)
+
+
+def compiled_shapes() -> int:
+    """Return how many shapes the batched solve has been compiled for."""
+    return int(_solver()._cache_size())
 
 
 def solve_many(matrix: Array, moment: Array) -> Array:
