@@ -349,8 +349,11 @@ def _budget(seconds: float | None) -> Budget:
 
 @contextlib.contextmanager
 def _session(budget: Budget) -> Iterator[Progress]:
-    """Show progress, and let the first Ctrl-C ask for an early end."""
+    """Show progress, let the first Ctrl-C ask for an early end, keep what is compiled."""
     from jaxsr._progress import graceful_interrupt, progress_on
+    from jaxsr.evaluation import keep_compiled
+
+    keep_compiled()
 
     with graceful_interrupt(budget), progress_on() as progress:
         yield progress

@@ -1,5 +1,8 @@
 """The scheduled register machine: what it computes, what it shares, how often it is compiled."""
 
+import subprocess
+import sys
+
 import jax
 import numpy as np
 import pytest
@@ -290,3 +293,22 @@ def test_code_that_is_no_expression_is_refused():
     several = type(batch)(broken, batch.operand, batch.constants, NAMES)
     with pytest.raises(ValueError, match="several"):
         Engine(several).columns(np.zeros((3, 4)))
+
+
+_PROCESS = """
+import sys, numpy as np
+from jaxsr.evaluation import compile_terms, keep_compiled
+keep_compiled(sys.argv[1])
+compile_terms(["sin(x)*z", "x + z"], ["x", "z"]).evaluate(np.ones((100, 2), np.float32))
+"""
+
+
+@pytest.mark.slow
+def test_the_next_process_finds_what_was_compiled(tmp_path):
+    folder = tmp_path / "compiled"
+    kept = []
+    for _ in range(2):
+        command = [sys.executable, "-c", _PROCESS, str(folder)]
+        subprocess.run(command, check=True, capture_output=True)
+        kept.append(sorted(path.name for path in folder.iterdir() if "atime" not in path.name))
+    assert kept[0] and kept[1] == kept[0]

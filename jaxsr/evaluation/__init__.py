@@ -2,6 +2,7 @@
 
 from jaxsr.evaluation.batch import TermBatch, compile_terms
 from jaxsr.evaluation.cache import ColumnCache
+from jaxsr.evaluation.compiled import keep_compiled
 from jaxsr.evaluation.engine import EngineConfig
 from jaxsr.evaluation.interpreter import compilations, interpret
 
@@ -12,4 +13,5 @@ __all__ = [
     "compilations",
     "compile_terms",
     "interpret",
+    "keep_compiled",
 ]
