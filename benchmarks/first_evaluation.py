@@ -17,7 +17,7 @@ import numpy as np
 import jaxsr
 from benchmarks.throughput_cases import VARIABLES, Population, random_population, samples
 from benchmarks.timing import seconds, spread
-from jaxsr.evaluation import compilations
+from jaxsr.evaluation.machine import compilations
 from jaxsr.expressions import to_text
 from jaxsr.expressions.postfix import compile_postfix
 

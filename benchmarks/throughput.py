@@ -5,8 +5,8 @@
 6,000 random terms of 3 to 15 nodes (benchmarks.throughput_cases says how they are drawn; a second
 population has no common subexpressions), float32, two cores, the whole library matrix kept. One
 node-row is one node of one term at one row: all nodes count, leaves and duplicates too, whatever a
-machine saves by sharing them. pyoperon gets the same trees, data and threads, and writes into one
-array that stays allocated; ours allocates its answer anew. The two are timed in turns. From
+machine saves by sharing them. pyoperon gets the same trees, data and threads; both write into an
+array that stays allocated, and are timed in turns; new populations allocate theirs anew. From
 100,000 rows on the answer of 6,000 terms would not fit in memory: the first terms are taken, as
 many as keep terms x rows below 6e7. The naive machine is vmap(scan(switch)) over postfix arrays;
 it and gplearn (our terms as its programs, one thread) are timed on fewer terms where 6,000 would
@@ -26,6 +26,7 @@ import numpy as np
 
 import jaxsr
 from benchmarks import (
+    accuracy,
     cores,
     first_evaluation,
     generations,
@@ -238,6 +239,7 @@ SECTIONS: dict[str, Callable[[Plan], dict[str, Any]]] = {
     "sharing": sharing,
     "raw": raw,
     "agreement": agreement,
+    "accuracy": lambda plan: accuracy.measure(SEED),
     "new_population": lambda plan: first_evaluation.new_populations(
         plan.terms, plan.new_rows, plan.repeats
     ),
