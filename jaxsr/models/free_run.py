@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -167,23 +168,16 @@ class _Run:
             at = at * np.asarray(evaluate(clock, env))
         return np.clip(at, self.time[0], self.time[-1])
 
-    def _inputs(self) -> tuple[Callable[[Array], tuple], np.ndarray]:
-        """Return the inputs as a function of time, and the times at which they jump."""
-        import diffrax
-
-        model, jumps, functions = self.simulator.model, [], []
+    def _inputs(self) -> tuple[tuple, np.ndarray]:
+        """Return knots and values of each input, and the times at which they jump."""
+        model, jumps, lines = self.simulator.model, [], []
         for k, name in enumerate(model.inputs):
             delay = _delay(model, name, dict(zip(model.parameters, self.p, strict=True)))
             if model.input_hold == "zero":
                 jumps.append(self.time[1:-1] + delay)
             knots, values = _drawn(self.time, self.table[:, k], model.input_hold)
-            line = diffrax.LinearInterpolation(jnp.asarray(knots + delay), jnp.asarray(values))
-            functions.append(_held(line) if model.input_hold == "zero" else _bounded(line))
-
-        def inputs(t: Array) -> tuple:
-            return tuple(function(t) for function in functions)
-
-        return inputs, self._apart(np.unique(np.concatenate(jumps))) if jumps else np.zeros(0)
+            lines.append((jnp.asarray(knots + delay), jnp.asarray(values)))
+        return tuple(lines), self._apart(np.unique(np.concatenate(jumps))) if jumps else np.zeros(0)
 
     def _apart(self, jumps: np.ndarray) -> np.ndarray:
         """Put jumps that miss a sample by rounding on it: no step is that short."""
@@ -199,18 +193,15 @@ class _Run:
         plans = {"nonstiff": [("Tsit5", MOST_STEPS)], "stiff": [("Kvaerno5", MOST_STEPS)]}
         plan = plans.get(method, [("Tsit5", FIRST_STEPS), ("Kvaerno5", MOST_STEPS)])
         with jax.enable_x64(True):
-            inputs, jumps = self._inputs()
-
-            def field(t: Array, x: Array, _: None) -> Array:
-                return jnp.stack(self.simulator.rates(t, tuple(x), inputs(t), self.p, widths))
-
+            lines, jumps = self._inputs()
+            numbers = (tuple(map(jnp.asarray, part)) for part in (self.p, widths))
             rtol, atol = self.tolerances
             controller: Any = diffrax.PIDController(
                 rtol=rtol,
                 atol=atol,
                 pcoeff=0.3,
                 icoeff=0.4,
-                dtmin=1e-13 * (times[-1] - times[0]),
+                dtmin=jnp.asarray(1e-13 * (times[-1] - times[0])),
                 force_dtmin=False,  # a state that escapes ends the run at once
             )
             # A stiff solver's long steps are only as good between their ends as a cubic.
@@ -219,14 +210,16 @@ class _Run:
                 step_ts=jnp.asarray(self.time),
                 jump_ts=jnp.asarray(jumps) if jumps.size else None,
             )
+            arguments = (*numbers, lines)
             for solver, most in plan:
                 solution = diffrax.diffeqsolve(
-                    diffrax.ODETerm(field),
+                    diffrax.ODETerm(_field(self.simulator)),
                     getattr(diffrax, solver)(),
-                    times[0],
-                    times[-1],
+                    jnp.asarray(times[0]),
+                    jnp.asarray(times[-1]),
                     None,
                     jnp.asarray(self.x0),
+                    args=arguments,
                     saveat=diffrax.SaveAt(ts=jnp.asarray(times)),
                     stepsize_controller=controller,
                     max_steps=most + SAMPLE_STEPS * self.time.size,
@@ -261,16 +254,25 @@ def _drawn(time: np.ndarray, u: np.ndarray, hold: str) -> tuple[np.ndarray, np.n
     return np.append(knots, time[-1]), np.append(starts.ravel(), ends[-1, -1])
 
 
-def _bounded(line: Any) -> Callable[[Array], Array]:
+@functools.lru_cache(maxsize=64)
+def _field(simulator: Simulator) -> Callable[[Array, Array, tuple], Array]:
+    """Return dx/dt as one function a simulator: another run of it compiles nothing new."""
+    value = _held if simulator.model.input_hold == "zero" else _straight
+
+    def field(t: Array, x: Array, arguments: tuple) -> Array:
+        p, widths, lines = arguments
+        u = tuple(value(t, knots, values) for knots, values in lines)
+        return jnp.stack(simulator.rates(t, tuple(x), u, p, widths))
+
+    return field
+
+
+def _straight(t: Array, knots: Array, values: Array) -> Array:
     """Return the straight lines, with the ends held outside: a delay asks for earlier times."""
-    return lambda t: line.evaluate(jnp.clip(t, line.ts[0], line.ts[-1]))
+    return jnp.interp(t, knots, values)
 
 
-def _held(line: Any) -> Callable[[Array], Array]:
+def _held(t: Array, knots: Array, values: Array) -> Array:
     """Return the last sample's value (zero-order hold)."""
-
-    def value(t: Array) -> Array:
-        index = jnp.searchsorted(line.ts, t, side="right") - 1
-        return line.ys[jnp.clip(index, 0, line.ts.size - 1)]
-
-    return value
+    index = jnp.searchsorted(knots, t, side="right") - 1
+    return values[jnp.clip(index, 0, knots.size - 1)]
