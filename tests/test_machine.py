@@ -123,7 +123,7 @@ def test_two_hashes_that_collide_cost_sharing_not_truth(monkeypatch):
 
 
 @pytest.mark.parametrize(("dtype", "rtol"), [(np.float64, 1e-9), (np.float32, 2e-3)])
-@pytest.mark.parametrize("rows", [1, 127, 1024, 1025, 2100])
+@pytest.mark.parametrize("rows", [1, 127, 1024, 1025, 2100, 9000])
 def test_machine_columns_and_interpreter_agree(dtype, rtol, rows):
     batch = compile_terms(_terms(rows, 150, size=9, primitives=TAME), NAMES)
     data = _data(rows, rows, dtype)
@@ -167,7 +167,8 @@ def test_leaves_twins_and_powers():
 def test_one_compilation_serves_every_population_of_a_bucket():
     data = _data(6, 900, np.float32)
     one = EngineConfig(threads=1)
-    compile_terms(_terms(100, 300), NAMES, one).evaluate(data)
+    for rows in (data, np.tile(data, (5, 1))):  # one chunk at a time, and several
+        compile_terms(_terms(100, 300), NAMES, one).evaluate(rows)
     before = compilations()
     for seed in range(101, 106):
         compile_terms(_terms(seed, 250 + 10 * (seed - 100)), NAMES, one).evaluate(data)
@@ -223,8 +224,8 @@ def test_a_device_without_memory_gets_smaller_chunks(monkeypatch):
     whole, sizes = engine_module.run, []
 
     def small(program, part, use):  # as a device with room for 128 samples
-        sizes.append(part.shape[1])
-        if part.shape[1] > 128:
+        sizes.append(part.shape[2])
+        if part.shape[2] > 128:
             raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: out of memory")
         return whole(program, part, use)
 

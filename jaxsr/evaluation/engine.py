@@ -134,15 +134,19 @@ class Engine:
 
         def one(job: tuple[int, slice, Program]) -> list[Any]:
             start, terms, program = job
-            stop = min(start + size, rows)
+            stop = min(start + size * together, rows)
 
-            def took(block: Array, own: slice) -> Any:
+            def took(chunk: int, block: Array, own: slice) -> Any:
+                first = start + chunk * size
+                last = min(first + size, stop)
                 place = slice(terms.start + own.start, terms.start + own.stop)
-                return use(block[:, : stop - start], place, slice(start, stop))
+                return use(block[:, : last - first], place, slice(first, last))
 
-            return run(program, _padded(data[:, start:stop], size), took)
+            return run(program, _chunks(data[:, start:stop], size), took)
 
-        jobs = [(start, terms, program) for start in starts for terms, program in programs]
+        # few terms: several chunks at a time, or calling would cost as much as computing
+        together = _together(programs, len(starts) // self._config.workers)
+        jobs = [(start, *piece) for start in starts[::together] for piece in programs]
         if self._config.workers == 1 or len(jobs) == 1:
             answers = map(one, jobs)
         else:
@@ -175,11 +179,22 @@ def _pool(workers: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(workers, thread_name_prefix="jaxsr")
 
 
-def _padded(data: Array, samples: int) -> Array:
-    """Return data (variables, samples) with the last sample repeated, and at least one row."""
-    missing = samples - data.shape[1]
-    if not len(data):
-        return np.zeros((1, samples), data.dtype)
-    if missing:
-        return np.pad(data, ((0, 0), (0, missing)), mode="edge")
-    return np.ascontiguousarray(data)
+def _together(programs: Sequence[tuple[slice, Program]], most: int) -> int:
+    """Return how many chunks to evaluate in one call: a power of two."""
+    plans = [program.schedule for _, program in programs]
+    if any(len(plan.ends) > 1 for plan in plans):
+        return 1
+    room = _WINDOW // max(plan.window for plan in plans)
+    return 1 << max(min(room, most), 1).bit_length() - 1
+
+
+def _chunks(data: Array, samples: int) -> Array:
+    """Return data (variables, rows) as (chunks, variables, samples), the last sample repeated."""
+    variables, rows = max(len(data), 1), data.shape[1]
+    count = -(-rows // samples)
+    out = np.zeros((count, variables, samples), data.dtype)
+    for chunk in range(count if len(data) else 0):
+        part = data[:, chunk * samples : (chunk + 1) * samples]
+        out[chunk, :, : part.shape[1]] = part
+        out[chunk, :, part.shape[1] :] = part[:, -1:]
+    return out

@@ -32,51 +32,72 @@ def _at(values: Any, k: Any) -> Any:
 
 
 def _branches(samples: int, dtype: Any) -> list[Callable[..., Any]]:
-    """Return what each instruction does with (buffer, k, left, right, immediate).
+    """Return what each instruction does with (buffer, k, left, right, immediate, row map).
 
     The operands are looked up inside the branch, where the compiler joins that to the arithmetic.
     """
     zero = np.int32(0)
 
-    def row(buffer: Any, places: Any, k: Any) -> Any:
-        return lax.dynamic_slice(buffer, (_at(places, k), zero), (1, samples))
+    def row(buffer: Any, places: Any, k: Any, moved: Callable[[Any], Any]) -> Any:
+        return lax.dynamic_slice(buffer, (moved(_at(places, k)), zero), (1, samples))
 
     def of(name: str) -> Callable[..., Any]:
         match name:
             case "copy":
-                return lambda m, k, a, b, c: row(m, a, k)
+                return lambda m, k, a, b, c, to: row(m, a, k, to)
             case "constant":
-                return lambda m, k, a, b, c: jnp.full((1, samples), _at(c, k), dtype)
+                return lambda m, k, a, b, c, to: jnp.full((1, samples), _at(c, k), dtype)
             case "square":
-                return lambda m, k, a, b, c: row(m, a, k) ** 2
+                return lambda m, k, a, b, c, to: row(m, a, k, to) ** 2
             case "cube":
-                return lambda m, k, a, b, c: row(m, a, k) ** 3
+                return lambda m, k, a, b, c, to: row(m, a, k, to) ** 3
         base, _, side = name.partition("_")
         f = elementary.function(base)
         match side:
             case "right":
-                return lambda m, k, a, b, c: f(row(m, a, k), _at(c, k))
+                return lambda m, k, a, b, c, to: f(row(m, a, k, to), _at(c, k))
             case "left":
-                return lambda m, k, a, b, c: f(_at(c, k), row(m, a, k))
+                return lambda m, k, a, b, c, to: f(_at(c, k), row(m, a, k, to))
         if elementary.arity(base) == 1:
-            return lambda m, k, a, b, c: jnp.asarray(f(row(m, a, k)), dtype)
-        return lambda m, k, a, b, c: jnp.asarray(f(row(m, a, k), row(m, b, k)), dtype)
+            return lambda m, k, a, b, c, to: jnp.asarray(f(row(m, a, k, to)), dtype)
+        return lambda m, k, a, b, c, to: jnp.asarray(f(row(m, a, k, to), row(m, b, k, to)), dtype)
 
     return [of(name) for name in INSTRUCTIONS]
 
 
-def _run(buffer: Any, data: Any, first_variable: Any, start: Any, stop: Any, code: Any) -> Any:
-    """Write the variables into the buffer (rows, samples), then run some instructions."""
+def _run(buffer: Any, data: Any, window: Any, start: Any, stop: Any, code: Any) -> Any:
+    """Run some instructions on each chunk of data (chunks, variables, samples).
+
+    The buffer's first rows are the outputs, ``window`` for each chunk; variables and registers
+    behind them serve one chunk after the other.
+    """
     operation, left, right, target, immediate = code
-    branches = _branches(buffer.shape[1], buffer.dtype)
-    zero = np.int32(0)
-    buffer = lax.dynamic_update_slice(buffer, data, (first_variable, zero))
+    chunks, zero = data.shape[0], np.int32(0)
+    functions = _branches(buffer.shape[1], buffer.dtype)
 
-    def step(k: Any, buffer: Any) -> Any:
-        value = lax.switch(_at(operation, k), branches, buffer, k, left, right, immediate)
-        return lax.dynamic_update_slice(buffer, value, (_at(target, k), zero))
+    def on(chunk: Any, buffer: Any) -> Any:
+        def moved(row: Any, chunk: Any) -> Any:
+            if chunks == 1:
+                return row
+            return row + window * jnp.where(row < window, chunk, np.int32(chunks - 1))
 
-    return lax.fori_loop(start, stop, step, buffer)
+        def branch(function: Callable[..., Any]) -> Callable[..., Any]:
+            return lambda m, k, j, a, b, c: function(m, k, a, b, c, lambda row: moved(row, j))
+
+        branches = [branch(function) for function in functions]
+        samples = lax.dynamic_index_in_dim(data, chunk, keepdims=False)
+        buffer = lax.dynamic_update_slice(buffer, samples, (window * chunks, zero))
+
+        def step(k: Any, buffer: Any) -> Any:
+            operands = (buffer, k, chunk, left, right, immediate)
+            value = lax.switch(_at(operation, k), branches, *operands)
+            return lax.dynamic_update_slice(buffer, value, (moved(_at(target, k), chunk), zero))
+
+        return lax.fori_loop(start, stop, step, buffer)
+
+    if chunks == 1:
+        return on(zero, buffer)
+    return lax.fori_loop(zero, np.int32(chunks), on, buffer)
 
 
 @functools.cache
@@ -102,8 +123,6 @@ class Program:
     ----------
     schedule : Schedule
     code : tuple of jax.Array, (instructions,)
-    rows : int
-        Rows of the buffer, a power of two.
     dtype : dtype
     device : jax.Device or None
         None is the default one.
@@ -111,7 +130,6 @@ class Program:
 
     schedule: Schedule
     code: tuple[Any, ...]
-    rows: int
     dtype: Any
     device: Any = None
 
@@ -124,7 +142,7 @@ def load(schedule: Schedule, dtype: Any, device: Any = None) -> Program:
         code = [jnp.asarray(np.pad(part, (0, length - len(part)))) for part in parts]
         values = np.pad(schedule.immediate, (0, length - len(schedule))).astype(dtype)
         code.append(jnp.asarray(values))
-    return Program(schedule, tuple(code), bucket(schedule.rows, _LEAST_ROWS), dtype, device)
+    return Program(schedule, tuple(code), dtype, device)
 
 
 class _Buffers:
@@ -158,23 +176,28 @@ class _Buffers:
 _BUFFERS = _Buffers(256 * 2**20)
 
 
-def run(program: Program, data: Array, use: Callable[[Array, slice], Any]) -> list[Any]:
-    """Evaluate data (variables, samples); return what ``use`` makes of each segment.
+def run(program: Program, data: Array, use: Callable[[int, Array, slice], Any]) -> list[Any]:
+    """Evaluate data (chunks, variables, samples); return what ``use`` makes of each segment.
 
-    ``use`` gets columns (terms, samples) and which terms they are. The columns are the machine's
-    own memory: it copies or reduces them before it returns.
+    ``use`` gets a chunk's number, columns (terms, samples), and which terms they are. The columns
+    are the machine's own memory: it copies or reduces them before it returns. Several chunks go
+    together only where the schedule has one segment.
     """
-    key = (program.rows, data.shape[1], program.dtype, program.device)
-    buffer = _BUFFERS.take(key)
     schedule, answers = program.schedule, []
-    window, start = schedule.window, 0
+    window, start, chunks = schedule.window, 0, len(data)
+    rows = bucket(schedule.rows + (chunks - 1) * window, _LEAST_ROWS)
+    key = (rows, data.shape[2], program.dtype, program.device)
+    buffer = _BUFFERS.take(key)
     with jax.enable_x64(True), jax.default_device(program.device):
         values = jnp.asarray(data)
         for segment, stop in enumerate(schedule.ends):
             limits = (np.int32(window), np.int32(start), np.int32(stop))
             buffer = _compiled()(buffer, values, *limits, program.code)
+            columns = np.asarray(buffer)
             terms = slice(segment * window, min((segment + 1) * window, schedule.outputs))
-            answers.append(use(np.asarray(buffer)[: terms.stop - terms.start], terms))
+            for chunk in range(chunks):
+                first = chunk * window
+                answers.append(use(chunk, columns[first : first + terms.stop - terms.start], terms))
             start = stop
     _BUFFERS.give(key, buffer)
     return answers
