@@ -52,6 +52,7 @@ class Plant:
     delay: float = 0.0
     force: Callable[[float, float], float] = lambda v, z: 0.0
     rate: Callable[[float, float], float] = lambda v, z: 0.0
+    before: float = 0.0  # seconds in motion before the recording begins
 
     def record(self, seed: int, noise: float = NOISE) -> Recording:
         """Drive the plant by a multisine and read its position; noise relative to the rms."""
@@ -59,11 +60,14 @@ class Plant:
         time = np.arange(SAMPLES) * STEP
         rates = np.array([1.7, 2.9, 4.3, 6.1, 9.2, 13.7])
         phases = rng.uniform(0, 2 * np.pi, rates.size)
-        u = (6.0 * np.sin(rates * time[:, None] + phases)).sum(1)
+        past = np.arange(round(-self.before / STEP), 0) * STEP
+        grid = np.concatenate([past, time])
+        wave = (6.0 * np.sin(rates * grid[:, None] + phases)).sum(1)
+        u = wave[past.size :]
 
         def field(t: float, x: np.ndarray) -> list[float]:
             q, v, z, uf = x
-            drive = np.interp(t, time, u)
+            drive = np.interp(t, grid, wave)
             acting = uf if self.lag else drive
             follow = (drive - uf) / self.lag if self.lag else 0.0
             push = acting - SPRING * q - DAMPER * v + self.force(v, z)
@@ -71,15 +75,15 @@ class Plant:
 
         run = solve_ivp(
             field,
-            (0.0, time[-1]),
-            [0.0, 0.0, 0.0, u[0]],
+            (grid[0], grid[-1]),
+            [0.0, 0.0, 0.0, wave[0]],
             rtol=1e-7,
             atol=1e-9,
             max_step=STEP,
             dense_output=True,
         )
         assert run.sol is not None
-        y = run.sol(np.maximum(time - self.delay, 0.0))[0]
+        y = run.sol(np.maximum(time - self.delay, grid[0]))[0]
         y = y + noise * np.std(y) * rng.standard_normal(SAMPLES)
         return Recording("plant.csv", time, {"u": u, "y": y})
 

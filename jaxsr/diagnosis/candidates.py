@@ -192,7 +192,7 @@ class Candidate:
             parameter = Parameter(value, spec.unit, None if spec.fixed else bounds)
             draft.put(f"parameters.{names[spec.name]}", parameter)
         if self.replaced and not values:
-            draft.put(f"parameters.{self.switch(names)}", Parameter(0.0))
+            draft.put(f"parameters.{self.switch(names)}", Parameter(0.0, None, (0.0, 5.0)))
         return Edit(draft.changes)
 
     def switch(self, names: Mapping[str, str]) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from jaxsr.models.segments import Prepared
 
 REST = 100
-"""Samples that the first sample is held before a recording, for memories to come to rest."""
+"""Samples at standstill before a recording, its first inputs held: memories come to rest."""
 
 
 def known_states(
@@ -46,6 +46,8 @@ def known_states(
     step = float(np.median(np.diff(item.time)))
     time = np.concatenate([item.time[0] - step * np.arange(REST, 0, -1), item.time])
     x, u = (np.concatenate([np.repeat(a[:1], REST, axis=0), a]) for a in (x, u))
+    moving = [model.kinematic_parent(s) is not None for s in model.states[: x.shape[1]]]
+    x[:REST, moving] = 0.0
     with jax.enable_x64(True):
         path = np.asarray(_path(simulator, time, x, u, np.asarray(values, dtype=float)))
     return np.concatenate([known, path[REST:]], axis=1)

@@ -13,6 +13,9 @@ from jaxsr.models.model import FREE, Model
 from jaxsr.models.states import StateEstimate, estimate_states, input_table, output_table
 from jaxsr.recordings import Recording
 
+WASHED = 4
+"""Margins that a segment must hold before one is spent at a recording's beginning."""
+
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
@@ -123,9 +126,7 @@ def build_segments(
     outside the rows where the recording reaches so far, so that delayed signals exist all along
     a row; the outputs there are left out.
     """
-    wide = [
-        (r, max(a - margin, 0), min(b + margin, prepared[r].time.size)) for r, a, b in rows
-    ]
+    wide = [(r, max(a - margin, 0), min(b + margin, prepared[r].time.size)) for r, a, b in rows]
     size = max(max(stop - start for _, start, stop in wide), shape[0])
     known = [known_states(model, item, theta) for item in prepared]
     spare = max(shape[1] - len(rows), 0)
@@ -144,8 +145,13 @@ def build_segments(
         parts["inputs"].append(item.inputs[pick].T)
         measured = item.outputs[pick].T.copy()
         _, first, last = rows[min(number, len(rows) - 1)]
-        measured[:, : first - start] = np.nan
-        measured[:, last - start if number < len(rows) else 0 :] = np.nan
+        begin, end = first - start, last - start if number < len(rows) else 0
+        if stop - start > WASHED * margin:
+            # Beyond a recording's ends nothing is known that a sensor could see later.
+            begin = margin
+            end = min(end, item.time.size - start - margin) if model.clock else end
+        measured[:, :begin] = np.nan
+        measured[:, end:] = np.nan
         parts["outputs"].append(measured)
         parts["guess"].append(known[r][start])
         fixed = [
