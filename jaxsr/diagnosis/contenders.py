@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from jaxsr.diagnosis.diagnose import Case
 
 SINGLES, PAIRS, LARGER = 5, 4, 3
+VARIANTS = 3
+"""Starts of one mechanism where nothing but the free run can tell them apart."""
 ALWAYS = frozenset({"viscous_damping", "quadratic_drag"})
 """Mechanisms of a single axis whose smallest detectable size is told in any case."""
 SEEDED = frozenset(
@@ -76,7 +78,12 @@ def screened_plausible(super_model: SuperModel, item: ScreenedSet) -> bool:
 
 def _has_friction(given: Model, candidate: Candidate, chosen: list[Candidate]) -> bool:
     """Whether friction in the set or a velocity term in the model stands beside the asymmetry."""
-    beside = {"viscous_damping", "coulomb_friction", "stribeck_friction"}
+    beside = {
+        "viscous_damping",
+        "coulomb_friction",
+        "stribeck_friction",
+        "position_dependent_friction",
+    }
     if any(c.site == candidate.site and c.mechanism in beside for c in chosen):
         return True
     state = candidate.site.partition(":")[2]
@@ -142,14 +149,14 @@ def _unscreened(forces: list[Candidate]) -> list[Candidate]:
     """Leave out what needs the equations read off the sensors.
 
     Where a state hides, every candidate is estimated in free run on its own, which costs
-    seconds each, and inner constants have no data to start from: one variant of each of the
-    mechanisms that need no seed remains.
+    seconds each, and inner constants have no data to start from: the first variants of the
+    mechanisms that need no seed remain.
     """
-    first: dict[str, Candidate] = {}
+    kept: dict[str, list[Candidate]] = {}
     for candidate in forces:
         if candidate.mechanism not in SEEDED and candidate.family != "actuator":
-            first.setdefault(candidate.key, candidate)
-    return list(first.values())
+            kept.setdefault(candidate.label, []).append(candidate)
+    return [c for variants in kept.values() for c in variants[:VARIANTS]]
 
 
 def _always(super_model: SuperModel) -> set[int]:
