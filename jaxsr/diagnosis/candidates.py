@@ -159,7 +159,6 @@ class Candidate:
     ) -> Edit:
         """Return the complete edit of `model`, with `values` by the candidate's own names."""
         values = values or {}
-        changes: dict[str, Any] = {}
         if self.fixed_parameter is not None:
             old = model.parameters[self.fixed_parameter]
             value = values.get(self.fixed_parameter, old.value)

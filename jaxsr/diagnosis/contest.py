@@ -10,9 +10,9 @@ import numpy as np
 import scipy.stats
 
 from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models import Model
 from jaxsr.models.driven import known_states
+from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import Prepared, build_segments, cut
 from jaxsr.models.shooting import Fit, Problem, fit
 from jaxsr.models.simulator import Simulator, width_scales
@@ -28,7 +28,7 @@ CONTEST_TOLERANCE = 1e-4
 MARGIN = 25
 """Samples simulated before and after a segment where signals are delayed or remembered: the
 longest delay that a segment can tell."""
-REFRESHES = 3
+REFRESHES = 4
 """Times that the starts of driven states are renewed at the latest parameters."""
 MIN_GAIN = 0.05
 """Smallest gain in log held-back mean square that counts, whatever its significance: smoothing
@@ -146,7 +146,7 @@ def enter(
         result = fit(
             arena.problem, theta, active, arena.bounds, x0, max_iterations, stop, CONTEST_TOLERANCE
         )
-        moved = np.abs(result.theta - theta) > 1e-2 * np.abs(theta)
+        moved = np.abs(result.theta - theta) > 1e-3 * np.abs(theta)
         theta, x0 = result.theta, result.x0
         if not remembers or not moved.any() or not result.usable:
             break

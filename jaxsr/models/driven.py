@@ -16,8 +16,7 @@ from jaxsr.models.stepping import Step, rk4
 if TYPE_CHECKING:
     from jaxsr.models.segments import Prepared
 
-REST = 100
-"""Samples at standstill before a recording, its first inputs held: memories come to rest."""
+NEWTON_STEPS = 3  # one suffices where a memory is linear
 
 
 def known_states(
@@ -43,14 +42,9 @@ def known_states(
     simulator = simulator or Simulator(model)
     values = simulator.values() if theta is None else theta
     x, u = np.nan_to_num(known), item.inputs
-    step = float(np.median(np.diff(item.time)))
-    time = np.concatenate([item.time[0] - step * np.arange(REST, 0, -1), item.time])
-    x, u = (np.concatenate([np.repeat(a[:1], REST, axis=0), a]) for a in (x, u))
-    moving = [model.kinematic_parent(s) is not None for s in model.states[: x.shape[1]]]
-    x[:REST, moving] = 0.0
     with jax.enable_x64(True):
-        path = np.asarray(_path(simulator, time, x, u, np.asarray(values, dtype=float)))
-    return np.concatenate([known, path[REST:]], axis=1)
+        path = np.asarray(_path(simulator, item.time, x, u, np.asarray(values, dtype=float)))
+    return np.concatenate([known, path], axis=1)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -75,6 +69,25 @@ def _path(simulator: Simulator, time: Any, x: Any, u: Any, theta: Any) -> Any:
         return z, jnp.stack(z)
 
     pairs = (jnp.stack([a[:-1], a[1:]], axis=1) for a in (x, u))
-    start = (like,) * count
+    start = _at_rest(simulator, time[0], x[0], u[0], p)
+    start = tuple(start[i] + like for i in range(count))
     _, path = jax.lax.scan(advance, start, (time[:-1], jnp.diff(time), *pairs))
-    return jnp.concatenate([jnp.zeros((1, count)), path])
+    return jnp.concatenate([jnp.stack(start)[None], path])
+
+
+def _at_rest(simulator: Simulator, t: Any, x: Any, u: Any, p: tuple) -> Any:
+    """Where the memories have settled if all has stood still with the first sample's values."""
+    model = simulator.model
+    moving = jnp.array([model.kinematic_parent(s) is not None for s in model.states[: x.shape[0]]])
+    known = tuple(jnp.where(moving, 0.0, x))
+    drive = tuple(u[i] for i in range(u.shape[0]))
+
+    def rates(z: Any) -> Any:
+        states = (*known, *(z[i] for i in range(z.shape[0])))
+        return jnp.stack(simulator.rates(t, states, drive, p)[-z.shape[0] :])
+
+    z = jnp.zeros(len(model.driven))
+    for _ in range(NEWTON_STEPS):
+        # A memory that standstill leaves where it is (a zero row) stays at zero.
+        z = z - jnp.linalg.pinv(jax.jacfwd(rates)(z)) @ rates(z)
+    return z

@@ -212,11 +212,12 @@ def _delayed_mean(data: dict, k: int, begin: Array, length: Array) -> Array:
 def _dense(data: dict, k: int, begin: Array) -> tuple[Array, Array]:
     """Knots and values of a band-limited input at the starts and middles of all steps."""
     h, stages = data["length"], data["stages"]
-    segments = h.shape[-1]
-    at = jnp.stack([begin, begin + 0.5 * h], axis=2).reshape(-1, segments)
-    values = jnp.stack([stages[0, k], stages[1, k]], axis=2).reshape(-1, segments)
-    last = (data["time"][-1:], stages[2, k, -1, -1:])
-    return jnp.concatenate([at, last[0]]), jnp.concatenate([values, last[1]])
+    u = jnp.asarray(data["inputs"][k])
+    # Padding repeats the last time, where the input has but one value.
+    middle, start = (jnp.where(h > 0, stages[s, k], u[:-1, None]) for s in (1, 0))
+    at = jnp.stack([begin, begin + 0.5 * h], axis=2).reshape(-1, h.shape[-1])
+    values = jnp.stack([start, middle], axis=2).reshape(-1, h.shape[-1])
+    return jnp.concatenate([at, data["time"][-1:]]), jnp.concatenate([values, u[-1:]])
 
 
 def _outputs(simulator: Simulator, method: str, data: dict, theta: Array, x0: Array) -> Array:

@@ -14,7 +14,7 @@ RESOLVED = 2.0
 """Shortest time constant in samples: below, a lag is a delay to any sensor."""
 LONGEST = 400.0
 """Longest time constant in samples."""
-RESONANCES = (1.5, 4.0)
+RESONANCES = (1.2, 2.0, 3.5, 6.0)
 """First guesses of a hidden resonance, in units of the dominant rate of the motion."""
 
 
@@ -133,7 +133,7 @@ def hidden_modes(site: Site, step: float) -> Iterator[Candidate]:
                     min(factor * dominant, 0.5 * top),
                     coefficient=False,
                 ),
-                ParameterSpec("zh", "1", 0.0, 2.0, 0.05, coefficient=False),
+                ParameterSpec("zh", "1", 0.0, 2.0, 0.1, coefficient=False),
             ),
             "A mass that no sensor sees swings along with {site} (a hidden resonance).",
             terms=((v, f"- {{mh}}*({pull})"),),

@@ -17,8 +17,14 @@ def timing_candidates(model: Model, step: float, duration: float) -> list[Candid
     model : Model
     step, duration : float
         Sample interval and latest time of the recordings in s.
+
+    Notes
+    -----
+    With one input and one output the two delays are the same thing: the sensor's stands for
+    both, and for a delay of all outputs at once the input's.
     """
-    signals = [("input_delay", "actuator", "input", u) for u in model.inputs]
+    inputs = model.inputs if len(model.inputs) + len(model.outputs) > 2 else ()
+    signals = [("input_delay", "actuator", "input", u) for u in inputs]
     signals += [("sensor_delay", "measurement", "output", y) for y in model.outputs]
     found = [
         Candidate(
