@@ -180,15 +180,16 @@ def _delayed_stages(model: Model, data: dict, p: tuple) -> Array:
             continue
         h = data["length"]
         begin = data["time"][:-1, None] + jnp.cumsum(h, axis=1) - h
+        if model.input_hold == "zero":
+            # A held input is passed on by its mean over the step: impulses are kept, and a
+            # delay that is no multiple of the step can be differentiated.
+            shifted = jnp.where(h > 0, _delayed_mean(data, k, begin - delay, h), stages[0, k])
+            stages = stages.at[:, k].set(shifted)
+            continue
         for s, fraction in enumerate((0.0, 0.5, 1.0)):
             at = begin + fraction * h - delay
             flat = at.reshape(-1, at.shape[-1])
-            if model.input_hold == "zero":
-                # A held input is passed on by its mean over the step: impulses are kept, and a
-                # delay that is no multiple of the step can be differentiated.
-                flat = (begin - delay).reshape(flat.shape)
-                shifted = _delayed_mean(data, k, flat, h.reshape(flat.shape))
-            elif model.input_hold == "bandlimited":
+            if model.input_hold == "bandlimited":
                 shifted = _shifted(*_dense(data, k, begin), flat)
             else:
                 shifted = _shifted(data["time"], data["inputs"][k], flat)
@@ -204,9 +205,10 @@ def _delayed_mean(data: dict, k: int, begin: Array, length: Array) -> Array:
     integral = jnp.concatenate(
         [jnp.zeros_like(u[:1]), jnp.cumsum(u[:-1] * jnp.diff(time, axis=0), axis=0)]
     )
-    length = jnp.where(length > 0, length, 1.0)
-    rise = _shifted(time, integral, begin + length) - _shifted(time, integral, begin)
-    return data["inputs"][k][:1] + rise / length
+    edges = begin.reshape(-1, begin.shape[-1])
+    edges = jnp.concatenate([edges, edges[-1:] + length[-1, -1:]])  # steps follow each other
+    rise = jnp.diff(_shifted(time, integral, edges), axis=0).reshape(begin.shape)
+    return data["inputs"][k][:1] + rise / jnp.where(length > 0, length, 1.0)
 
 
 def _dense(data: dict, k: int, begin: Array) -> tuple[Array, Array]:
