@@ -124,7 +124,8 @@ def covered(site: Site) -> bool:
     path, speed = site.signal(site.position), site.signal(site.state)
     if path is None or speed is None:
         return site.reverses
-    edges = np.linspace(*np.quantile(path, [0.02, 0.98]), 5)
+    low, high = np.quantile(path, [0.02, 0.98])
+    edges = np.linspace(low, high, 5)
     quarter = np.digitize(path, edges[1:-1])
     least = 0.01 * path.size
     return all(
