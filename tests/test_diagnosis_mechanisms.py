@@ -12,7 +12,12 @@ from diagnosis_systems import STIFF
 
 from jaxsr._result import Verdict
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
-from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates, sites_of
+from jaxsr.diagnosis.mechanisms import (
+    Threshold,
+    force_candidates,
+    sensor_candidates,
+    sites_of,
+)
 from jaxsr.diagnosis.mechanisms.site import compose
 from jaxsr.models import (
     Model,
@@ -86,20 +91,29 @@ CASES = [
 ]
 
 
+def engaged(candidate: Candidate, by: float = 0.25) -> dict[str, float]:
+    """Values at which the mechanism acts: coefficients off their neutral value, seeds reached."""
+    return {
+        p.name: p.seed if isinstance(p, Threshold) else p.neutral + by * p.coefficient
+        for p in candidate.parameters
+    }
+
+
 def names_in(model: Model, candidate: Candidate) -> dict[str, str]:
     return candidate.names({*model.symbols, *model.definitions})
 
 
-def random_states(model: Model, seed: int = 0, count: int = 20) -> tuple[tuple, tuple]:
+def random_states(model: Model, seed: int = 0, count: int = 300) -> tuple[tuple, tuple]:
     rng = np.random.default_rng(seed)
-    x = rng.uniform(-1.9, 1.9, (len(model.states), count))
+    x = rng.uniform(-2.0, 2.0, (len(model.states), count))
+    x = np.where(np.abs(x) < 0.01, 0.01, x)  # sign is run as tanh(v/1e-4)
     return tuple(x), tuple(rng.uniform(-5.0, 5.0, (len(model.inputs), count)))
 
 
 def rates(model: Model, x: tuple, u: tuple) -> np.ndarray:
     simulator = Simulator(model)
     with jax.enable_x64(True):
-        return np.array([np.asarray(r) for r in simulator.rates(0.0, x, u, simulator.values())])
+        return np.array([np.asarray(r) for r in simulator.rates(0.7, x, u, simulator.values())])
 
 
 def added_force(model: Model, candidate: Candidate, values: dict[str, float]) -> np.ndarray:
@@ -108,7 +122,7 @@ def added_force(model: Model, candidate: Candidate, values: dict[str, float]) ->
     edited = apply_edit(model, candidate.edit(model, names_in(model, candidate), values))
     with jax.enable_x64(True):
         found = [
-            np.array([np.asarray(f + 0 * x[0]) for f in s.forces(0.0, x, u, s.values())])
+            np.array([np.asarray(f + 0 * x[0]) for f in s.forces(0.7, x, u, s.values())])
             for s in (Simulator(edited), Simulator(model))
         ]
     return found[0] - found[1]
@@ -145,29 +159,25 @@ def test_neutral_values_leave_the_model_as_it_was(model, candidate):
     np.testing.assert_allclose(rates(edited, x, u), rates(model, x, u), rtol=1e-12, atol=1e-12)
     simulators = Simulator(edited), Simulator(model)
     with jax.enable_x64(True):
-        y = [np.array(s.readings(0.0, x, u, s.values())) for s in simulators]
+        y = [np.array(s.readings(0.7, x, u, s.values())) for s in simulators]
     np.testing.assert_allclose(*y, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("model", "candidate"), CASES)
 def test_other_values_change_it(model, candidate):
-    values = {
-        p.name: p.neutral + 0.25 if p.coefficient else p.neutral for p in candidate.parameters
-    }
+    values = engaged(candidate)
     edited = apply_edit(model, candidate.edit(model, names_in(model, candidate), values))
     x, u = random_states(model)
     simulators = Simulator(edited), Simulator(model)
     with jax.enable_x64(True):
-        y = [np.array(s.readings(0.0, x, u, s.values())) for s in simulators]
+        y = [np.array(s.readings(0.7, x, u, s.values())) for s in simulators]
     moved = np.abs(rates(edited, x, u) - rates(model, x, u)).max() + np.abs(y[0] - y[1]).max()
     assert moved > 1e-3
 
 
 @pytest.mark.parametrize(("model", "candidate"), CASES)
 def test_edited_model_reads_back_with_sound_units(model, candidate):
-    values = {
-        p.name: p.neutral + 0.25 if p.coefficient else p.neutral for p in candidate.parameters
-    }
+    values = engaged(candidate)
     edited = apply_edit(model, candidate.edit(model, names_in(model, candidate), values))
     for name in names_in(model, candidate).values():
         assert edited.parameters[name].unit is not None
@@ -179,9 +189,7 @@ def test_edited_model_reads_back_with_sound_units(model, candidate):
 
 @pytest.mark.parametrize(("model", "candidate"), CASES)
 def test_edit_names_every_key_it_changes_and_no_other(model, candidate):
-    values = {
-        p.name: p.neutral + 0.25 if p.coefficient else p.neutral for p in candidate.parameters
-    }
+    values = engaged(candidate)
     edit = candidate.edit(model, names_in(model, candidate), values)
     edited = apply_edit(model, edit)
     assert set(edit.changes) == set(difference(model, edited).changes)

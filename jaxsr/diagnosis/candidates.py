@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from jaxsr._result import Verdict
 from jaxsr.models import Edit, Model, Parameter, apply_edit
 from jaxsr.models.edits import add_to_equation
+from jaxsr.models.model import DRIVEN, FREE
 
 UNLIMITED = 1e12
 """Stands for no limit: bounds of a model file are numbers."""
@@ -30,6 +34,8 @@ class ParameterSpec:
         shape starts from (inner constants).
     coefficient : bool
         Whether the effect is linear in it and vanishes at `neutral`.
+    fixed : bool
+        Whether it is written but never estimated: it only sets the scale of a state.
     """
 
     name: str
@@ -38,6 +44,28 @@ class ParameterSpec:
     high: float = UNLIMITED
     neutral: float = 0.0
     coefficient: bool = True
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class AddedState:
+    """A state that a mechanism brings along.
+
+    Attributes
+    ----------
+    name : str
+        Templates of the candidate use it in braces, as they do parameters.
+    equation : str
+        Template of its rate.
+    initial : float or "free"
+        Its start in the edited model. While candidates are compared it starts where the
+        recording has driven it.
+    """
+
+    name: str
+    equation: str
+    unit: str | None = None
+    initial: float | str = FREE
 
 
 @dataclass(frozen=True)
@@ -56,6 +84,15 @@ class Candidate:
         New readings; ``{old}`` stands for the old one.
     fixed_parameter : str or None
         For ``wrong_value``: the parameter of the model that is set free.
+    states : tuple of AddedState
+    replaced : tuple of (symbol, template)
+        Inputs for which another expression stands in every equation. Where candidates are
+        compared, a switch (0 or 1) blends the two: no value of a time constant undoes a lag
+        without making it stiff.
+    delays : tuple of (input or output, template)
+        Entries of [delays]: the name of a parameter.
+    clock : tuple of (output, template)
+        Entries of [clock].
     sentence : str
         What it means, with ``{site}``.
     """
@@ -69,6 +106,10 @@ class Candidate:
     inertia: tuple[tuple[str, str, str], ...] = ()
     readings: tuple[tuple[str, str], ...] = ()
     fixed_parameter: str | None = None
+    states: tuple[AddedState, ...] = ()
+    replaced: tuple[tuple[str, str], ...] = ()
+    delays: tuple[tuple[str, str], ...] = ()
+    clock: tuple[tuple[str, str], ...] = ()
     source: str = ""
     conflicts: frozenset[str] = field(default_factory=frozenset)
 
@@ -85,7 +126,11 @@ class Candidate:
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict this family stands for."""
+        """The verdict this family stands for; delay and gain of an input are no structure."""
+        if self.mechanism == "input_delay":
+            return Verdict.MEASUREMENT
+        if self.mechanism == "input_gain":
+            return Verdict.PARAMETER
         return {
             "parameter": Verdict.PARAMETER,
             "measurement": Verdict.MEASUREMENT,
@@ -114,7 +159,6 @@ class Candidate:
     ) -> Edit:
         """Return the complete edit of `model`, with `values` by the candidate's own names."""
         values = values or {}
-        changes: dict[str, Any] = {}
         if self.fixed_parameter is not None:
             old = model.parameters[self.fixed_parameter]
             value = values.get(self.fixed_parameter, old.value)
@@ -122,33 +166,102 @@ class Candidate:
             bounds = old.bounds or (spec.low, spec.high)
             bounds = (min(bounds[0], value), max(bounds[1], value))
             return Edit({f"parameters.{self.fixed_parameter}": Parameter(value, old.unit, bounds)})
-        edited = model
+        draft = _Draft(model)
+        local = {**names, **self._add_states(draft, names, final=bool(values))}
+        for symbol, template in self.replaced:
+            switch = None if values else self.switch(names)
+            _replace_symbol(draft, symbol, template.format(**local), switch, local.values())
         for state, template in self.terms:
-            key, text = add_to_equation(edited, state, template.format(**names))
-            changes[key] = text
-            edited = apply_edit(edited, Edit({key: text}))
+            draft.put(*add_to_equation(draft.model, state, template.format(**local)))
         for row, column, template in self.inertia:
-            old_entry = model.inertia.get(row, {}).get(column, "1" if row == column else "0")
-            changes[f"inertia.{row}.{column}"] = f"{old_entry} + {template.format(**names)}"
+            entry = draft.model.inertia.get(row, {}).get(column, "1" if row == column else "0")
+            draft.put(f"inertia.{row}.{column}", f"{entry} + {template.format(**local)}")
         for output, template in self.readings:
-            changes[f"readings.{output}"] = template.format(old=model.readings[output], **names)
+            old = draft.model.readings[output]
+            draft.put(f"readings.{output}", template.format(old=old, **local))
+        for signal, template in self.delays:
+            draft.put(f"delays.{signal}", template.format(**local))
+        for output, template in self.clock:
+            old = draft.model.clock.get(output)
+            text = template.format(**local)
+            draft.put(f"clock.{output}", f"({old})*({text})" if old else text)
         for spec in self.parameters:
             value = values.get(spec.name, spec.neutral)
             bounds = _readable(spec, value) if values else (spec.low, spec.high)
-            changes[f"parameters.{names[spec.name]}"] = Parameter(value, spec.unit, bounds)
-        return Edit(changes)
+            parameter = Parameter(value, spec.unit, None if spec.fixed else bounds)
+            draft.put(f"parameters.{names[spec.name]}", parameter)
+        if self.replaced and not values:
+            draft.put(f"parameters.{self.switch(names)}", Parameter(0.0, None, (0.0, 5.0)))
+        return Edit(draft.changes)
+
+    def switch(self, names: Mapping[str, str]) -> str:
+        """Return the name of the switch of a candidate with replaced symbols."""
+        return f"on_{names[self.parameters[0].name]}"
+
+    def _add_states(self, draft: _Draft, names: Mapping[str, str], final: bool) -> dict[str, str]:
+        """Add the states of the mechanism, and return their names in the model."""
+        if not self.states:
+            return {}
+        first, place = self.parameters[0].name, self.site.partition(":")[2]
+        suffix = names[first][len(first) :]
+        model, chosen = draft.model, {}
+        taken = {*model.symbols, *model.definitions, *model.outputs, *names.values()}
+        for state in self.states:
+            options = [f"{state.name}{suffix}", f"{state.name}_{place}{suffix}"]
+            options += [f"{options[1]}_{count}" for count in range(2, 100)]
+            chosen[state.name] = next(name for name in options if name not in taken)
+        draft.put("model.states", (*model.states, *chosen.values()))
+        for state in self.states:
+            name = chosen[state.name]
+            draft.put(f"equations.{name}", state.equation.format(**{**names, **chosen}))
+            draft.put(f"initial.{name}", state.initial if final else DRIVEN)
+            if state.unit is not None:
+                draft.put(f"units.{name}", state.unit)
+        return chosen
 
     def term_text(self, names: Mapping[str, str]) -> str:
         """Return the added term as text."""
         if self.fixed_parameter is not None:
             return self.fixed_parameter
+        names = {**{s.name: s.name for s in self.states}, **names}
         parts = [t.format(**names) for _, t in self.terms[:1]]
         parts += [t.format(**names) for _, _, t in self.inertia[:1]]
         parts += [t.format(old="reading", **names) for _, t in self.readings[:1]]
+        parts += [s.equation.format(**names) for s in self.states[:1]]
+        parts += [t.format(**names) for _, t in (*self.delays, *self.clock)]
         text = parts[0] if parts else ""
         return (
             text.removeprefix("+ ").replace("- ", "-", 1) if text.startswith(("+ ", "- ")) else text
         )
+
+
+@dataclass
+class _Draft:
+    """A model under change, and the changes made."""
+
+    model: Model
+    changes: dict[str, Any] = field(default_factory=dict)
+
+    def put(self, key: str, value: Any) -> None:
+        self.changes[key] = value
+        self.model = apply_edit(self.model, Edit({key: value}))
+
+
+def _replace_symbol(
+    draft: _Draft, symbol: str, text: str, switch: str | None, added: Iterable[str]
+) -> None:
+    """Write `text` for an input in definitions and equations, those of `added` states apart.
+
+    With a switch, the input itself stands there where the switch is 0.
+    """
+    new = f"({text})" if switch is None else f"({symbol} + {switch}*({text} - {symbol}))"
+    if switch is None and re.fullmatch(r"\w+", text):
+        new = text
+    word, own = re.compile(rf"\b{re.escape(symbol)}\b"), set(added)
+    for table in ("definitions", "equations"):
+        for key, old in dict(getattr(draft.model, table)).items():
+            if key not in own and word.search(old):
+                draft.put(f"{table}.{key}", word.sub(lambda _: new, old))
 
 
 def _readable(spec: ParameterSpec, value: float) -> tuple[float, float]:
@@ -189,10 +302,12 @@ class SuperModel:
         candidate = self.candidates[number]
         if candidate.fixed_parameter is not None:
             return [order.index(candidate.fixed_parameter)]
+        if candidate.replaced and coefficients_only:
+            return [order.index(candidate.switch(self.names[number]))]
         return [
             order.index(self.names[number][spec.name])
             for spec in candidate.parameters
-            if spec.coefficient or not coefficients_only
+            if not spec.fixed and (spec.coefficient or not coefficients_only)
         ]
 
     def base_index(self) -> list[int]:
@@ -204,3 +319,16 @@ class SuperModel:
         """A candidate's parameter values by its own names."""
         order = list(self.model.parameters)
         return {own: float(theta[order.index(full)]) for own, full in self.names[number].items()}
+
+    def switched(self, members: Iterable[int], theta: np.ndarray) -> np.ndarray:
+        """Return `theta` with the switches of `members` on and all others off."""
+        order, chosen, theta = list(self.model.parameters), set(members), np.array(theta)
+        for number, candidate in enumerate(self.candidates):
+            if candidate.replaced:
+                name = candidate.switch(self.names[number])
+                theta[order.index(name)] = float(number in chosen)
+        return theta
+
+    def remembers(self, members: Iterable[int]) -> bool:
+        """Whether one of `members` brings a state along."""
+        return any(self.candidates[i].states for i in members)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contest import neutral_values
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
+from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.screening import ScreenedSet
 from jaxsr.diagnosis.setup import state_scale
 from jaxsr.models import Model
@@ -17,8 +18,15 @@ if TYPE_CHECKING:
     from jaxsr.diagnosis.diagnose import Case
 
 SINGLES, PAIRS, LARGER = 5, 4, 3
+VARIANTS = 3
+"""Starts of one mechanism where nothing but the free run can tell them apart."""
 ALWAYS = frozenset({"viscous_damping", "quadratic_drag"})
 """Mechanisms of a single axis whose smallest detectable size is told in any case."""
+SEEDED = frozenset(
+    "power_law_drag position_dependent_friction end_stop backlash harmonic_force position_ripple "
+    "parametric_excitation transient_force".split()
+)
+"""Mechanisms whose inner constants are found from the residual forces alone."""
 Start = tuple[tuple[int, ...], np.ndarray]
 """Members of a set and the parameter values its estimation starts from."""
 
@@ -70,7 +78,12 @@ def screened_plausible(super_model: SuperModel, item: ScreenedSet) -> bool:
 
 def _has_friction(given: Model, candidate: Candidate, chosen: list[Candidate]) -> bool:
     """Whether friction in the set or a velocity term in the model stands beside the asymmetry."""
-    beside = {"viscous_damping", "coulomb_friction", "stribeck_friction"}
+    beside = {
+        "viscous_damping",
+        "coulomb_friction",
+        "stribeck_friction",
+        "position_dependent_friction",
+    }
     if any(c.site == candidate.site and c.mechanism in beside for c in chosen):
         return True
     state = candidate.site.partition(":")[2]
@@ -85,15 +98,13 @@ def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[St
     come last.
     """
     given = case.simulator.model
-    sensors = sensor_candidates(given)
+    sensors = sensor_candidates(given, _readings(case))
     if case.screened is None:
-        forces = force_candidates(given, state_scale(given, case.prepared))
-        used = list(range(len(forces)))
+        forces = _unscreened(force_candidates(given, state_scale(given, case.prepared)))
         super_model = SuperModel.build(given, [*forces, *sensors])
         neutral = neutral_values(super_model)
-        starts = [((), neutral), *(((i,), neutral) for i in used)]
-        starts += [((len(used) + k,), neutral) for k in range(len(sensors))]
-        return super_model, starts
+        singles = [(i,) for i in range(len(super_model.candidates))]
+        return super_model, [(m, seeded(super_model, m, neutral)) for m in [(), *singles]]
     screened = case.screened
     used = sorted({i for s in sets for i in s.members} | _always(screened.super_model))
     chosen = [screened.super_model.candidates[i] for i in used]
@@ -113,8 +124,39 @@ def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[St
     empty = carried(screened.screening.empty)
     starts = [((), empty)]
     starts += [(tuple(used.index(i) for i in s.members), carried(s)) for s in sets]
-    starts += [((len(used) + k,), empty) for k in range(len(sensors))]
+    alone = [(len(used) + k,) for k in range(len(sensors))]
+    starts += [(members, seeded(super_model, members, empty)) for members in alone]
     return super_model, starts
+
+
+def seeded(super_model: SuperModel, members: tuple[int, ...], theta: np.ndarray) -> np.ndarray:
+    """Return `theta` with the thresholds of `members` at their seeds."""
+    theta, order = theta.copy(), list(super_model.model.parameters)
+    for number in members:
+        for spec in super_model.candidates[number].parameters:
+            if isinstance(spec, Threshold):
+                theta[order.index(super_model.names[number][spec.name])] = spec.seed
+    return theta
+
+
+def _readings(case: Case) -> dict[str, np.ndarray]:
+    """Samples of every output over all recordings."""
+    values = np.concatenate([p.outputs for p in case.prepared])
+    return dict(zip(case.simulator.model.outputs, values.T, strict=True))
+
+
+def _unscreened(forces: list[Candidate]) -> list[Candidate]:
+    """Leave out what needs the equations read off the sensors.
+
+    Where a state hides, every candidate is estimated in free run on its own, which costs
+    seconds each, and inner constants have no data to start from: the first variants of the
+    mechanisms that need no seed remain.
+    """
+    kept: dict[str, list[Candidate]] = {}
+    for candidate in forces:
+        if candidate.mechanism not in SEEDED and candidate.family != "actuator":
+            kept.setdefault(candidate.label, []).append(candidate)
+    return [c for variants in kept.values() for c in variants[:VARIANTS]]
 
 
 def _always(super_model: SuperModel) -> set[int]:

@@ -10,6 +10,8 @@ import numpy as np
 import scipy.stats
 
 from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.models import Model
+from jaxsr.models.driven import known_states
 from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import Prepared, build_segments, cut
 from jaxsr.models.shooting import Fit, Problem, fit
@@ -23,6 +25,11 @@ STABLE = 2.5
 MOST_SUBSTEPS = 16
 CONTEST_TOLERANCE = 1e-4
 """Gain in cost at which the estimation of a set stops: far below `MIN_GAIN`."""
+MARGIN = 25
+"""Samples simulated before and after a segment where signals are delayed or remembered: the
+longest delay that a segment can tell."""
+REFRESHES = 4
+"""Times that the starts of driven states are renewed at the latest parameters."""
 MIN_GAIN = 0.05
 """Smallest gain in log held-back mean square that counts, whatever its significance: smoothing
 sign() alone can move the error of a friction model by half of it."""
@@ -90,11 +97,18 @@ def build_arena(
 ) -> Arena:
     """Cut the recordings into segments of `horizon` seconds and lay out the blocks."""
     rows = cut(prepared, horizon)
-    segments = build_segments(super_model.model, prepared, rows, stepping.substeps)
+    model = super_model.model
+    margin = MARGIN if model.driven or _shifts(model) else 0
+    segments = build_segments(model, prepared, rows, stepping.substeps, margin=margin)
     problem = Problem(simulator, stepping, segments, scale)
     pieces = _pieces(segments.count)
     bounds = parameter_bounds(super_model)
     return Arena(super_model, problem, tuple(prepared), bounds, pieces, horizon or np.inf)
+
+
+def _shifts(model: Model) -> bool:
+    """Whether a delay or a clock can be estimated."""
+    return bool(model.clock) or any(isinstance(d, str) for d in model.delays.values())
 
 
 def _pieces(counts: np.ndarray) -> tuple[tuple[int, int, int, int], ...]:
@@ -122,11 +136,33 @@ def enter(
     max_iterations: int = 15,
 ) -> Entry:
     """Estimate one set jointly with the free parameters and the starts, and hold blocks back."""
-    active = active_parameters(arena.super_model, members)
-    result = fit(
-        arena.problem, start, active, arena.bounds, x0, max_iterations, stop, CONTEST_TOLERANCE
-    )
+    super_model = arena.super_model
+    active = active_parameters(super_model, members)
+    theta = super_model.switched(members, start)
+    remembers = super_model.remembers(members)
+    for _ in range(1 + REFRESHES * remembers):
+        if super_model.model.driven:
+            x0 = _driven(arena, theta, arena.problem.segments.guess if x0 is None else x0)
+        result = fit(
+            arena.problem, theta, active, arena.bounds, x0, max_iterations, stop, CONTEST_TOLERANCE
+        )
+        moved = np.abs(result.theta - theta) > 1e-3 * np.abs(theta)
+        theta, x0 = result.theta, result.x0
+        if not remembers or not moved.any() or not result.usable:
+            break
     return Entry(members, result, held_back(arena, result))
+
+
+def _driven(arena: Arena, theta: np.ndarray, x0: np.ndarray) -> np.ndarray:
+    """Return the starts with driven states where `theta` leads them."""
+    problem, model = arena.problem, arena.super_model.model
+    segments, x0 = problem.segments, np.array(x0)
+    count = len(model.driven)
+    for r, item in enumerate(arena.prepared):
+        mine = segments.recording == r
+        path = known_states(model, item, theta, problem.simulator)
+        x0[-count:, mine] = path[segments.start[mine], -count:].T
+    return x0
 
 
 def active_parameters(super_model: SuperModel, members: tuple[int, ...]) -> np.ndarray:
@@ -279,7 +315,7 @@ def choose_stepping(
     """
     import jax
 
-    x = np.concatenate([p.states.values for p in prepared])
+    x = np.concatenate([known_states(simulator.model, p, theta, simulator) for p in prepared])
     u = np.concatenate([p.inputs for p in prepared])
     env = simulator.environment(0.0, tuple(x.T), tuple(u.T), tuple(theta))
     widths = width_scales(simulator, env)

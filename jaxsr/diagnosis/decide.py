@@ -68,7 +68,7 @@ def log_prior(super_model: SuperModel, entry: Entry) -> float:
     total = 0.0
     for number in entry.members:
         candidate = super_model.candidates[number]
-        if candidate.mechanism not in ("wrong_value", "sensor_gain"):
+        if candidate.mechanism not in ("wrong_value", "sensor_gain", "input_gain"):
             continue
         spec = candidate.parameters[0]
         value = super_model.own_values(number, entry.fit.theta)[spec.name]

@@ -23,7 +23,9 @@ from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import noise_level
 
-SMOOTHED_MECHANISMS = frozenset({"coulomb_friction", "stribeck_friction"})
+SMOOTHED_MECHANISMS = frozenset(
+    {"coulomb_friction", "stribeck_friction", "position_dependent_friction"}
+)
 MODEL_LIMITED = 3.0
 """Ratio of residual to sensor noise above which the model, not the sensor, sets the error."""
 

@@ -68,10 +68,10 @@ def free_run(
     rows = cut(prepared, None if whole else horizon)
     others = cut(like, None if whole else horizon) if like else []
     shape = (max((b - a for _, a, b in others), default=0), len(others))
-    segments = build_segments(model, prepared, rows, stepping.substeps, shape)
+    segments = build_segments(model, prepared, rows, stepping.substeps, shape, theta)
     least = 50 if whole else 3
     first = [min(b - a, max(least, int(np.ceil(START_SHARE * (b - a))))) for _, a, b in rows]
-    begin = _beginnings(model, prepared, rows, first, segments, stepping)
+    begin = _beginnings(model, prepared, rows, first, segments, stepping, theta)
     problem = Problem(simulator, stepping, begin, _scales(prepared).mean(0))
     none = np.zeros(0, dtype=int)
     start = fit(problem, theta, none, (theta, theta), max_iterations=8, tolerance=1e-3)
@@ -92,6 +92,7 @@ def _beginnings(
     first: list[int],
     segments: Segments,
     stepping: Stepping,
+    theta: np.ndarray,
 ) -> Segments:
     """Return the segments with the outputs of all but their first samples left out.
 
@@ -100,7 +101,8 @@ def _beginnings(
     if segments.time.shape[0] > LONG:
         short = [(r, a, a + n) for (r, a, _), n in zip(rows, first, strict=True)]
         size = max(n for n in first)
-        return build_segments(model, prepared, short, stepping.substeps, (size, segments.number))
+        shape = (size, segments.number)
+        return build_segments(model, prepared, short, stepping.substeps, shape, theta)
     measured = segments.outputs.copy()
     for s, n in enumerate(first):
         measured[:, n:, s] = np.nan

@@ -9,12 +9,21 @@ from itertools import combinations
 import numpy as np
 
 from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.weak_system import WeakSystem
 
 BLOCKS = 12
 BEAM = 10
 MAX_SET = 4
+TOGETHER = 200  # sets solved at once: few enough for the cache
+ENGAGED = (0.25, 4.0)  # share of a threshold's seeded effect that the data may ask for
 COLLINEAR = 0.02  # relative norm left after projection, below which a column adds nothing
+CONTAINED = (
+    frozenset({"coulomb_friction", "stribeck_friction", "position_dependent_friction"}),
+    frozenset({"quadratic_drag", "power_law_drag"}),
+    frozenset({"piecewise_stiffness", "end_stop"}),
+)
+"""Mechanisms of which one contains another, or that are one and the same at another strength."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +125,7 @@ class _Search:
             if candidate.fixed_parameter is not None:
                 spec, at = candidate.parameters[0], self.index[i][0]
                 self.low[at], self.high[at] = spec.low, spec.high
+        self.seed = _seeds(super_model)
         self.collinear = tuple(
             i
             for i in range(len(self.index))
@@ -134,7 +144,8 @@ class _Search:
         cross = total[np.ix_(base, own)]
         solved = np.linalg.lstsq(total[np.ix_(base, base)], cross, rcond=1e-12)[0]
         left = norms - np.einsum("ij,ij->j", cross, solved)
-        return float(np.sqrt(max(np.max(left / norms), 0.0)))
+        there = norms > 0.0
+        return float(np.sqrt(max(np.max(left[there] / norms[there]), 0.0)))
 
     def _scales_all(self, candidate: int) -> bool:
         """Whether a parameter, set free, lets every force and inertia shrink to nothing.
@@ -142,7 +153,7 @@ class _Search:
         A drive gain before the only input does: gain and inertias are known up to a common
         factor only, and the trivial solution would win every comparison.
         """
-        if self.super_model.candidates[candidate].fixed_parameter is None:
+        if self.super_model.candidates[candidate].mechanism not in ("wrong_value", "input_gain"):
             return False
         active = [*self.base, *self.index[candidate]]
         total, right = self.gram.sum(0), self.moment.sum(0)
@@ -158,17 +169,8 @@ class _Search:
         beam = [empty]
         usable = [i for i in range(len(self.index)) if i not in self.collinear]
         for _ in range(MAX_SET):
-            grown: dict[tuple[int, ...], ScreenedSet] = {}
-            for parent in beam:
-                for candidate in usable:
-                    members = tuple(sorted({*parent.members, candidate}))
-                    if len(members) == len(parent.members) or members in found:
-                        continue
-                    if members in grown or self._redundant(members):
-                        continue
-                    scored = self.evaluate(members)
-                    if scored is not None:
-                        grown[members] = scored
+            wanted = {tuple(sorted({*p.members, c})) for p in beam for c in usable}
+            grown = self._scored([m for m in sorted(wanted) if self._fresh(m, found)])
             found |= grown
             beam = sorted(grown.values(), key=lambda s: s.error)[:BEAM]
             if not beam or beam[0].error > 0.999 * min(
@@ -176,6 +178,22 @@ class _Search:
             ):
                 break
         return list(found.values())
+
+    def _fresh(self, members: tuple[int, ...], found: dict) -> bool:
+        return members not in found and len(members) > 0 and not self._redundant(members)
+
+    def _scored(self, sets: Sequence[tuple[int, ...]]) -> dict[tuple[int, ...], ScreenedSet]:
+        """Score many sets, those with equally many constants side by side."""
+        groups: dict[int, list[tuple[int, ...]]] = {}
+        for members in sets:
+            groups.setdefault(sum(len(self.index[i]) for i in members), []).append(members)
+        scored: dict[tuple[int, ...], ScreenedSet] = {}
+        for group in groups.values():
+            for start in range(0, len(group), TOGETHER):
+                part = group[start : start + TOGETHER]
+                found = zip(part, self._evaluate(part), strict=True)
+                scored |= {members: item for members, item in found if item is not None}
+        return {members: scored[members] for members in sets if members in scored}
 
     def _redundant(self, members: Sequence[int]) -> bool:
         """Whether two members are variants of one mechanism, or one contains the other."""
@@ -185,38 +203,69 @@ class _Search:
         for a, b in combinations(members, 2):
             first, second = self.super_model.candidates[a], self.super_model.candidates[b]
             pair = {first.mechanism, second.mechanism}
-            if first.site == second.site and pair == {"coulomb_friction", "stribeck_friction"}:
+            if first.site == second.site and any(pair <= group for group in CONTAINED):
                 return True
         return False
 
     def evaluate(self, members: tuple[int, ...]) -> ScreenedSet | None:
         """Score a set; None where it breaks a sign or cannot be solved."""
-        active = [*self.base, *(j for i in members for j in self.index[i])]
-        theta = self.system.theta.copy()
-        if not active:
-            return ScreenedSet(members, self.power / self.rows, theta)
-        g = self.gram[:, active][:, :, active]
-        m = self.moment[:, active]
-        total_g, total_m = g.sum(0), m.sum(0)
-        ridge = 1e-11 * np.trace(total_g) / len(active) * np.eye(len(active))
-        systems = np.concatenate([total_g[None], total_g[None] - g]) + ridge
-        rights = np.concatenate([total_m[None], total_m[None] - m])
+        return self._evaluate([members])[0]
+
+    def _evaluate(self, sets: Sequence[tuple[int, ...]]) -> list[ScreenedSet | None]:
+        """Score sets of equally many constants, all blocks of all sets in one solve."""
+        active = np.array(
+            [[*self.base, *(j for i in members for j in self.index[i])] for members in sets],
+            dtype=int,
+        )
+        count, theta = active.shape[1], self.system.theta
+        if not count:
+            return [ScreenedSet(m, self.power / self.rows, theta.copy()) for m in sets]
+        g = self.gram[:, active[:, :, None], active[:, None, :]].swapaxes(0, 1)
+        m = self.moment[:, active].swapaxes(0, 1)
+        total_g, total_m = g.sum(1), m.sum(1)
+        ridge = 1e-11 * np.trace(total_g, axis1=1, axis2=2)[:, None, None, None] / count
+        systems = np.concatenate([total_g[:, None], total_g[:, None] - g], axis=1)
+        rights = np.concatenate([total_m[:, None], total_m[:, None] - m], axis=1)
         try:
-            solved = np.linalg.solve(systems, rights[..., None])[..., 0]
+            solved = np.linalg.solve(systems + ridge * np.eye(count), rights[..., None])[..., 0]
         except np.linalg.LinAlgError:
-            return None
-        step, held = solved[0], solved[1:]
+            return [None] if len(sets) == 1 else [self.evaluate(members) for members in sets]
+        held = solved[:, 1:]
+        sse = self.power - 2 * np.einsum("sbi,sbi->sb", m, held)
+        sse += np.einsum("sbi,sbi->sb", held, (g @ held[..., None])[..., 0])
+        errors = np.maximum(sse, 0.0) / self.rows
+        return [
+            self._checked(*item) for item in zip(sets, active, solved[:, 0], errors, strict=True)
+        ]
+
+    def _checked(
+        self, members: tuple[int, ...], active: np.ndarray, step: np.ndarray, errors: np.ndarray
+    ) -> ScreenedSet | None:
+        """Return the scored set, or None where a constant breaks its sign."""
+        theta = self.system.theta.copy()
         value = theta[active] + step / self.column[active]
-        added = np.arange(len(self.base), len(active))
-        index = np.asarray(active)
-        if (
-            added.size
-            and (
-                (value[added] < self.low[index[added]]) | (value[added] > self.high[index[added]])
-            ).any()
-        ):
+        added, new = active[len(self.base) :], value[len(self.base) :]
+        for j, estimate in zip(added, new, strict=True):
+            if j in self.seed:
+                # How much of the effect at the seed the data ask for.
+                share = (estimate - theta[j]) / (self.seed[j] - theta[j])
+                if not ENGAGED[0] < share < ENGAGED[1]:
+                    return None
+        outside = (new < self.low[added]) | (new > self.high[added])
+        if outside[[j not in self.seed for j in added]].any():
             return None
-        sse = self.power - 2 * np.einsum("bi,bi->b", m, held)
-        sse = sse + np.einsum("bi,bij,bj->b", held, g, held)
         theta[active] = value
-        return ScreenedSet(members, np.maximum(sse, 0.0) / self.rows, theta)
+        for j in added:
+            theta[j] = self.seed.get(int(j), theta[j])
+        return ScreenedSet(members, errors, theta)
+
+
+def _seeds(super_model: SuperModel) -> dict[int, float]:
+    """Return the seeds of all thresholds, by position among the parameters."""
+    order = {name: i for i, name in enumerate(super_model.model.parameters)}
+    return {
+        order[names[spec.name]]: spec.seed
+        for candidate, names in zip(super_model.candidates, super_model.names, strict=True)
+        for spec in candidate.parameters
+        if isinstance(spec, Threshold)
+    }

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.columns import WeakColumns, motion_of, with_candidates
+from jaxsr.diagnosis.mechanisms import Motion, force_candidates
 from jaxsr.diagnosis.screening import Screening, screen
 from jaxsr.diagnosis.weak_system import WeakSystem, observable_states, weak_system
 from jaxsr.models import Model, Simulator
@@ -17,6 +18,8 @@ from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording, read_recording
 from jaxsr.views import choose_half_width
 
+NARROWEST = 8
+"""Least half-width of a test function, in samples."""
 QUANTILES = np.linspace(0.0, 1.0, 21)
 
 
@@ -64,10 +67,26 @@ def screen_all(simulator: Simulator, prepared: Sequence[Prepared]) -> Screened |
     model = simulator.model
     if not observable_states(simulator, prepared):
         return None
-    candidates = force_candidates(model, state_scale(model, prepared))
-    super_model = SuperModel.build(model, candidates)
-    theta = np.array([p.value for p in super_model.model.parameters.values()])
     half_width = half_width_of(prepared)
-    full = Simulator(super_model.model, simulator.function)
-    system = weak_system(full, prepared, theta, half_width)
+    theta = np.array([p.value for p in model.parameters.values()])
+    given = weak_system(simulator, prepared, theta, half_width)
+    columns = WeakColumns(model, prepared, half_width)
+    scale = state_scale(model, prepared)
+    candidates = force_candidates(model, scale, _motion(simulator, prepared, half_width))
+    super_model = SuperModel.build(model, candidates)
+    system = with_candidates(columns, given, super_model)
     return Screened(super_model, system, screen(system, super_model), half_width)
+
+
+def _motion(simulator: Simulator, prepared: Sequence[Prepared], half_width: float) -> Motion:
+    """What re-calibration leaves, seen through test functions a third as wide.
+
+    Inner constants are sought where the screening hardly looks: noise is larger there, but a
+    line gathers it from the whole recording.
+    """
+    model = simulator.model
+    samples = max(float(np.median(np.diff(p.time))) for p in prepared)
+    narrow = min(max(half_width / 3.0, NARROWEST * samples), half_width)
+    theta = np.array([p.value for p in model.parameters.values()])
+    given = weak_system(simulator, prepared, theta, narrow)
+    return motion_of(WeakColumns(model, prepared, narrow), given)

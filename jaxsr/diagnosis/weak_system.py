@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsr.models.driven import known_states
 from jaxsr.models.model import Model
 from jaxsr.models.segments import Prepared
 from jaxsr.models.simulator import Simulator, width_scales
@@ -109,8 +110,9 @@ def _one_recording(
         if state in model.states:
             present = np.asarray(present & np.isfinite(signal))
     view = WeakView.build(item.time, half_width, spacing or half_width / 4, mask=present)
-    x = tuple(np.where(np.isfinite(c), c, 0.0) for c in item.states.values.T)
-    u = tuple(_centred(column, model.input_hold) for column in item.inputs.T)
+    known = known_states(model, item, theta, simulator)
+    x = tuple(np.where(np.isfinite(c), c, 0.0) for c in known.T)
+    u = tuple(centred(column, model.input_hold) for column in item.inputs.T)
     env = simulator.environment(item.time, x, u, tuple(theta))
     widths = width_scales(simulator, env)
 
@@ -141,7 +143,7 @@ def _one_recording(
     )
 
 
-def _centred(u: np.ndarray, hold: str) -> np.ndarray:
+def centred(u: np.ndarray, hold: str) -> np.ndarray:
     """Return an input as the quadrature needs it: a held one jumps at its sample, so take the mean.
 
     The sample at t_k of a zero-order hold acts from t_k on; the trapezoid rule would let it act
@@ -168,14 +170,14 @@ def _equation(
     row = model.inertia.get(state)
     for column in row or (state,):
         mass = value["mass"][(state, column)] if row else np.ones_like(force)
-        residual = residual - _inertia_force(model, view, item, column, mass[:, None])[:, 0]
+        residual = residual - inertia_force(model, view, item, column, mass[:, None])[:, 0]
         if row:
             by_theta = slope["mass"][(state, column)]
-            jacobian = jacobian - _inertia_force(model, view, item, column, by_theta)
+            jacobian = jacobian - inertia_force(model, view, item, column, by_theta)
     return residual, jacobian, view.integrate(force - silent[state])
 
 
-def _inertia_force(
+def inertia_force(
     model: Model, view: WeakView, item: Prepared, state: str, mass: np.ndarray
 ) -> np.ndarray:
     """Return int phi m dx/dt for mass columns m (samples, columns), by parts.

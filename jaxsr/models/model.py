@@ -10,6 +10,8 @@ from typing import Literal
 from jaxsr.expressions import Term, parse
 
 FREE = "free"
+DRIVEN = "driven"
+"""Start of a state that its drive decides: never estimated, and in no model file."""
 Hold = Literal["linear", "zero", "bandlimited"]
 
 
@@ -137,8 +139,14 @@ class Model:
         return tuple(
             s
             for s in self.states
-            if s in self.inertia or not self._integrates_a_state(self.equation_terms[s])
+            if s not in self.driven
+            and (s in self.inertia or not self._integrates_a_state(self.equation_terms[s]))
         )
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """States that start where the recorded inputs and sensors have driven them."""
+        return tuple(s for s in self.states if self.initial.get(s) == DRIVEN)
 
     def _integrates_a_state(self, term: Term) -> bool:
         return term.is_variable and term.name in self.states

@@ -180,12 +180,46 @@ def _delayed_stages(model: Model, data: dict, p: tuple) -> Array:
             continue
         h = data["length"]
         begin = data["time"][:-1, None] + jnp.cumsum(h, axis=1) - h
+        if model.input_hold == "zero":
+            # A held input is passed on by its mean over the step: impulses are kept, and a
+            # delay that is no multiple of the step can be differentiated.
+            shifted = jnp.where(h > 0, _delayed_mean(data, k, begin - delay, h), stages[0, k])
+            stages = stages.at[:, k].set(shifted)
+            continue
         for s, fraction in enumerate((0.0, 0.5, 1.0)):
             at = begin + fraction * h - delay
             flat = at.reshape(-1, at.shape[-1])
-            shifted = _shifted(data["time"], data["inputs"][k], flat)
-            stages = stages.at[s, k].set(shifted.reshape(at.shape))
+            if model.input_hold == "bandlimited":
+                shifted = _shifted(*_dense(data, k, begin), flat)
+            else:
+                shifted = _shifted(data["time"], data["inputs"][k], flat)
+            shifted = jnp.where(h > 0, shifted.reshape(at.shape), stages[s, k])
+            stages = stages.at[s, k].set(shifted)
     return stages
+
+
+def _delayed_mean(data: dict, k: int, begin: Array, length: Array) -> Array:
+    """Mean of a held input over steps from `begin` on, by the integral of the input."""
+    time, u = jnp.asarray(data["time"]), jnp.asarray(data["inputs"][k])
+    u = u - u[:1]  # the integral stays small, and the first value is held before the start
+    integral = jnp.concatenate(
+        [jnp.zeros_like(u[:1]), jnp.cumsum(u[:-1] * jnp.diff(time, axis=0), axis=0)]
+    )
+    edges = begin.reshape(-1, begin.shape[-1])
+    edges = jnp.concatenate([edges, edges[-1:] + length[-1, -1:]])  # steps follow each other
+    rise = jnp.diff(_shifted(time, integral, edges), axis=0).reshape(begin.shape)
+    return data["inputs"][k][:1] + rise / jnp.where(length > 0, length, 1.0)
+
+
+def _dense(data: dict, k: int, begin: Array) -> tuple[Array, Array]:
+    """Knots and values of a band-limited input at the starts and middles of all steps."""
+    h, stages = data["length"], data["stages"]
+    u = jnp.asarray(data["inputs"][k])
+    # Padding repeats the last time, where the input has but one value.
+    middle, start = (jnp.where(h > 0, stages[s, k], u[:-1, None]) for s in (1, 0))
+    at = jnp.stack([begin, begin + 0.5 * h], axis=2).reshape(-1, h.shape[-1])
+    values = jnp.stack([start, middle], axis=2).reshape(-1, h.shape[-1])
+    return jnp.concatenate([at, data["time"][-1:]]), jnp.concatenate([values, u[-1:]])
 
 
 def _outputs(simulator: Simulator, method: str, data: dict, theta: Array, x0: Array) -> Array:
@@ -217,8 +251,9 @@ _states_jit = partial(jax.jit, static_argnums=(0, 1))(_states)
 def _linearise_jit(
     simulator: Simulator, method: str, data: dict, theta: Array, x0: Array, directions: Array
 ) -> tuple[Array, Array, Array]:
-    states_count, size = x0.shape[0], directions.shape[0]
-    unit = jnp.eye(states_count)[:, :, None] * jnp.ones_like(x0)[None]
+    driven, size = len(simulator.model.driven), directions.shape[0]
+    states_count = x0.shape[0] - driven  # driven states stand last, and their starts are given
+    unit = jnp.eye(x0.shape[0])[:states_count, :, None] * jnp.ones_like(x0)[None]
     # One pass for all directions: parameters first, then the start of every segment at once.
     d_theta = jnp.concatenate([directions, jnp.zeros((states_count, theta.shape[0]))])
     d_start = jnp.concatenate([jnp.zeros((size, *x0.shape)), unit])
@@ -227,4 +262,5 @@ def _linearise_jit(
         return jax.jvp(lambda p, x: _outputs(simulator, method, data, p, x), (theta, x0), (a, b))
 
     y, slopes = jax.vmap(along, out_axes=(None, 0))(d_theta, d_start)
-    return y, slopes[:size], slopes[size:]
+    by_start = jnp.concatenate([slopes[size:], jnp.zeros((driven, *y.shape))])
+    return y, slopes[:size], by_start

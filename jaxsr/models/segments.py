@@ -7,10 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxsr.models.driven import known_states
 from jaxsr.models.inputs import stage_inputs
 from jaxsr.models.model import FREE, Model
 from jaxsr.models.states import StateEstimate, estimate_states, input_table, output_table
 from jaxsr.recordings import Recording
+
+WASHED = 4
+"""Margins that a segment must hold before one is spent at a recording's beginning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,20 +115,27 @@ def build_segments(
     rows: Sequence[tuple[int, int, int]],
     substeps: int,
     shape: tuple[int, int] = (0, 0),
+    theta: np.ndarray | None = None,
+    margin: int = 0,
 ) -> Segments:
     """Collect the arrays of the segments `rows`.
 
     `shape` is the least number of samples and of segments: padding recordings of another length
-    to one shape lets them share a compiled simulation.
+    to one shape lets them share a compiled simulation. Driven states start where parameters
+    `theta` (the model's by default) lead them. The simulation begins and ends `margin` samples
+    outside the rows where the recording reaches so far, so that delayed signals exist all along
+    a row; the outputs there are left out.
     """
-    size = max(max(stop - start for _, start, stop in rows), shape[0])
+    wide = [(r, max(a - margin, 0), min(b + margin, prepared[r].time.size)) for r, a, b in rows]
+    size = max(max(stop - start for _, start, stop in wide), shape[0])
+    known = [known_states(model, item, theta) for item in prepared]
     spare = max(shape[1] - len(rows), 0)
     stages = [_stage_table(model, item, substeps) for item in prepared]
     parts: dict[str, list[np.ndarray]] = {
         k: [] for k in ("time", "length", "stages", "inputs", "outputs", "guess", "free", "over")
     }
-    for number, (r, start, stop) in enumerate([*rows, *[rows[-1]] * spare]):
-        item, count = prepared[r], stop - start
+    for number, (r, start, stop) in enumerate([*wide, *[wide[-1]] * spare]):
+        item = prepared[r]
         pick = np.minimum(np.arange(start, start + size), stop - 1)
         parts["time"].append(item.time[pick])
         steps = np.diff(item.time[pick])
@@ -133,14 +144,24 @@ def build_segments(
         parts["stages"].append(stages[r][:, :, gaps])
         parts["inputs"].append(item.inputs[pick].T)
         measured = item.outputs[pick].T.copy()
-        measured[:, count if number < len(rows) else 0 :] = np.nan
+        _, first, last = rows[min(number, len(rows) - 1)]
+        begin, end = first - start, last - start if number < len(rows) else 0
+        if stop - start > WASHED * margin:
+            # Beyond a recording's ends nothing is known that a sensor could see later.
+            begin = margin
+            end = min(end, item.time.size - start - margin) if model.clock else end
+        measured[:, :begin] = np.nan
+        measured[:, end:] = np.nan
         parts["outputs"].append(measured)
-        parts["guess"].append(item.states.values[start])
-        fixed = [start == 0 and model.initial.get(s, FREE) != FREE for s in model.states]
+        parts["guess"].append(known[r][start])
+        fixed = [
+            s in model.driven or (start == 0 and model.initial.get(s, FREE) != FREE)
+            for s in model.states
+        ]
         parts["free"].append(~np.array(fixed))
         parts["over"].append(_override(model, item.recording.name))
     array = {key: np.stack(values, axis=-1) for key, values in parts.items()}
-    index = np.array([*rows, *[(*rows[-1][:2], rows[-1][1])] * spare], dtype=int).reshape(-1, 3)
+    index = np.array([*wide, *[(*wide[-1][:2], wide[-1][1])] * spare], dtype=int).reshape(-1, 3)
     return Segments(
         recording=index[:, 0],
         start=index[:, 1],

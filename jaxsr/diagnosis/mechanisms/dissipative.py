@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
-from jaxsr.diagnosis.mechanisms.site import Site
+from jaxsr.diagnosis.mechanisms.site import Site, inverse_unit
 
 _FRICTION = "Armstrong-Helouvry, Dupont & Canudas de Wit, Automatica 30 (1994)"
 
@@ -50,19 +52,116 @@ def dissipative(site: Site) -> Iterator[Candidate]:
     if speeds is None:
         return
     top = max(abs(speeds[0]), abs(speeds[-1]))
-    for share in (0.02, 0.06, 0.2):
+    vs_unit = site.model.units.get(v)
+    # The Gaussian peak first; the exponential one (n = 1) has a sharper tip and longer tails.
+    for power, shares in (("**2", (0.02, 0.06, 0.2)), ("", (0.05, 0.15))):
+        for share in shares:
+            yield make(
+                "stribeck_friction",
+                f"- ({{Fc}} + ({{Fs}} - {{Fc}})*exp(-(Abs({v})/{{vs}}){power}))*sign({v})",
+                ParameterSpec("Fc", f, low=0.0),
+                ParameterSpec("Fs", f, low=0.0),
+                ParameterSpec("vs", vs_unit, 1e-3 * top, top, share * top, False),
+                sentence="Dry friction along {site} is higher near standstill (Stribeck effect).",
+            )
+    for power in (0.5, 1.5, 3.0):
         yield make(
-            "stribeck_friction",
-            f"- ({{Fc}} + ({{Fs}} - {{Fc}})*exp(-(Abs({v})/{{vs}})**2))*sign({v})",
-            ParameterSpec("Fc", f, low=0.0),
-            ParameterSpec("Fs", f, low=0.0),
-            ParameterSpec(
-                "vs",
-                site.model.units.get(v),
-                low=1e-3 * top,
-                high=top,
-                neutral=share * top,
-                coefficient=False,
-            ),
-            sentence="Dry friction along {site} is higher near standstill (Stribeck effect).",
+            "power_law_drag",
+            f"- {{kd}}*sign({v})*Abs({v})**{{p}}",
+            # kd is the force at |v| = 1 in the model's unit, whatever p becomes.
+            ParameterSpec("kd", f, low=0.0),
+            ParameterSpec("p", "1", 0.2, 5.0, power, False),
+            sentence="A drag that grows with a power of velocity acts along {site}.",
+            source="Nayfeh & Mook, Nonlinear Oscillations (1979), section 3.3",
         )
+    yield from position_dependent(site)
+
+
+def position_dependent(site: Site) -> Iterator[Candidate]:
+    """Yield dry friction whose size varies along the path, never below zero."""
+    q, v, f = site.position, site.state, site.force_unit
+    if q is None or not covered(site):
+        return
+    values = site.scale.get(q)
+    if values is None:
+        return
+    low, middle, high = (
+        float(f"{x:.3g}") for x in (values[1], (values[1] + values[-2]) / 2, values[-2])
+    )
+
+    def make(shape: str, *specs: ParameterSpec) -> Candidate:
+        return Candidate(
+            "position_dependent_friction",
+            "dissipative",
+            site.name,
+            (ParameterSpec("Fc", f, low=0.0), *specs),
+            "Dry friction along {site} depends on the position.",
+            terms=((v, f"- ({{Fc}} + {shape})*sign({v})"),),
+            source=_FRICTION,
+        )
+
+    slope = ParameterSpec("g1", site.per(q), low=0.0)
+    yield make(f"{{g1}}*Max({q} - ({low}), 0)", slope)
+    yield make(f"{{g1}}*Max({high} - {q}, 0)", slope)
+    yield make(f"{{g2}}*({q} - ({middle}))**2", ParameterSpec("g2", site.per(q, q), low=0.0))
+    for number, phase in _friction_ripples(site):
+        yield make(
+            f"{{gn}}*(1 + sin({{n}}*{q} + {{phi}}))",
+            ParameterSpec("gn", f, low=0.0),
+            ParameterSpec(
+                "n", inverse_unit(site.model.units.get(q)), 0.5 * number, 2 * number, number, False
+            ),
+            ParameterSpec("phi", "rad", -10.0, 10.0, phase, False),
+        )
+
+
+def covered(site: Site) -> bool:
+    """Whether every quarter of the recorded path is run through both ways.
+
+    Friction that varies along the path is seen as half the difference between the two ways;
+    where only one way was recorded, a spring does the same.
+    """
+    path, speed = site.signal(site.position), site.signal(site.state)
+    if path is None or speed is None:
+        return site.reverses
+    low, high = np.quantile(path, [0.02, 0.98])
+    edges = np.linspace(low, high, 5)
+    quarter = np.digitize(path, edges[1:-1])
+    least = 0.01 * path.size
+    return all(
+        ((quarter == k) & (way * speed > 0)).sum() >= least for k in range(4) for way in (-1, 1)
+    )
+
+
+def _friction_ripples(site: Site) -> list[tuple[float, float]]:
+    """Wave numbers and phases at which sign(v)*sin(n*q) removes a line of the residual."""
+    path, speed = site.signal(site.position), site.signal(site.state)
+    if site.motion is None or path is None or speed is None or not site.turning:
+        return []
+    way = np.sign(speed)
+
+    def pair(n: float) -> np.ndarray:
+        return np.stack([way * np.sin(n * path), way * np.cos(n * path)], axis=1)
+
+    grid = wave_numbers(site)
+    # The friction is minus this: half a turn on.
+    return [
+        (x.value, (x.phase + 2 * np.pi) % (2 * np.pi) - np.pi)
+        for x in site.motion.lines(site.state, pair, grid, 1)
+    ]
+
+
+def wave_numbers(site: Site) -> np.ndarray:
+    """Wave numbers from 1.5 periods on the recorded path up to what the weak view resolves."""
+    path, speed = site.signal(site.position), site.signal(site.state)
+    if site.motion is None or path is None or speed is None:
+        return np.zeros(0)
+    span = float(np.diff(np.quantile(path, [0.02, 0.98]))[0])
+    typical = float(np.sqrt(np.mean(speed**2)))
+    if not (span > 0.0 and typical > 0.0):
+        return np.zeros(0)
+    # A test function of half-width 4 * spacing passes phases up to about 2 pi within it.
+    low, high = 3.0 * np.pi / span, 4.0 * np.pi / (4.0 * site.motion.spacing * typical)
+    if not high > low:
+        return np.zeros(0)
+    return np.linspace(low, high, int(np.clip(4.0 * (high - low) * span / np.pi, 24, 200)))

@@ -8,8 +8,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jaxsr.diagnosis.candidates import ParameterSpec
+from jaxsr.diagnosis.mechanisms.motion import Motion
 from jaxsr.models import Model
 from jaxsr.models.units import dimension, unit_of
+
+
+@dataclass(frozen=True)
+class Threshold(ParameterSpec):
+    """A constant at whose `neutral` value (0, or beyond all data) a nonlinear effect vanishes.
+
+    Attributes
+    ----------
+    seed : float
+        The value that the screening tries, and that the estimation in free run starts from.
+    """
+
+    seed: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -30,6 +45,8 @@ class Site:
         Symbol to the quantiles 0, 5, ..., 100 % of its values in the recordings.
     others : tuple of Site
         The other equations of motion.
+    motion : Motion or None
+        Signals and residual forces; None where the equations cannot be read off the sensors.
     """
 
     model: Model
@@ -39,11 +56,33 @@ class Site:
     force_unit: str | None
     scale: Mapping[str, np.ndarray] = field(default_factory=dict)
     others: tuple[Site, ...] = ()
+    motion: Motion | None = None
 
     @property
     def name(self) -> str:
         """Name in a diagnosis."""
         return f"equation:{self.state}"
+
+    def signal(self, symbol: str | None) -> np.ndarray | None:
+        """Samples of a state, of an input or of time, over all recordings."""
+        if self.motion is None or symbol is None:
+            return None
+        return self.motion.signals.get(symbol)
+
+    @property
+    def reverses(self) -> bool:
+        """Whether the motion goes both ways for at least a twentieth of the time.
+
+        In a motion that never returns, position and velocity tell the same story, and a spring
+        cannot be told from a resistance.
+        """
+        speeds = self.scale.get(self.state)
+        return speeds is None or bool(speeds[1] < 0.0 < speeds[-2])
+
+    @property
+    def driven(self) -> bool:
+        """Whether an input enters the equation itself."""
+        return bool(self.model.equation_terms[self.state].variables & set(self.model.inputs))
 
     def per(self, *symbols: str) -> str | None:
         """Unit of a coefficient that makes a force with the product of `symbols`."""
@@ -79,7 +118,14 @@ def _factor(name: str, power: int) -> str:
     return name if power == 1 else f"{name}^{power}"
 
 
-def sites_of(model: Model, scale: Mapping[str, np.ndarray]) -> tuple[Site, ...]:
+def inverse_unit(unit: str | None) -> str | None:
+    """Return the unit of 1/quantity."""
+    return compose("1", [unit]) if unit is not None else None
+
+
+def sites_of(
+    model: Model, scale: Mapping[str, np.ndarray], motion: Motion | None = None
+) -> tuple[Site, ...]:
     """Return every equation of motion of a model."""
     plain = []
     for state in model.dynamic_states:
@@ -95,6 +141,7 @@ def sites_of(model: Model, scale: Mapping[str, np.ndarray]) -> tuple[Site, ...]:
             s.force_unit,
             scale,
             tuple(o for o in plain if o.state != s.state),
+            motion,
         )
         for s in plain
     )

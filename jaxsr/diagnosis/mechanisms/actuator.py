@@ -1,0 +1,103 @@
+"""Actuator mechanisms: the input acts otherwise than recorded, wherever it enters.
+
+An equation f(u) becomes f(h(u)); written as a term, it gains f(h(u)) - f(u), which is B*(h(u) - u)
+where u enters linearly with B = df/du.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import sympy
+
+from jaxsr.diagnosis.candidates import UNLIMITED, Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.motion import Motion
+from jaxsr.diagnosis.mechanisms.site import Threshold
+from jaxsr.expressions import from_sympy, to_sympy, to_text
+from jaxsr.models import Model
+
+_SOURCE = "Tao & Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities"
+
+
+def actuator(model: Model, motion: Motion | None = None) -> Iterator[Candidate]:
+    """Yield a wrong gain, a limit and a dead zone of every input.
+
+    Models that stand on a Python function do not say where an input enters, and get none.
+    """
+    if model.base is not None:
+        return
+    for u in model.inputs:
+        columns = _columns(model, u)
+        if columns is not None:
+            yield from _of_input(model, u, columns, motion)
+
+
+def _of_input(
+    model: Model, u: str, columns: list[tuple[str, str]], motion: Motion | None
+) -> Iterator[Candidate]:
+    site, unit = f"input:{u}", model.units.get(u)
+    signal = None if motion is None else np.abs(motion.signals[u])
+    top = 1.0 if signal is None else float(np.max(signal))
+    if not top > 0.0:
+        return
+
+    def added(change: str) -> tuple[tuple[str, str], ...]:
+        return tuple((s, f"+ {b}({change})" if b else f"+ ({change})") for s, b in columns)
+
+    def limit(change: str, level: float) -> Candidate:
+        return Candidate(
+            "input_saturation",
+            "actuator",
+            site,
+            (Threshold("us", unit, low=1e-3 * top, neutral=UNLIMITED, seed=level * top),),
+            "The actuator behind {site} cannot follow large commands.",
+            terms=added(change),
+            source=_SOURCE,
+        )
+
+    yield Candidate(
+        "input_gain",
+        "actuator",
+        site,
+        (ParameterSpec("g", "1", low=0.2, high=5.0, neutral=1.0),),
+        "The actuator behind {site} gives more or less than its scale says.",
+        terms=added(f"({{g}} - 1)*{u}"),
+        source=_SOURCE,
+    )
+    # Between two levels alone, a limit is a gain.
+    if signal is None or np.mean(signal > 0.9 * top) < 0.9:
+        for level in (0.5, 0.7, 0.85):
+            yield limit(f"Max(Min({u}, {{us}}), -{{us}}) - {u}", level)
+        for level in (0.7, 1.5):
+            yield limit(f"{{us}}*tanh({u}/{{us}}) - {u}", level)
+    # A dead zone is felt where the command passes through zero.
+    if signal is None or np.mean(signal < 0.2 * top) > 0.02:
+        for level in (0.03, 0.1, 0.25):
+            yield Candidate(
+                "input_deadzone",
+                "actuator",
+                site,
+                (Threshold("ud", unit, low=0.0, high=top, neutral=0.0, seed=level * top),),
+                "The actuator behind {site} does not answer small commands.",
+                terms=added(f"-Max(Min({u}, {{ud}}), -{{ud}})"),
+                source=_SOURCE,
+            )
+
+
+def _columns(model: Model, u: str) -> list[tuple[str, str]] | None:
+    """Return the equations that `u` enters, with the factor text before it ("" for 1).
+
+    None where it enters nowhere, or not linearly.
+    """
+    found = []
+    for state, term in model.equation_terms.items():
+        if u not in term.variables:
+            continue
+        symbol = sympy.Symbol(u, real=True)
+        slope = sympy.simplify(sympy.diff(to_sympy(term), symbol))
+        if slope.has(symbol) or slope.has(sympy.Derivative):
+            return None
+        text = to_text(from_sympy(slope))
+        found.append((state, "" if text in ("1", "1.0") else f"({text})*"))
+    return found or None

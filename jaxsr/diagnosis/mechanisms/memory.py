@@ -1,0 +1,215 @@
+"""Mechanisms with memory: lags, hysteresis, hidden resonators, drifts, overflows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from jaxsr.diagnosis.candidates import AddedState, Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.site import Site, compose, sites_of
+from jaxsr.models import Model
+
+RESOLVED = 2.0
+"""Shortest time constant in samples: below, a lag is a delay to any sensor."""
+LONGEST = 400.0
+"""Longest time constant in samples."""
+RESONANCES = (1.2, 2.0, 3.5, 6.0)
+"""First guesses of a hidden resonance, in units of the dominant rate of the motion."""
+
+
+def memory_candidates(
+    model: Model, scale: Mapping[str, np.ndarray], step: float
+) -> list[Candidate]:
+    """Return every mechanism with a memory.
+
+    Parameters
+    ----------
+    model : Model
+    scale : mapping
+        Symbol to quantiles of its values, as `sites_of` takes it.
+    step : float
+        Sample interval in s: what is faster cannot be told.
+    """
+    if model.base is not None:  # a Python vector field takes no further states
+        return []
+    found = list(actuator_lags(model, step))
+    for site in sites_of(model, scale):
+        found += [*hysteresis(site), *hidden_modes(site, step), *drifts(site), *overflows(site)]
+    return [*found, *sensor_drifts(model)]
+
+
+def actuator_lags(model: Model, step: float) -> Iterator[Candidate]:
+    """Yield a first-order lag, uf' = (u - uf)/tau with uf in place of u, at every input."""
+    for u in model.inputs:
+        yield Candidate(
+            "actuator_lag",
+            "memory",
+            f"input:{u}",
+            (
+                ParameterSpec(
+                    "tau",
+                    "s",
+                    low=RESOLVED * step,
+                    high=LONGEST * step,
+                    neutral=4.0 * RESOLVED * step,
+                    coefficient=False,
+                ),
+            ),
+            "The actuator follows {site} with a lag.",
+            states=(AddedState("uf", f"({u} - {{uf}})/{{tau}}", model.units.get(u)),),
+            replaced=((u, "{uf}"),),
+            source="Ljung, System Identification (1999), section 4.2",
+        )
+
+
+def hysteresis(site: Site) -> Iterator[Candidate]:
+    """Yield Bouc-Wen hysteresis, z' = a*v - b*Abs(v)*z - g*v*Abs(z), force -kz*z.
+
+    The scale of z is free, so a is kept at 1: z then has the unit of q, follows it at small
+    motions and levels off at 1/(b + g). b >= 0, or it would bring energy in; Dahl's friction is
+    g = 0, an elastic spring in series with a dry friction in the limit b = g.
+    """
+    q, v = site.position, site.state
+    values = site.scale.get(q) if q is not None else None
+    if q is None or values is None:
+        return
+    reach = 0.5 * float(values[-1] - values[0])
+    if reach <= 0.0:
+        return
+    unit = site.model.units.get(q)
+    per = compose("1", [unit]) if unit is not None else None
+    start = 0.5 / (0.3 * reach)
+    yield Candidate(
+        "hysteresis",
+        "memory",
+        site.name,
+        (
+            ParameterSpec("kz", site.per(q)),
+            ParameterSpec("b", per, 0.0, 200.0 / reach, start, coefficient=False),
+            ParameterSpec("g", per, -200.0 / reach, 200.0 / reach, 0.6 * start, coefficient=False),
+            ParameterSpec("a", "1", neutral=1.0, coefficient=False, fixed=True),
+        ),
+        "A force along {site} remembers which way it came (hysteresis).",
+        terms=((v, "- {kz}*{z}"),),
+        states=(
+            AddedState(
+                "z", f"{{a}}*{v} - {{b}}*Abs({v})*{{z}} - {{g}}*{v}*Abs({{z}})", unit, initial=0.0
+            ),
+        ),
+        source="Wen, J. Eng. Mech. Div. ASCE 102 (1976)",
+    )
+
+
+def hidden_modes(site: Site, step: float) -> Iterator[Candidate]:
+    """Yield a mass mh on a spring and a damper that the model does not know.
+
+    qh'' = wh**2*(q - qh) + 2*zh*wh*(v - vh), and the reaction -mh*qh'' acts on the axis. The
+    mass starts from zero: then it follows and does nothing.
+    """
+    q, v = site.position, site.state
+    if q is None or q not in site.scale or v not in site.scale:
+        return
+    spread = {s: float(np.std(site.scale[s])) for s in (q, v)}
+    if not spread[q] > 0.0 or not spread[v] > 0.0:
+        return
+    dominant, units = spread[v] / spread[q], site.model.units
+    top = 0.7 / step
+    pull = f"{{wh}}**2*({q} - {{qh}}) + 2*{{zh}}*{{wh}}*({v} - {{vh}})"
+    unit = site.per(v)
+    mass = compose(f"{unit}*s", []) if unit else None
+    for factor in RESONANCES:
+        yield Candidate(
+            "hidden_mode",
+            "memory",
+            site.name,
+            (
+                ParameterSpec("mh", mass, low=0.0),
+                ParameterSpec(
+                    "wh",
+                    "1/s",
+                    min(0.1 * dominant, 0.1 * top),
+                    top,
+                    min(factor * dominant, 0.5 * top),
+                    coefficient=False,
+                ),
+                ParameterSpec("zh", "1", 0.0, 2.0, 0.1, coefficient=False),
+            ),
+            "A mass that no sensor sees swings along with {site} (a hidden resonance).",
+            terms=((v, f"- {{mh}}*({pull})"),),
+            states=(
+                AddedState("qh", "{vh}", units.get(q)),
+                AddedState("vh", pull, units.get(v)),
+            ),
+            source="Den Hartog, Mechanical Vibrations (1956), section 3.2",
+        )
+
+
+def drifts(site: Site) -> Iterator[Candidate]:
+    """Yield a force that grows with time."""
+    if site.position is None and site.others:
+        return
+    unit = compose(site.force_unit, ["s"]) if site.force_unit else None
+    yield Candidate(
+        "drift",
+        "memory",
+        site.name,
+        (ParameterSpec("kt", unit),),
+        "A force along {site} grows steadily with time.",
+        terms=((site.state, f"+ {{kt}}*{site.model.time}"),),
+        source="Ljung, System Identification (1999), section 14.1",
+    )
+
+
+def overflows(site: Site) -> Iterator[Candidate]:
+    """Yield the loss of what a level holds above an edge, -ko*Max(x - xo, 0), where no rate is.
+
+    The excess is lost, or runs into another level.
+    """
+    model, x = site.model, site.state
+    levels = [s for s in model.dynamic_states if model.kinematic_parent(s) is None]
+    values = site.scale.get(x)
+    if x not in levels or values is None or not values[-1] > values[0] or model.inertia:
+        return
+    edge, spread = float(values[17]), float(values[-1] - values[0])
+    lost = f"{{ko}}*Max({x} - {{xo}}, 0)"
+    targets = [None, *(s for s in levels if s != x and model.units.get(s) == model.units.get(x))]
+    for target in targets:
+        terms = ((x, f"- {lost}"),)
+        if target is not None:
+            terms = (*terms, (target, f"+ {lost}"))
+        yield Candidate(
+            "overflow",
+            "memory",
+            site.name,
+            (
+                ParameterSpec("ko", site.per(x), low=0.0),
+                ParameterSpec(
+                    "xo",
+                    model.units.get(x),
+                    float(values[0]),
+                    float(values[-1]) + spread,
+                    edge,
+                    coefficient=False,
+                ),
+            ),
+            "What {site} holds beyond an edge is lost"
+            + (f" to {target} (overflow)." if target else " (overflow)."),
+            terms=terms,
+            source="Schoukens & Noel, Three benchmarks (2017), cascaded tanks",
+        )
+
+
+def sensor_drifts(model: Model) -> Iterator[Candidate]:
+    """Yield a reading that drifts steadily with time."""
+    for output in model.outputs:
+        unit = model.units.get(output)
+        yield Candidate(
+            "drift",
+            "memory",
+            f"output:{output}",
+            (ParameterSpec("kt", compose(unit, ["s"]) if unit else None),),
+            "The reading of {site} drifts steadily with time.",
+            readings=((output, f"{{old}} + {{kt}}*{model.time}"),),
+            source="Ljung, System Identification (1999), section 14.1",
+        )

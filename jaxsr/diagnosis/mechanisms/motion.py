@@ -1,0 +1,161 @@
+"""What the recordings show: signals, and what re-calibration leaves of every equation.
+
+The inner constants of mechanisms (frequencies, periods, places in time) are seeded from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+PROMINENT = 20.0
+"""Power of a spectral line over the median of its neighbours. The largest of 1000 lines of white
+noise reaches ln(1000)/ln(2) = 10."""
+NEIGHBOURS = 61
+"""Points of the grid, four to a resolved line, over which the median is taken."""
+MOST_OF_IT = 0.3
+"""Share of the residual's power that makes a broad peak along the path a line as well."""
+MOST_FREQUENCIES = 1500
+HARMONICS = 7
+Columns = Callable[[float], np.ndarray]
+"""A constant to signals of shape (samples, columns)."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A spectral line of a residual force: a*f1 + b*f2 with f1, f2 a pair in quadrature.
+
+    Attributes
+    ----------
+    value : float
+        The constant (frequency, wave number) at the line.
+    phase : float
+        atan2(b, a).
+    share : float
+        Share of the residual's power that the pair removes.
+    """
+
+    value: float
+    phase: float
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Signals of all recordings end to end, and the residual forces in the weak view.
+
+    Attributes
+    ----------
+    signals : mapping
+        Symbol (time, states, inputs) to its samples, shape (samples,).
+    recordings : int
+    integrate : callable
+        Signals (samples, columns) to the rows of the weak view (rows, columns).
+    centre : ndarray, shape (rows,)
+        Times of the rows in seconds.
+    spacing : float
+        Distance of the rows in seconds.
+    residual : mapping
+        State to what re-calibration leaves of its equation, shape (rows,).
+    basis : mapping
+        State to orthonormal columns that re-calibration can reproduce, shape (rows, columns).
+    inputs : mapping
+        Input to its weak rows, shape (rows,).
+    """
+
+    signals: Mapping[str, np.ndarray]
+    recordings: int
+    integrate: Callable[[np.ndarray], np.ndarray]
+    centre: np.ndarray
+    spacing: float
+    residual: Mapping[str, np.ndarray]
+    basis: Mapping[str, np.ndarray]
+    inputs: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def share(self, state: str, columns: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return the share of the residual's power that columns remove, and their coefficients."""
+        a, y = self.integrate(columns), self.residual[state]
+        q = self.basis[state]
+        a = a - q @ (q.T @ a)
+        solved = np.linalg.lstsq(a, y, rcond=1e-6)[0]
+        power = float(y @ y) + 1e-300
+        return 1.0 - float(np.sum((y - a @ solved) ** 2)) / power, solved
+
+    def lines(self, state: str, pair: Columns, grid: np.ndarray, most: int = 2) -> list[Line]:
+        """Return the prominent peaks over a grid of constants, the highest first."""
+        if grid.size < 8 or state not in self.residual:
+            return []
+        power = np.array([self.share(state, pair(c))[0] for c in grid])
+        return self._peaks(state, pair, grid, power, most, PROMINENT / 2.0, MOST_OF_IT)
+
+    def frequencies(self, state: str, most: int = 2) -> list[Line]:
+        """Return the spectral lines of a residual that no input brings, in rad/s."""
+        if state not in self.residual or self.centre.size < 32:
+            return []
+        y = self.residual[state]
+        span = float(np.ptp(self.centre)) or 1.0
+        top = np.pi / (2.0 * self.spacing)
+        # From two periods in the record on: a slower one is a drift.
+        grid = np.linspace(4.0 * np.pi / span, top, _count(span * top / np.pi))
+        power = np.abs(np.exp(-1j * np.outer(grid, self.centre)) @ (y - y.mean())) ** 2
+        power = np.where(self._driven(grid, span), _floor(power), power)
+        t = self.signals["t"]
+
+        def pair(w: float) -> np.ndarray:
+            return np.stack([np.sin(w * t), np.cos(w * t)], axis=1)
+
+        return self._peaks(state, pair, grid, power, most, PROMINENT)
+
+    def _peaks(
+        self,
+        state: str,
+        pair: Columns,
+        grid: np.ndarray,
+        power: np.ndarray,
+        most: int,
+        prominent: float,
+        enough: float = np.inf,
+    ) -> list[Line]:
+        inner = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
+        # What re-calibration leaves is coloured: a line stands out from its neighbours.
+        floor = _floor(power)
+        least = prominent * np.maximum(floor[inner], 1e-12 * power.max())
+        inner = inner[(power[inner] > least) | (power[inner] > enough)]
+        found = []
+        for i in inner[np.argsort(-power[inner])][:most]:
+            near = np.linspace(grid[i - 1], grid[i + 1], 9)
+            fits = [self.share(state, pair(c)) for c in near]
+            best = int(np.argmax([share for share, _ in fits]))
+            share, (a, b) = fits[best][0], fits[best][1][:2]
+            found.append(Line(float(near[best]), float(np.arctan2(b, a)), share))
+        return [line for line in found if line.share > 0.01]
+
+    def _driven(self, grid: np.ndarray, span: float) -> np.ndarray:
+        """Frequencies of an input's own lines; of one pure tone, also its harmonics.
+
+        A nonlinearity turns one tone into its harmonics, and errors of the weak view leave a
+        little of every tone.
+        """
+        mask, width = np.zeros(grid.size, bool), 3.0 * np.pi / span
+        for u in self.inputs.values():
+            power = np.abs(np.exp(-1j * np.outer(grid, self.centre)) @ (u - u.mean())) ** 2
+            top = power.max(initial=0.0)
+            lines = np.flatnonzero((power > PROMINENT * _floor(power)) & (power > 1e-2 * top))
+            near = np.abs(grid - grid[np.argmax(power)]) < width
+            pure = power[near].sum() > 0.8 * power.sum() > 0.0
+            for tone in grid[lines]:
+                for k in range(1, HARMONICS + 1 if pure else 2):
+                    mask |= np.abs(grid - k * tone) < width
+        return mask
+
+
+def _floor(power: np.ndarray) -> np.ndarray:
+    """Median of the neighbours on the grid."""
+    return median_filter(power, min(NEIGHBOURS, power.size), mode="nearest")
+
+
+def _count(wanted: float) -> int:
+    return int(np.clip(2.0 * wanted, 16, MOST_FREQUENCIES))

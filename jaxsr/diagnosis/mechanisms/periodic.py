@@ -1,0 +1,107 @@
+"""Periodic mechanisms: forces that come back with time or along the path."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.dissipative import wave_numbers
+from jaxsr.diagnosis.mechanisms.motion import Line
+from jaxsr.diagnosis.mechanisms.site import Site, inverse_unit
+
+_GENERIC = (Line(1.0, 0.25 * np.pi, 1.0),)
+"""Offered where no signals are at hand."""
+_PHASE = 10.0
+
+
+def periodic(site: Site) -> Iterator[Candidate]:
+    """Yield forces in time, along the path, and a spring whose stiffness swings."""
+    q, v = site.position, site.state
+    time = site.model.time
+
+    def make(name: str, term: str, sentence: str, source: str, *specs: ParameterSpec) -> Candidate:
+        return Candidate(
+            name, "periodic", site.name, specs, sentence, terms=((v, term),), source=source
+        )
+
+    for line in _pushes(site):
+        yield make(
+            "harmonic_force",
+            f"+ {{A}}*sin({{w}}*{time} + {{phi}})",
+            "A force of constant frequency that no column records acts along {site}.",
+            "den Hartog, Mechanical Vibrations (1956), section 2.8",
+            ParameterSpec("A", site.force_unit),
+            *_shape("w", "rad/s", line),
+        )
+    if q is None:
+        return
+    for line in _ripples(site):
+        yield make(
+            "position_ripple",
+            f"+ {{A}}*sin({{n}}*{q} + {{phi}})",
+            "A force that repeats along the path (cogging, eccentricity) acts along {site}.",
+            "Holtz & Springob, IEEE Trans. Ind. Electron. 43 (1996)",
+            ParameterSpec("A", site.force_unit),
+            *_shape("n", inverse_unit(site.model.units.get(q)), line),
+        )
+    for line in _swings(site):
+        yield make(
+            "parametric_excitation",
+            f"- {{kp}}*{q}*cos({{w}}*{time} + {{phi}})",
+            "The stiffness along {site} swings with time.",
+            "Nayfeh & Mook, Nonlinear Oscillations (1979), chapter 5",
+            ParameterSpec("kp", site.per(q)),
+            *_shape("w", "rad/s", line),
+        )
+
+
+def _shape(name: str, unit: str | None, line: Line) -> tuple[ParameterSpec, ParameterSpec]:
+    """Wave number or frequency, within a third of the line, and the phase."""
+    return (
+        ParameterSpec(name, unit, line.value / 1.5, 1.5 * line.value, line.value, False),
+        ParameterSpec("phi", "rad", -_PHASE, _PHASE, line.phase, False),
+    )
+
+
+def _pushes(site: Site) -> list[Line] | tuple[Line, ...]:
+    """Frequencies of a push in time: only those of a spectral line that no input brings.
+
+    Without a line, a sine of free frequency and phase fits slow drifts and single events.
+    """
+    return _GENERIC if site.motion is None else site.motion.frequencies(site.state)
+
+
+def _ripples(site: Site) -> list[Line] | tuple[Line, ...]:
+    """Wave numbers along a turning coordinate or a drive, where poles, teeth and screws repeat."""
+    if not (site.turning or site.driven):
+        return ()
+    path = site.signal(site.position)
+    if site.motion is None or path is None:
+        return _GENERIC
+
+    def pair(n: float) -> np.ndarray:
+        return np.stack([np.sin(n * path), np.cos(n * path)], axis=1)
+
+    return site.motion.lines(site.state, pair, wave_numbers(site))
+
+
+def _swings(site: Site) -> list[Line] | tuple[Line, ...]:
+    """Frequencies of a swinging stiffness, about zero position, where the motion goes both ways."""
+    path, time = site.signal(site.position), site.signal("t")
+    if not site.reverses:
+        return ()
+    if site.motion is None or path is None or time is None:
+        return _GENERIC
+
+    def pair(w: float) -> np.ndarray:
+        # -kp*q*cos(w*t + phi) = kp*q*(sin(phi)*sin(w*t) - cos(phi)*cos(w*t))
+        return np.stack([-path * np.cos(w * time), path * np.sin(w * time)], axis=1)
+
+    span = float(np.ptp(site.motion.centre)) or 1.0
+    top = np.pi / (4.0 * site.motion.spacing)
+    low = 4.0 * np.pi / span
+    count = int(np.clip(2.0 * (top - low) * span / np.pi, 0, 160))
+    grid = np.linspace(low, top, count) if top > low else np.zeros(0)
+    return site.motion.lines(site.state, pair, grid, 1)

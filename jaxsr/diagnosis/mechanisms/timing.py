@@ -1,0 +1,55 @@
+"""Timing faults: delays of inputs and sensors, clocks that run at another rate."""
+
+from __future__ import annotations
+
+from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
+from jaxsr.models import Model
+
+REACH = 20.0
+"""Largest shift in samples that the segments of a contest can hold (see `contest.MARGIN`)."""
+
+
+def timing_candidates(model: Model, step: float, duration: float) -> list[Candidate]:
+    """Return a delay of every input and output and a skew of every sensor's clock.
+
+    Parameters
+    ----------
+    model : Model
+    step, duration : float
+        Sample interval and latest time of the recordings in s.
+
+    Notes
+    -----
+    With one input and one output the two delays are the same thing: the sensor's stands for
+    both, and for a delay of all outputs at once the input's.
+    """
+    inputs = model.inputs if len(model.inputs) + len(model.outputs) > 2 else ()
+    signals = [("input_delay", "actuator", "input", u) for u in inputs]
+    signals += [("sensor_delay", "measurement", "output", y) for y in model.outputs]
+    found = [
+        Candidate(
+            mechanism,
+            family,
+            f"{role}:{signal}",
+            (ParameterSpec("tau", "s", low=0.0, high=float(REACH * step)),),
+            "{site} acts later than its time stamps say."
+            if role == "input"
+            else "{site} is read earlier than its time stamps say: it comes late.",
+            delays=((signal, "{tau}"),),
+        )
+        for mechanism, family, role, signal in signals
+        if signal not in model.delays or model.delays[signal] == 0.0
+    ]
+    reach = float(REACH * step / duration)
+    for output in model.outputs:
+        found.append(
+            Candidate(
+                "clock_skew",
+                "measurement",
+                f"output:{output}",
+                (ParameterSpec("s", "1", low=-reach, high=reach),),
+                "The clock of {site} runs at another rate than the recording's.",
+                clock=((output, "1 + {s}"),),
+            )
+        )
+    return found

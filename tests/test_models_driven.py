@@ -1,0 +1,130 @@
+"""Driven states, margins around segments, and delayed inputs of every hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsr.models import Simulator, parse_model
+from jaxsr.models.driven import known_states
+from jaxsr.models.model import DRIVEN
+from jaxsr.models.rollout import Stepping, linearise, outputs
+from jaxsr.models.segments import Prepared, build_segments
+from jaxsr.recordings import Recording
+
+PLAIN = parse_model(
+    """
+[model]
+states = ["q"]
+inputs = ["u"]
+outputs = ["y"]
+[equations]
+q = "u - q"
+[readings]
+y = "q"
+[parameters]
+d = { value = 0.0, bounds = [0.0, 1.0] }
+tau = { value = 0.3, bounds = [0.1, 1.0] }
+"""
+)
+LAGGED = replace(
+    PLAIN,
+    states=("q", "w"),
+    equations={"q": "w - q", "w": "(u - w)/tau"},
+    initial={"q": "free", "w": DRIVEN},
+)
+TIME = np.arange(200) * 0.05
+
+
+def prepared(u: np.ndarray, y: np.ndarray | None = None) -> Prepared:
+    y = np.zeros_like(u) if y is None else y
+    return Prepared.build(PLAIN, Recording("a.csv", TIME, {"u": u, "y": y}))
+
+
+def test_a_lag_follows_its_input_from_rest():
+    """w' = (u - w)/tau with u = 1 + t: w = 1 + t - tau + tau*exp(-t/tau) from w(0) = 1."""
+    path = known_states(LAGGED, prepared(1.0 + TIME))
+    expected = 1.0 + TIME - 0.3 * (1.0 - np.exp(-TIME / 0.3))
+    np.testing.assert_allclose(path[:, 1], expected, atol=1e-6)
+    assert path.shape == (200, 2)
+    slower = known_states(LAGGED, prepared(1.0 + TIME), np.array([0.0, 1.0]))
+    np.testing.assert_allclose(slower[:, 1], TIME + np.exp(-TIME), atol=1e-6)
+
+
+def test_driven_starts_are_given_and_not_estimated():
+    item = prepared(np.sin(TIME))
+    segments = build_segments(LAGGED, [item], [(0, 0, 100), (0, 100, 200)], 1)
+    assert not segments.free_start[1].any()
+    assert segments.guess[1, 1] == known_states(LAGGED, item)[100, 1]
+    simulator, theta = Simulator(LAGGED), np.array([0.0, 0.3])
+    _, _, by_start = linearise(
+        simulator, Stepping(), segments, theta, segments.guess, np.array([1])
+    )
+    assert by_start.shape[0] == 2
+    assert (by_start[1] == 0.0).all() and (by_start[0] != 0.0).any()
+    assert LAGGED.driven == ("w",) and LAGGED.dynamic_states == ("q",)
+
+
+def test_margins_are_simulated_and_not_measured():
+    item = prepared(np.sin(TIME), np.cos(TIME))
+    segments = build_segments(PLAIN, [item], [(0, 0, 100), (0, 100, 200)], 1, margin=10)
+    np.testing.assert_array_equal(segments.start, [0, 90])
+    np.testing.assert_array_equal(segments.count, [110, 110])
+    seen = np.isfinite(segments.outputs[0])
+    assert not seen[:10].any()  # beyond a beginning nothing is known that could come late
+    assert seen[10:100, 0].all() and not seen[100:, 0].any()
+    assert seen[10:110, 1].all()
+    np.testing.assert_array_equal(segments.outputs[0, 10:110, 1], np.cos(TIME[100:]))
+
+
+@pytest.mark.parametrize("hold", ["linear", "zero", "bandlimited"])
+def test_a_delay_of_nothing_changes_nothing(hold):
+    u = np.random.default_rng(0).standard_normal(200)
+    plain, item = replace(PLAIN, input_hold=hold), prepared(u)
+    delayed = replace(plain, delays={"u": "d"})
+    segments = build_segments(plain, [item], [(0, 0, 90), (0, 90, 200)], 2)
+    theta = np.array([0.0, 0.3])
+    first, second = (
+        outputs(Simulator(m), Stepping("rk4", 2), segments, theta, segments.guess)
+        for m in (plain, delayed)
+    )
+    np.testing.assert_allclose(second, first, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("hold", ["linear", "zero", "bandlimited"])
+def test_a_delay_of_three_samples_shifts_the_input(hold):
+    u = np.concatenate([np.zeros(20), np.sin(0.5 * TIME[:-20] ** 2)])
+    model = replace(PLAIN, input_hold=hold)
+    late = np.concatenate([np.zeros(3), u[:-3]])
+    rows, theta = [(0, 0, 200)], np.array([3 * 0.05, 0.3])
+    expected, found = (
+        outputs(
+            Simulator(m),
+            Stepping("rk4", 2),
+            (s := build_segments(m, [prepared(v)], rows, 2)),
+            theta,
+            0.0 * s.guess,
+        )
+        for m, v in ((model, late), (replace(model, delays={"u": "d"}), u))
+    )
+    # The records of a band-limited input end elsewhere, and ends ring.
+    np.testing.assert_allclose(found, expected, atol=2e-3 if hold == "bandlimited" else 1e-10)
+
+
+@pytest.mark.parametrize("hold", ["linear", "zero"])
+def test_the_derivative_by_a_delay_is_that_of_differences(hold):
+    u = np.random.default_rng(1).standard_normal(200)
+    model = replace(PLAIN, input_hold=hold, delays={"u": "d"})
+    segments = build_segments(model, [prepared(u)], [(0, 0, 200)], 1)
+    simulator, h = Simulator(model), 1e-6
+
+    def run(delay: float) -> np.ndarray:
+        theta = np.array([delay, 0.3])
+        return outputs(simulator, Stepping(), segments, theta, segments.guess)
+
+    slope = linearise(
+        simulator, Stepping(), segments, np.array([0.07, 0.3]), segments.guess, np.array([0])
+    )[1][0]
+    np.testing.assert_allclose(slope, (run(0.07 + h) - run(0.07 - h)) / (2 * h), atol=1e-6)
