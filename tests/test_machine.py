@@ -159,6 +159,8 @@ def test_leaves_twins_and_powers():
     expected += [x**2, x**3, x**2 * t, np.e + 0 * x, 0 * t]
     found = compile_terms(texts, NAMES).evaluate(data)
     np.testing.assert_allclose(found, np.stack(expected, axis=1), rtol=1e-14)
+    leaves = compile_terms(["x", "2.5"], NAMES).evaluate(data)
+    np.testing.assert_array_equal(leaves, np.stack(expected[:2], axis=1))
     assert compile_terms([], NAMES).evaluate(data).shape == (50, 0)
     assert compile_terms(["x*z"], NAMES).evaluate(data[:0]).shape == (0, 1)
     np.testing.assert_array_equal(compile_terms(["1.5 + 1"], ()).evaluate(np.zeros((3, 0))), 2.5)

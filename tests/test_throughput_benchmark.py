@@ -181,6 +181,7 @@ def test_exponent_of_a_power_law(power: float) -> None:
     assert exponent(rows.tolist(), (2e-9 * rows**power).tolist()) == pytest.approx(power)
 
 
+@pytest.mark.slow
 def test_every_section_runs_and_is_drawn(tmp_path: Path) -> None:
     body = {name: section(TINY) for name, section in throughput.SECTIONS.items() if name != "cold"}
     assert len(body["raw"]["runs"]) == 4

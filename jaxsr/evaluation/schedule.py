@@ -192,8 +192,9 @@ def _stream(
     users = _last_users(nodes, number, owner, chosen, count)
     inner = root >= 0
     np.maximum.at(users, root[inner], np.flatnonzero(inner))
-    own = inner & (owner[root] == np.arange(terms))
-    own &= users[root] // window == np.arange(terms) // window
+    own = np.zeros(terms, dtype=bool)
+    term = np.flatnonzero(inner)
+    own[term] = (owner[root[term]] == term) & (users[root[term]] // window == term // window)
     copied = np.flatnonzero(~own)
 
     # a copy stands after the subtrees of its term
