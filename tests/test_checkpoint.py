@@ -131,7 +131,7 @@ class _Stop(Exception):
 
 @pytest.mark.parametrize(
     ("seed", "generations"),
-    [(0, 6), *(pytest.param(k, 16, marks=pytest.mark.slow) for k in range(4))],
+    [(0, 12), *(pytest.param(k, 16, marks=pytest.mark.slow) for k in range(4))],
 )
 def test_a_search_broken_off_again_and_again_ends_as_if_it_never_was(tmp_path, seed, generations):
     """Restarts draw random numbers too; no break may make one of them twice or never."""
