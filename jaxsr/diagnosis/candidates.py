@@ -125,6 +125,11 @@ class Candidate:
         return " ".join([self.label, *inner])
 
     @property
+    def passing(self) -> bool:
+        """Whether it acts in its recordings alone: a push is no part of the model."""
+        return self.family == "external"
+
+    @property
     def verdict(self) -> Verdict:
         """The verdict this family stands for; delay and gain of an input are no structure."""
         if self.mechanism == "input_delay":

@@ -191,13 +191,14 @@ def _runs(
     """Free runs of the three models at every horizon."""
     before, after = judged.recalibrated, judged.explained
     neutral = neutral_values(parts.arena.super_model)
+    own = after.theta if prepared is parts.case.prepared else after.elsewhere
     runs: dict[str, list[FreeRun]] = {"given": [], "recalibrated": [], "explained": []}
     for horizon in parts.horizons:
         whole = None if horizon == parts.horizons[-1] else horizon
         for name, estimate, theta in (
             ("given", before, neutral),
             ("recalibrated", before, before.theta),
-            ("explained", after, after.theta),
+            ("explained", after, own),
         ):
             if name == "explained" and after is before:
                 runs[name].append(runs["recalibrated"][-1])

@@ -48,7 +48,7 @@ def finding_row(
     given = estimate.named.given
     own = {spec: estimate.interval(name)[0] for spec, name in names.items()}
     # Relative to the given file alone: the names must be free there as well.
-    edit = candidate.edit(given, names, own).as_json()
+    edit = {} if candidate.passing else candidate.edit(given, names, own).as_json()
     shown = {full: parameter_row(estimate, full) for full in names.values()}
     return {
         "site": candidate.site,

@@ -84,15 +84,27 @@ class Estimate:
 
     @property
     def model(self) -> Model:
-        """The model file of the estimate."""
+        """The model file of the estimate, without what only its own recordings saw."""
         values = {n: float(self.theta[i]) for n, i in self.positions.items()}
         model = with_values(
             self.named.given, {n: values[n] for n in self.named.given.free_parameters}
         )
         for candidate, names in zip(self.named.candidates, self.named.names, strict=True):
+            if candidate.passing:
+                continue
             own = {spec: values[name] for spec, name in names.items()}
             model = apply_edit(model, candidate.edit(model, names, own))
         return model
+
+    @property
+    def elsewhere(self) -> np.ndarray:
+        """Values for other recordings: a push that passed is switched off."""
+        theta, given = self.theta.copy(), self.arena.super_model
+        for number in self.entry.members:
+            if given.candidates[number].passing:
+                for index in given.index(number, coefficients_only=True):
+                    theta[index] = 0.0
+        return theta
 
 
 @dataclass(frozen=True, eq=False)
