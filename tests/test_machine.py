@@ -179,6 +179,17 @@ def test_one_compilation_serves_every_population_of_a_bucket():
     assert compilations() == before
 
 
+def test_every_segment_is_written_into_the_same_memory():
+    terms = _terms(11, 5000)
+    places = set()
+
+    def place(block, own, samples):
+        places.add(block.__array_interface__["data"][0])
+
+    Engine(compile_postfix(terms, NAMES), EngineConfig(threads=1)).each(_data(1, 512).T, place)
+    assert len(places) == 1
+
+
 @pytest.mark.parametrize("threads", [2, 3])
 def test_threads_change_no_bit_and_chunks_only_the_last(threads):
     terms, data = _terms(7, 120, primitives=TAME), _data(7, 700)

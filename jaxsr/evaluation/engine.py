@@ -167,7 +167,9 @@ class Engine:
             batch = self._batch
             code = (batch.opcode[piece], batch.operand[piece], batch.constants[piece])
             part = PostfixBatch(*code, batch.variables)
-            plan = schedule(part, min(_WINDOW, bucket(len(part), 16)))
+            # terms shared among threads mean few samples: then the smaller window wins
+            most = _WINDOW if parts == 1 else _WINDOW // 2
+            plan = schedule(part, min(most, bucket(len(part), 16)))
             return piece, load(plan, np.dtype(dtype), self._config.device)
 
         each = map if len(pieces) == 1 else _pool(self._config.workers).map

@@ -173,6 +173,15 @@ class _Buffers:
             self._held += buffer.nbytes
 
 
+def _seen(buffer: Any) -> Array:
+    """Return the buffer's memory without a copy where the device is the host.
+
+    ``np.asarray`` would leave a view with the JAX array, and a donated buffer of which anyone
+    holds a view is copied.
+    """
+    return np.from_dlpack(buffer) if buffer.device.platform == "cpu" else np.asarray(buffer)
+
+
 _BUFFERS = _Buffers(256 * 2**20)
 
 
@@ -193,11 +202,12 @@ def run(program: Program, data: Array, use: Callable[[int, Array, slice], Any]) 
         for segment, stop in enumerate(schedule.ends):
             limits = (np.int32(window), np.int32(start), np.int32(stop))
             buffer = _compiled()(buffer, values, *limits, program.code)
-            columns = np.asarray(buffer)
+            columns = _seen(buffer)
             terms = slice(segment * window, min((segment + 1) * window, schedule.outputs))
             for chunk in range(chunks):
                 first = chunk * window
                 answers.append(use(chunk, columns[first : first + terms.stop - terms.start], terms))
             start = stop
+            del columns  # a view that is still held keeps the next call from writing in place
     _BUFFERS.give(key, buffer)
     return answers
