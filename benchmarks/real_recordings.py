@@ -31,7 +31,8 @@ from jaxsr._files import atomic_write_text, dump_json
 from jaxsr._result import InputError
 from jaxsr.datasets import fetch
 from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import build_arena, choose_stepping, enter
+from jaxsr.diagnosis.contest import build_arena, enter
+from jaxsr.diagnosis.integration import choose_stepping
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import free_run

@@ -14,11 +14,11 @@ from jaxsr.diagnosis.contest import (
     Arena,
     Entry,
     build_arena,
-    choose_stepping,
     enter,
     neutral_values,
 )
 from jaxsr.diagnosis.decide import detect, plausible, simplest_adequate
+from jaxsr.diagnosis.integration import choose_stepping
 from jaxsr.diagnosis.mechanisms.dissipative import dissipative
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
 from jaxsr.diagnosis.mechanisms.site import sites_of

@@ -12,17 +12,12 @@ import scipy.stats
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.models import Model
 from jaxsr.models.driven import known_states
-from jaxsr.models.rollout import Stepping, outputs
+from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, build_segments, cut
 from jaxsr.models.shooting import Fit, Problem, fit
-from jaxsr.models.simulator import Simulator, width_scales
+from jaxsr.models.simulator import Simulator
 
 BLOCKS = 12
-STEP_ERROR = 1e-3
-"""Integration error allowed over 400 samples, in standard deviations of an output."""
-STABLE = 2.5
-"""Product of step and fastest rate up to which RK4 is stable (its limit is 2.78)."""
-MOST_SUBSTEPS = 16
 CONTEST_TOLERANCE = 1e-4
 """Gain in cost at which the estimation of a set stops: far below `MIN_GAIN`."""
 MARGIN = 25
@@ -221,25 +216,21 @@ def held_back(arena: Arena, result: Fit) -> np.ndarray:
 
 def _solve(
     gram: np.ndarray, moment: np.ndarray, parameters: int
-) -> tuple[np.ndarray, list[np.ndarray]]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Solve for the common parameters and every segment's start (arrow-shaped equations)."""
-    total, right, inverses = np.zeros((parameters, parameters)), np.zeros(parameters), []
-    for g, m in zip(gram, moment, strict=True):
-        inverse = np.linalg.pinv(g[parameters:, parameters:], rcond=1e-10, hermitian=True)
-        cross = g[:parameters, parameters:]
-        total += g[:parameters, :parameters] - cross @ inverse @ cross.T
-        right += m[:parameters] - cross @ inverse @ m[parameters:]
-        inverses.append(inverse)
+    inner = gram[:, parameters:, parameters:]
+    inverse = np.linalg.pinv(inner, rcond=1e-10, hermitian=True)
+    cross = gram[:, :parameters, parameters:]
+    own, common = moment[:, parameters:], moment[:, :parameters]
+    solved = cross @ inverse
+    total = (gram[:, :parameters, :parameters] - solved @ cross.transpose(0, 2, 1)).sum(0)
+    right = (common - (solved @ own[..., None])[..., 0]).sum(0)
+    step = np.zeros(0)
     if parameters:
         size = _column_sizes(total)
         step = np.linalg.lstsq(total / size / size[:, None], right / size, rcond=1e-10)[0] / size
-    else:
-        step = np.zeros(0)
-    starts = [
-        inverse @ (m[parameters:] - g[parameters:, :parameters] @ step)
-        for g, m, inverse in zip(gram, moment, inverses, strict=True)
-    ]
-    return step, starts
+    left = own - np.einsum("spi,p->si", cross, step)
+    return step, (inverse @ left[..., None])[..., 0]
 
 
 def _column_sizes(gram: np.ndarray) -> np.ndarray:
@@ -302,64 +293,3 @@ def weights(
     total -= total.max(axis=1, keepdims=True)
     share = np.exp(total)
     return (share / share.sum(axis=1, keepdims=True)).mean(axis=0)
-
-
-def choose_stepping(
-    simulator: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
-) -> Stepping:
-    """Choose method and substeps so that the integration error stays far below the mismatch.
-
-    Steep friction is resolved by substeps up to `MOST_SUBSTEPS`; stiffer models go to the
-    L-stable method. Two runs, one with four times the substeps, tell the error, and the
-    method's order how it falls.
-    """
-    import jax
-
-    x = np.concatenate([known_states(simulator.model, p, theta, simulator) for p in prepared])
-    u = np.concatenate([p.inputs for p in prepared])
-    env = simulator.environment(0.0, tuple(x.T), tuple(u.T), tuple(theta))
-    widths = width_scales(simulator, env)
-    pick = np.linspace(0, len(x) - 1, min(200, len(x))).astype(int)
-    # The steepest place of friction is standstill: look there as well.
-    at = np.concatenate([x[pick], np.zeros((1, x.shape[1]))])
-    ut = np.concatenate([u[pick], u[:1]])
-    with jax.enable_x64(True):
-
-        def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
-            return jax.numpy.stack(
-                simulator.rates(0.0, tuple(state), tuple(inputs), tuple(theta), widths)
-            )
-
-        jacobian = np.asarray(jax.vmap(jax.jacfwd(rates))(at, ut))
-    jacobian = jacobian[np.isfinite(jacobian).all((1, 2))]
-    fastest = float(np.abs(np.linalg.eigvals(jacobian)).max()) if jacobian.size else 0.0
-    step = min(p.recording.sample_time for p in prepared)
-    needed = int(2 ** np.ceil(np.log2(max(fastest * step / STABLE, 1.0))))
-    if needed > MOST_SUBSTEPS:
-        return Stepping("rodas3", 4, widths)
-    method, order = "rk4", 4
-    rows = [(0, 0, min(len(prepared[0].time), 400))]
-    deviation = np.nanstd(prepared[0].outputs, axis=0) + 1e-300
-    coarse, fine = (
-        _trial(simulator, prepared, rows, Stepping(method, n, widths), theta)
-        for n in (needed, 4 * needed)
-    )
-    change = float(np.max(np.nanmax(np.abs(fine - coarse), axis=(1, 2)) / deviation))
-    if not np.isfinite(change):
-        return Stepping("rodas3", 4, widths)
-    # The error falls with the method's order: the fewest substeps that leave STEP_ERROR.
-    for factor in (1, 2, 4):
-        if change / factor**order < STEP_ERROR:
-            return Stepping(method, factor * needed, widths)
-    return Stepping(method, 4 * needed, widths)
-
-
-def _trial(
-    simulator: Simulator,
-    prepared: Sequence[Prepared],
-    rows: list[tuple[int, int, int]],
-    stepping: Stepping,
-    theta: np.ndarray,
-) -> np.ndarray:
-    segments = build_segments(simulator.model, prepared, rows, stepping.substeps)
-    return outputs(simulator, stepping, segments, theta, segments.guess)

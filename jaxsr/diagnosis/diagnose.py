@@ -15,7 +15,6 @@ from jaxsr.diagnosis.contest import (
     Arena,
     Entry,
     build_arena,
-    choose_stepping,
     enter,
     neutral_values,
 )
@@ -27,14 +26,16 @@ from jaxsr.diagnosis.decide import (
     without_duplicates,
 )
 from jaxsr.diagnosis.document import UNEXPLAINED, Ingredients, assemble
+from jaxsr.diagnosis.integration import choose_stepping
 from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import free_run, horizons
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
 from jaxsr.diagnosis.unnamed import propose_unnamed
 from jaxsr.models import Simulator
-from jaxsr.models.rollout import Stepping, outputs
+from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, cut
+from jaxsr.models.shooting import simulate
 from jaxsr.recordings import Recording
 
 MAX_SAMPLES = 1000
@@ -235,7 +236,7 @@ def _usable_starts(
         given[base] = neutral[base]
         costs = []
         for theta in (start, given):
-            y = outputs(simulator, stepping, segments, theta, segments.guess)
+            y = simulate(arena.problem, theta, segments.guess)
             with np.errstate(all="ignore"):
                 cost = float(np.sum(arena.problem.residual(y) ** 2))
             costs.append(cost if np.isfinite(cost) else np.inf)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.models.model import Model
-from jaxsr.models.rollout import Stepping, outputs
+from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments, build_segments, cut
-from jaxsr.models.shooting import Problem, fit
+from jaxsr.models.shooting import Problem, fit, simulate
 from jaxsr.models.simulator import Simulator
 
 DIVERGED = 10.0
@@ -75,7 +75,7 @@ def free_run(
     problem = Problem(simulator, stepping, begin, _scales(prepared).mean(0))
     none = np.zeros(0, dtype=int)
     start = fit(problem, theta, none, (theta, theta), max_iterations=8, tolerance=1e-3)
-    y = outputs(simulator, stepping, segments, theta, start.x0)
+    y = simulate(Problem(simulator, stepping, segments, problem.scale), theta, start.x0)
     simulated = [np.full_like(p.outputs, np.nan) for p in prepared]
     for s, (r, a, b) in enumerate(rows):
         simulated[r][a:b] = y[:, : b - a, s].T

@@ -8,8 +8,7 @@ import numpy as np
 import scipy.stats
 
 from jaxsr.diagnosis.contest import Arena, correlation_length
-from jaxsr.models.rollout import linearise
-from jaxsr.models.shooting import Fit
+from jaxsr.models.shooting import Fit, linearise_fit
 
 DETECTION = 3.3 + 1.645
 """Standard errors of an effect that is found (p < 5e-4) in 95 of 100 experiments."""
@@ -99,20 +98,7 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     base = [int(a) for a in result.active]
     active = np.array(list(dict.fromkeys([*base, *own])), dtype=int)
     problem = arena.problem
-    y, by_theta, by_start = linearise(
-        problem.simulator, problem.stepping, problem.segments, result.theta, result.x0, active
-    )
-    weight = problem.segments.weights / problem.scale[:, None, None]
-    full = Fit(
-        result.theta,
-        result.x0,
-        result.cost,
-        problem.residual(y),
-        active,
-        by_theta * weight,
-        np.where(problem.segments.free_start[:, None, None, :], by_start * weight, 0.0),
-        True,
-    )
+    full = linearise_fit(problem, result, active)
     total = full.normal_equations()[0].sum(0)
     raw = np.einsum("poks,poks->p", full.jacobian, full.jacobian)
     position = [int(np.flatnonzero(active == j)[0]) for j in own]

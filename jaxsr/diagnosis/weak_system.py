@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxsr.models.driven import known_states
+from jaxsr.models.field import Field, Point
 from jaxsr.models.model import Model
 from jaxsr.models.segments import Prepared
 from jaxsr.models.simulator import Simulator, width_scales
@@ -116,20 +118,8 @@ def _one_recording(
     env = simulator.environment(item.time, x, u, tuple(theta))
     widths = width_scales(simulator, env)
 
-    def pieces(values: jax.Array, scale: float) -> dict:
-        """Forces of the equations and mass matrix entries along the recording."""
-        p = tuple(values[i] for i in range(theta.size))
-        inputs = tuple(scale * a for a in u)
-        forces = simulator.forces(item.time, x, inputs, p, widths)
-        like = jnp.zeros_like(jnp.asarray(item.time))
-        chosen = {s: forces[model.states.index(s)] + like for s in states}
-        mass = {k: v + like for k, v in simulator.inertia(item.time, x, u, p).items()}
-        return {"forces": chosen, "mass": mass}
-
-    with jax.enable_x64(True):
-        value = jax.tree.map(np.asarray, pieces(jnp.asarray(theta), 1.0))
-        silent = jax.tree.map(np.asarray, pieces(jnp.asarray(theta), 0.0))["forces"]
-        slope = jax.tree.map(np.asarray, jax.jacfwd(lambda v: pieces(v, 1.0))(jnp.asarray(theta)))
+    describe = _by_formula if simulator.function is None else _by_function
+    value, silent, slope = describe(simulator, item.time, (x, u), theta, widths, states)
     blocks = [_equation(model, view, item, s, value, silent, slope) for s in states]
     good = view.valid
     count = int(good.sum())
@@ -141,6 +131,76 @@ def _one_recording(
         np.repeat(index, count),
         np.tile(view.centres[good], len(states)),
     )
+
+
+Pieces = tuple[dict, dict, dict]
+"""Forces and masses along a recording, forces without inputs, and slopes by the parameters."""
+
+
+def _by_formula(
+    simulator: Simulator,
+    time: np.ndarray,
+    signals: tuple[tuple, tuple],
+    theta: np.ndarray,
+    widths: tuple[float, ...],
+    states: tuple[str, ...],
+) -> Pieces:
+    x, u = signals
+    order = list(simulator.model.parameters)
+    field = Field(simulator, [float(v) for v in theta], widths, order)
+    at = Point(time, list(x), list(u))
+    with np.errstate(all="ignore"):
+        found, masses = field.forces(at), field.masses(at)
+        quiet = field.forces(Point(time, list(x), [0.0 * a for a in u]))
+
+    def wide(value: Any) -> np.ndarray:
+        return np.broadcast_to(np.asarray(value, dtype=float), time.shape)
+
+    def table(slopes: Mapping[str, Any]) -> np.ndarray:
+        columns = np.zeros((time.size, theta.size))
+        for name in order:
+            if name in slopes:
+                columns[:, order.index(name)] = slopes[name]
+        return columns
+
+    return (
+        {
+            "forces": {s: wide(found[s][0]) for s in states},
+            "mass": {key: wide(v) for key, (v, _) in masses.items()},
+        },
+        {s: wide(quiet[s][0]) for s in states},
+        {
+            "forces": {s: table(found[s][1]) for s in states},
+            "mass": {key: table(by) for key, (_, by) in masses.items()},
+        },
+    )
+
+
+def _by_function(
+    simulator: Simulator,
+    time: np.ndarray,
+    signals: tuple[tuple, tuple],
+    theta: np.ndarray,
+    widths: tuple[float, ...],
+    states: tuple[str, ...],
+) -> Pieces:
+    x, u = signals
+    model = simulator.model
+
+    def pieces(values: jax.Array, scale: float) -> dict:
+        p = tuple(values[i] for i in range(theta.size))
+        forces = simulator.forces(time, x, tuple(scale * a for a in u), p, widths)
+        like = jnp.zeros_like(jnp.asarray(time))
+        chosen = {s: forces[model.states.index(s)] + like for s in states}
+        mass = {k: v + like for k, v in simulator.inertia(time, x, u, p).items()}
+        return {"forces": chosen, "mass": mass}
+
+    with jax.enable_x64(True):
+        at = jnp.asarray(theta)
+        value = jax.tree.map(np.asarray, pieces(at, 1.0))
+        silent = jax.tree.map(np.asarray, pieces(at, 0.0))["forces"]
+        slope = jax.tree.map(np.asarray, jax.jacfwd(lambda v: pieces(v, 1.0))(at))
+    return value, silent, slope
 
 
 def centred(u: np.ndarray, hold: str) -> np.ndarray:

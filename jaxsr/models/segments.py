@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxsr.models.driven import known_states
+from jaxsr.models.hidden import with_hidden
 from jaxsr.models.inputs import stage_inputs
 from jaxsr.models.model import FREE, Model
 from jaxsr.models.states import StateEstimate, estimate_states, input_table, output_table
@@ -30,13 +31,9 @@ class Prepared:
     @staticmethod
     def build(model: Model, recording: Recording) -> Prepared:
         """Read inputs and outputs and estimate the states."""
-        return Prepared(
-            recording,
-            recording.time,
-            input_table(model, recording),
-            output_table(model, recording),
-            estimate_states(model, recording),
-        )
+        inputs, time = input_table(model, recording), recording.time
+        states = with_hidden(model, estimate_states(model, recording), time, inputs)
+        return Prepared(recording, time, inputs, output_table(model, recording), states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +57,8 @@ class Segments:
         Measured; NaN where missing or padded.
     guess : ndarray, shape (states, segments)
         States at the start, from the sensors.
+    course : ndarray, shape (states, samples, segments)
+        The same along the segments; padding repeats the last sample.
     free_start : ndarray of bool, shape (states, segments)
         False where [initial] gives the state at the start of a recording.
     override : ndarray, shape (parameters, segments)
@@ -75,6 +74,7 @@ class Segments:
     inputs: np.ndarray
     outputs: np.ndarray
     guess: np.ndarray
+    course: np.ndarray
     free_start: np.ndarray
     override: np.ndarray
 
@@ -132,7 +132,7 @@ def build_segments(
     spare = max(shape[1] - len(rows), 0)
     stages = [_stage_table(model, item, substeps) for item in prepared]
     parts: dict[str, list[np.ndarray]] = {
-        k: [] for k in ("time", "length", "stages", "inputs", "outputs", "guess", "free", "over")
+        k: [] for k in "time length stages inputs outputs guess course free over".split()
     }
     for number, (r, start, stop) in enumerate([*wide, *[wide[-1]] * spare]):
         item = prepared[r]
@@ -154,6 +154,7 @@ def build_segments(
         measured[:, end:] = np.nan
         parts["outputs"].append(measured)
         parts["guess"].append(known[r][start])
+        parts["course"].append(known[r][pick].T)
         fixed = [
             s in model.driven or (start == 0 and model.initial.get(s, FREE) != FREE)
             for s in model.states
@@ -172,6 +173,7 @@ def build_segments(
         inputs=array["inputs"],
         outputs=array["outputs"],
         guess=array["guess"],
+        course=array["course"],
         free_start=array["free"],
         override=array["over"],
     )

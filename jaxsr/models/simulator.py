@@ -117,12 +117,12 @@ class Simulator(eqx.Module):
         env, shared = self._prepared(t, x, u, p, widths)
         if self.function is not None:
             forces = list(self._python_rates(t, x, u, env))
-            for state, term in self._smooth_equations.items():
+            for state, term in self.smooth_equations.items():
                 i = model.states.index(state)
                 forces[i] = forces[i] + evaluate(term, env, "jax", shared)
             rates: dict[str, Any] = dict(zip(model.states, forces, strict=True))
         else:
-            rates = {s: evaluate(e, env, "jax", shared) for s, e in self._smooth_equations.items()}
+            rates = {s: evaluate(e, env, "jax", shared) for s, e in self.smooth_equations.items()}
         if model.inertia:
             rates = self._accelerations(rates, env, shared)
         like = jnp.zeros_like(sum(x) + 0.0 * t)
@@ -134,7 +134,7 @@ class Simulator(eqx.Module):
         if self.function is not None:
             return self.rates(t, x, u, p, widths)
         return tuple(
-            evaluate(self._smooth_equations[s], env, "jax", shared) for s in self.model.states
+            evaluate(self.smooth_equations[s], env, "jax", shared) for s in self.model.states
         )
 
     def inertia(self, t: Array, x: tuple, u: tuple, p: tuple) -> dict[tuple[str, str], Array]:
@@ -151,7 +151,7 @@ class Simulator(eqx.Module):
         """Return what the sensors read, one array per output."""
         env, shared = self._prepared(t, x, u, p, widths)
         return tuple(
-            evaluate(self._smooth_readings[y], env, "jax", shared) for y in self.model.outputs
+            evaluate(self.smooth_readings[y], env, "jax", shared) for y in self.model.outputs
         )
 
     def _all_terms(self) -> list[Term]:
@@ -164,11 +164,11 @@ class Simulator(eqx.Module):
         return env, {}
 
     @cached_property
-    def _smooth_equations(self) -> dict[str, Term]:
+    def smooth_equations(self) -> dict[str, Term]:
         return {s: self._smooth(e) for s, e in self.model.equation_terms.items()}
 
     @cached_property
-    def _smooth_readings(self) -> dict[str, Term]:
+    def smooth_readings(self) -> dict[str, Term]:
         return {y: self._smooth(e) for y, e in self.model.reading_terms.items()}
 
     def _smooth(self, term: Term) -> Term:

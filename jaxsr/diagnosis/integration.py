@@ -1,0 +1,110 @@
+"""How finely segments are integrated: the fewest steps whose error stays below the mismatch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxsr.models.driven import known_states
+from jaxsr.models.field import Field, Point
+from jaxsr.models.lifting import carried_errors, liftable
+from jaxsr.models.rollout import Stepping, outputs
+from jaxsr.models.segments import Prepared, Segments, build_segments
+from jaxsr.models.simulator import Simulator, width_scales
+
+STEP_ERROR = 1e-3
+"""Integration error allowed over 400 samples, in standard deviations of an output."""
+STABLE = 2.5
+"""Product of step and fastest rate up to which RK4 is stable (its limit is 2.78)."""
+MOST_SUBSTEPS = 16
+POINTS = 200
+TRIAL = 400
+
+
+def choose_stepping(
+    simulator: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
+) -> Stepping:
+    """Choose method and substeps so that the integration error stays far below the mismatch.
+
+    Steep friction is resolved by substeps up to `MOST_SUBSTEPS`; stiffer models go to the
+    L-stable method. Two runs, one with four times the substeps, tell the error, and the
+    method's order how it falls.
+    """
+    x = np.concatenate([known_states(simulator.model, p, theta, simulator) for p in prepared])
+    u = np.concatenate([p.inputs for p in prepared])
+    env = simulator.environment(0.0, tuple(x.T), tuple(u.T), tuple(theta))
+    widths = width_scales(simulator, env)
+    pick = np.linspace(0, len(x) - 1, min(POINTS, len(x))).astype(int)
+    # The steepest place of friction is standstill: look there as well.
+    at = np.concatenate([x[pick], np.zeros((1, x.shape[1]))])
+    fastest = _fastest(simulator, theta, widths, at, np.concatenate([u[pick], u[:1]]))
+    step = min(p.recording.sample_time for p in prepared)
+    needed = int(2 ** np.ceil(np.log2(max(fastest * step / STABLE, 1.0))))
+    if needed > MOST_SUBSTEPS:
+        return Stepping("rodas3", 4, widths)
+    method, order = "rk4", 4
+    change = _change(
+        simulator, prepared, theta, *(Stepping(method, n, widths) for n in (needed, 4 * needed))
+    )
+    if not np.isfinite(change):
+        return Stepping("rodas3", 4, widths)
+    # The error falls with the method's order: the fewest substeps that leave STEP_ERROR.
+    for factor in (1, 2, 4):
+        if change / factor**order < STEP_ERROR:
+            return Stepping(method, factor * needed, widths)
+    return Stepping(method, 4 * needed, widths)
+
+
+def _fastest(
+    simulator: Simulator, theta: np.ndarray, widths: tuple, x: np.ndarray, u: np.ndarray
+) -> float:
+    """Largest eigenvalue of the Jacobian over samples."""
+    count = x.shape[1]
+    jacobian = np.zeros((len(x), count, count))
+    if simulator.function is None:
+        field = Field(simulator, [float(v) for v in theta], widths)
+        with np.errstate(all="ignore"):
+            _, rows = field.slopes(Point(0.0, list(x.T), list(u.T)))
+        for i, row in enumerate(rows):
+            for j, state in enumerate(simulator.model.states):
+                jacobian[:, i, j] = row.get(state, 0.0)
+    else:
+        import jax
+
+        def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
+            found = simulator.rates(0.0, tuple(state), tuple(inputs), tuple(theta), widths)
+            return jax.numpy.stack(found)
+
+        with jax.enable_x64(True):
+            jacobian = np.asarray(jax.vmap(jax.jacfwd(rates))(x, u))
+    jacobian = jacobian[np.isfinite(jacobian).all((1, 2))]
+    return float(np.abs(np.linalg.eigvals(jacobian)).max()) if jacobian.size else 0.0
+
+
+def _change(
+    simulator: Simulator,
+    prepared: Sequence[Prepared],
+    theta: np.ndarray,
+    coarse: Stepping,
+    fine: Stepping,
+) -> float:
+    """Largest difference of two ways to integrate, in standard deviations of an output."""
+    item = prepared[0]
+    rows = [(0, 0, min(len(item.time), TRIAL))]
+    deviation = np.nanstd(item.outputs, axis=0) + 1e-300
+
+    def segments(stepping: Stepping) -> Segments:
+        return build_segments(simulator.model, prepared, rows, stepping.substeps)
+
+    with np.errstate(all="ignore"):
+        if liftable(simulator):
+            both = [(stepping, segments(stepping)) for stepping in (coarse, fine)]
+            difference = carried_errors(simulator, *both, theta)
+        else:
+            runs = []
+            for stepping in (coarse, fine):
+                found = segments(stepping)
+                runs.append(outputs(simulator, stepping, found, theta, found.guess))
+            difference = runs[1] - runs[0]
+        return float(np.max(np.nanmax(np.abs(difference), axis=(1, 2)) / deviation))

@@ -1,0 +1,66 @@
+"""States that no sensor tells: where the equations lead them beside the states that are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from jaxsr.models.field import Field, Point
+from jaxsr.models.inputs import stage_inputs
+from jaxsr.models.model import Model
+from jaxsr.models.simulator import Simulator
+from jaxsr.models.states import StateEstimate
+
+LARGEST = 1e6
+"""Size, in units of the first guess, from which a course is no longer taken for one."""
+
+
+def with_hidden(
+    model: Model, estimate: StateEstimate, time: np.ndarray, inputs: np.ndarray
+) -> StateEstimate:
+    """Return the estimate with its hidden states integrated, the known ones inserted.
+
+    At every sample the known states are put back to what the sensors say (direct insertion), so
+    that what is hidden follows as it does in the machine where its own motion dies out. A
+    coordinate starts from rest at zero, a state of another kind from its first guess.
+    """
+    hidden = [i for i, s in enumerate(model.states) if s in estimate.hidden]
+    if not hidden or model.base is not None:
+        return estimate
+    simulator = Simulator(model)
+    field = Field(simulator, simulator.values())
+    values = estimate.values.copy()
+    for i in hidden:
+        name = model.states[i]
+        rate = model.equation_terms[name]
+        integrates = rate.is_variable and rate.name in model.states
+        if model.kinematic_parent(name) is not None or integrates:
+            values[:, i] = 0.0
+    limit = LARGEST * (1.0 + np.abs(estimate.values).max())
+    tables = [stage_inputs(time, u, model.input_hold, 1) for u in inputs.T]
+    stages = [[table[s][:, 0] for table in tables] for s in range(3)]
+    with np.errstate(all="ignore"):
+        for k in range(time.size - 1):
+            x = _stepped(field, list(values[k]), time[k], time[k + 1] - time[k], stages, k)
+            moved = np.array([x[i] for i in hidden])
+            if not np.isfinite(moved).all() or np.abs(moved).max() > limit:
+                return estimate
+            values[k + 1, hidden] = moved
+    return replace(estimate, values=values)
+
+
+def _stepped(field: Field, x: list, t: float, h: float, stages: list, k: int) -> list:
+    """One step of the classical Runge-Kutta method."""
+
+    def at(share: float, rates: list | None, stage: int) -> list:
+        own = x if rates is None else [a + share * h * b for a, b in zip(x, rates, strict=True)]
+        return field.rates(Point(t + share * h, own, [u[k] for u in stages[stage]]))
+
+    k1 = at(0.0, None, 0)
+    k2 = at(0.5, k1, 1)
+    k3 = at(0.5, k2, 1)
+    k4 = at(1.0, k3, 2)
+    return [
+        a + h / 6 * (b + 2 * c + 2 * d + e) for a, b, c, d, e in zip(x, k1, k2, k3, k4, strict=True)
+    ]

@@ -1,0 +1,324 @@
+r"""Segments linearised about a whole path at once, and condensed to their starts.
+
+The states at all samples, x_k, are unknowns beside the parameters theta; the simulation is the
+set of conditions x_{k+1} = F_k(x_k, theta) with F_k the integration from one sample to the next.
+Linearised about a path,
+
+    dx_{k+1} = (dF_k/dx) dx_k + (dF_k/dtheta) dtheta + (F_k(x_k) - x_{k+1}),
+
+so that every dx_k is linear in dx_0 and dtheta. All F_k are evaluated side by side; only the
+products of small matrices go from sample to sample. The path need not be a simulation until the
+end, which keeps unstable and chaotic systems near their data.
+
+References
+----------
+Albersmeyer & Diehl, SIAM J. Optim. 20 (2010); Bock & Plitt, IFAC Proc. 17 (1984).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jaxsr.models.delays import delay_of, delayed_stages, interpolated, stage_of
+from jaxsr.models.field import Field, Point
+from jaxsr.models.rollout import Stepping
+from jaxsr.models.segments import Segments
+from jaxsr.models.sensitivity import Directions, advanced
+from jaxsr.models.simulator import Simulator
+
+Array = Any
+CLOSING = 12
+
+
+def liftable(simulator: Simulator) -> bool:
+    """Whether a simulator consists of formulas without jumps of the state."""
+    return simulator.function is None and not simulator.model.events
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Segments as linear functions of their starts and of parameters, about a path.
+
+    Attributes
+    ----------
+    path : ndarray, shape (states, samples, segments)
+    shift : ndarray, shape (states, samples, segments)
+        What has to be added to the path for a simulation from its start, to first order.
+    spread : ndarray, shape (samples, segments, states, directions)
+        Derivatives of the states: by the start first, then by the active parameters.
+    outputs : ndarray, shape (outputs, samples, segments)
+        Readings of the simulation from the path's start, to first order in `shift`.
+    gap : ndarray, shape (outputs, samples, segments)
+        What `shift` adds to the readings: how far the path is from a simulation.
+    by_theta : ndarray, shape (active, outputs, samples, segments)
+    by_start : ndarray, shape (states, outputs, samples, segments)
+    """
+
+    path: Array
+    shift: Array
+    spread: Array
+    outputs: Array
+    gap: Array
+    by_theta: Array
+    by_start: Array
+
+    def moved(self, start: Array, theta: Array, share: float = 1.0) -> Array:
+        """Return the path after a step of the starts (states, segments) and active parameters."""
+        n = self.path.shape[0]
+        by_start = np.einsum("ksij,js->iks", self.spread[..., :n], start)
+        by_theta = np.einsum("ksij,j->iks", self.spread[..., n:], theta)
+        return self.path + share * (self.shift + by_start + by_theta)
+
+
+def linear(
+    simulator: Simulator,
+    stepping: Stepping,
+    segments: Segments,
+    theta: Array,
+    path: Array,
+    active: Sequence[int],
+) -> Linear:
+    """Linearise all segments about a path.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (parameters,)
+    path : ndarray, shape (states, samples, segments)
+    active : sequence of int
+        Parameters to differentiate by.
+    """
+    ground = _Ground.of(simulator, stepping, segments, theta, active)
+    n, own = len(simulator.model.states), ground.own
+    ends, slopes = ground.step(path)
+    if not own.all():
+        slopes = slopes * own[None, :, None, :]
+    spread, shift = _condensed(slopes, ends - path[:, 1:])
+    y, by = _read(ground, path + shift, spread)
+    gap = y - np.stack(ground.field.readings(ground.at(path))[0])
+    y, by = _late(simulator, segments, ground.values, ground.to, (y, by))
+    return Linear(path, shift, spread, y, gap, by[n:], by[:n])
+
+
+def one_step(
+    simulator: Simulator, stepping: Stepping, segments: Segments, theta: Array, path: Array
+) -> tuple[Array, Array]:
+    """Return where each sample of a path leads by the next, and the derivative by the state.
+
+    Returns
+    -------
+    ends : ndarray, shape (states, samples - 1, segments)
+    slopes : ndarray, shape (states, states, samples - 1, segments)
+    """
+    return _Ground.of(simulator, stepping, segments, theta, ()).step(path)
+
+
+def readings_along(
+    simulator: Simulator, stepping: Stepping, segments: Segments, theta: Array, path: Array
+) -> tuple[Array, Array]:
+    """Return readings of a path, delays left out, and their derivatives by the states.
+
+    Returns
+    -------
+    y : ndarray, shape (outputs, samples, segments)
+    by : ndarray, shape (outputs, states, samples, segments)
+    """
+    ground = _Ground.of(simulator, stepping, segments, theta, ())
+    y, rows = ground.field.readings(ground.at(path))
+    by = np.zeros((len(y), *path.shape))
+    for k, row in enumerate(rows):
+        for i, state in enumerate(simulator.model.states):
+            if state in row:
+                by[k, i] = row[state]
+    return np.stack(y), by
+
+
+def carried_errors(
+    simulator: Simulator,
+    coarse: tuple[Stepping, Segments],
+    fine: tuple[Stepping, Segments],
+    theta: Array,
+) -> Array:
+    """Return how far two ways to integrate lead apart in the readings, to first order.
+
+    Both start from the states that the sensors tell, sample by sample; the differences are
+    carried along by the model's own derivatives.
+    """
+    path = coarse[1].course
+    ends, slopes = one_step(simulator, *coarse, theta, path)
+    other, _ = one_step(simulator, *fine, theta, path)
+    _, apart = _condensed(slopes, other - ends)
+    _, by = readings_along(simulator, *coarse, theta, path)
+    return np.einsum("oits,its->ots", by, apart)
+
+
+def simulated(
+    simulator: Simulator, stepping: Stepping, segments: Segments, theta: Array, x0: Array
+) -> Array | None:
+    """Simulate every segment from its start; None where the path does not close.
+
+    Newton's method on the states at all samples; the sensors' states are the first guess.
+
+    Returns
+    -------
+    ndarray, shape (outputs, samples, segments)
+    """
+    path = segments.course.copy()
+    path[:, 0] = x0
+    ground = _Ground.of(simulator, stepping, segments, theta, ())
+    with np.errstate(all="ignore"):
+        for _ in range(CLOSING):
+            ends, slopes = ground.step(path)
+            _, shift = _condensed(slopes, ends - path[:, 1:])
+            path = path + shift
+            size = np.abs(path).max((1, 2)) + 1e-300
+            far = np.abs(shift).max((1, 2)) / size
+            if not np.isfinite(far).all():
+                return None
+            if far.max() < 1e-9:
+                y = np.stack(ground.field.readings(ground.at(path))[0])
+                none = np.zeros((0, *y.shape))
+                return _late(simulator, segments, ground.values, ground.to, (y, none))[0]
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """Formulas, inputs and directions: what does not change along a path."""
+
+    stepping: Stepping
+    segments: Segments
+    values: list[Array]
+    field: Field
+    to: Directions
+    stages: tuple[Array, dict[int, Array]]
+    own: Array  # 0 where a recording has a value of its own
+
+    @staticmethod
+    def of(
+        simulator: Simulator,
+        stepping: Stepping,
+        segments: Segments,
+        theta: Array,
+        active: Sequence[int],
+    ) -> _Ground:
+        model = simulator.model
+        names = list(model.parameters)
+        chosen = [names[i] for i in active]
+        values = _values(theta, segments.override)
+        late = [u for u in model.inputs if model.delays.get(u) in chosen]
+        field = Field(simulator, values, stepping.widths, chosen, late)
+        to = _directions(simulator, chosen, late)
+        own = np.ones((to.count, segments.number))
+        own[len(model.states) :] = np.isnan(segments.override[list(active)])
+        stages = delayed_stages(model, segments, values, chosen)
+        return _Ground(stepping, segments, values, field, to, stages, own)
+
+    def step(self, path: Array) -> tuple[Array, Array]:
+        """Integrate from every sample to the next, with derivatives in all directions."""
+        segments = self.segments
+        ends, tangents = advanced(
+            self.field,
+            self.to,
+            self.stepping.method,
+            list(path[:, :-1]),
+            segments.time[:-1],
+            segments.length,
+            lambda number: stage_of(*self.stages, number),
+        )
+        return np.stack(ends), np.stack(tangents)
+
+    def at(self, path: Array) -> Point:
+        """A path with its times and inputs."""
+        return Point(self.segments.time, list(path), list(self.segments.inputs))
+
+
+def _values(theta: Array, override: Array) -> list[Array]:
+    """Parameter values; an array over the segments where recordings have their own."""
+    values: list[Array] = []
+    for value, own in zip(theta, override, strict=True):
+        given = np.isfinite(own)
+        values.append(np.where(given, own, value) if given.any() else float(value))
+    return values
+
+
+def _directions(simulator: Simulator, active: Sequence[str], late: Sequence[str]) -> Directions:
+    model = simulator.model
+    n = len(model.states)
+    columns = {name: n + k for k, name in enumerate(active)}
+    delays = {model.inputs.index(u): columns[str(model.delays[u])] for u in late}
+    return Directions(tuple(model.states), columns, delays, tuple(model.inputs))
+
+
+def _condensed(slopes: Array, defects: Array) -> tuple[Array, Array]:
+    """Carry derivatives and defects from sample to sample."""
+    n, count, steps, segments = slopes.shape
+    by = np.ascontiguousarray(slopes.transpose(2, 3, 0, 1))
+    left = defects.transpose(1, 2, 0)
+    carried = np.zeros((steps + 1, segments, n, count + 1))
+    carried[0, :, :, :n] = np.eye(n)
+    for k in range(steps):
+        np.matmul(by[k, :, :, :n], carried[k], out=carried[k + 1])
+        carried[k + 1, :, :, n:count] += by[k, :, :, n:]
+        carried[k + 1, :, :, count] += left[k]
+    return carried[..., :count], carried[..., count].transpose(2, 0, 1)
+
+
+def _read(ground: _Ground, path: Array, spread: Array) -> tuple[Array, Array]:
+    """Readings along a path, and their derivatives in all directions."""
+    to = ground.to
+    y, rows = ground.field.readings(ground.at(path))
+    by = np.zeros((to.count, len(y), *path.shape[1:]))
+    for k, row in enumerate(rows):
+        for i, state in enumerate(to.states):
+            if state in row:
+                by[:, k] += np.moveaxis(spread[:, :, i, :], 2, 0) * row[state]
+        for name, column in to.columns.items():
+            if name in row:
+                by[column, k] += row[name] * ground.own[column]
+    return np.stack(y), by
+
+
+def _late(
+    simulator: Simulator,
+    segments: Segments,
+    values: Sequence[Array],
+    to: Directions,
+    read: tuple[Array, Array],
+) -> tuple[Array, Array]:
+    """Shift readings by their delays and clocks."""
+    model, (y, by) = simulator.model, read
+    time = segments.time
+    for k, name in enumerate(model.outputs):
+        delay = delay_of(model, name, values)
+        if delay is None and name not in model.clock:
+            continue
+        at, at_rates = time, {}
+        if delay is not None:
+            at = at - delay
+            if model.delays[name] in to.columns:
+                at_rates[to.columns[str(model.delays[name])]] = -np.ones_like(time)
+        if name in model.clock:
+            env = dict(zip(model.parameters, values, strict=True))
+            scale, slopes = _clock(simulator, name, env, set(to.columns))
+            at_rates = {c: rate * scale for c, rate in at_rates.items()}
+            for parameter, slope in slopes.items():
+                c = to.columns[parameter]
+                at_rates[c] = at_rates.get(c, 0.0) + at * slope
+            at = at * scale
+        both = np.concatenate([y[None, k], by[:, k]])
+        found, slopes_in_time = interpolated(time, both, at)
+        y[k], by[:, k] = found[0], found[1:]
+        for c, rate in at_rates.items():
+            by[c, k] += slopes_in_time[0] * rate
+    return y, by
+
+
+def _clock(simulator: Simulator, output: str, env: dict, by: set[str]) -> tuple[Array, dict]:
+    from jaxsr.expressions.slopes import evaluate_with_slopes
+
+    term = simulator.model.term(simulator.model.clock[output])
+    return evaluate_with_slopes(term, env, by)

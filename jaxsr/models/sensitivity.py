@@ -1,0 +1,237 @@
+"""Steps of an ordinary differential equation with their sensitivities, all samples at once.
+
+The steps between neighbouring samples start from known states, so none waits for another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jaxsr.models.field import Field, Point, Row
+from jaxsr.models.stepping import factorised
+
+Array = Any
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """Inputs along a step: at its start, middle and end, and their derivatives by their delays.
+
+    Attributes
+    ----------
+    values : ndarray, shape (3, inputs, ...)
+    rates : mapping
+        Position of an input to d(values)/d(delay), shape (3, ...).
+    """
+
+    values: Array
+    rates: Mapping[int, Array]
+
+    def at(self, share: float) -> list[Array]:
+        """Inputs at a share of the step, by the parabola through the three."""
+        return list(_parabola(self.values, share))
+
+    def rate(self, number: int, share: float) -> Array:
+        """Derivative of an input by its delay."""
+        return _parabola(self.rates[number], share)
+
+
+def _parabola(values: Array, share: float) -> Array:
+    if share == 0.0:
+        return values[0]
+    if share == 1.0:
+        return values[2]
+    if share == 0.5:
+        return values[1]
+    a, b, c = (1 - share) * (1 - 2 * share), 4 * share * (1 - share), share * (2 * share - 1)
+    return a * values[0] + b * values[1] + c * values[2]
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """What states are differentiated by: every state at the start, then parameters.
+
+    Attributes
+    ----------
+    states : tuple of str
+    columns : mapping
+        Parameter to its direction.
+    delays : mapping
+        Position of an input to the direction of its delay.
+    inputs : tuple of str
+    """
+
+    states: tuple[str, ...]
+    columns: Mapping[str, int]
+    delays: Mapping[int, int]
+    inputs: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of directions."""
+        return len(self.states) + len({*self.columns.values(), *self.delays.values()})
+
+    def along(
+        self, rows: Sequence[Row], tangents: Sequence[Array], stages: Stages, share: float
+    ) -> list[Array]:
+        """Derivatives of rates with the given Jacobian `rows` in all directions."""
+        result = []
+        for row in rows:
+            total = np.zeros_like(tangents[0])
+            for state, tangent in zip(self.states, tangents, strict=True):
+                if state in row:
+                    total += row[state] * tangent
+            for name, k in self.columns.items():
+                if name in row:
+                    total[k] += row[name]
+            for number, k in self.delays.items():
+                if self.inputs[number] in row:
+                    total[k] += row[self.inputs[number]] * stages.rate(number, share)
+            result.append(total)
+        return result
+
+
+State = tuple[list[Array], list[Array]]
+"""States and their derivatives in all directions, an array a state."""
+
+
+def _moved(start: Sequence[Array], *pairs: tuple[Any, Sequence[Array]]) -> list[Array]:
+    result = list(start)
+    for scale, other in pairs:
+        result = [a + scale * b for a, b in zip(result, other, strict=True)]
+    return result
+
+
+def rk4(field: Field, to: Directions, state: State, time: Array, h: Array, stages: Stages) -> State:
+    """Advance states and sensitivities by the classical Runge-Kutta method of order four."""
+    x, dx = state
+
+    def slope(share: float, own: list[Array], tangents: list[Array]) -> State:
+        rates, rows = field.slopes(Point(time + share * h, own, stages.at(share)))
+        return rates, to.along(rows, tangents, stages, share)
+
+    k1, d1 = slope(0.0, x, dx)
+    k2, d2 = slope(0.5, _moved(x, (h / 2, k1)), _moved(dx, (h / 2, d1)))
+    k3, d3 = slope(0.5, _moved(x, (h / 2, k2)), _moved(dx, (h / 2, d2)))
+    k4, d4 = slope(1.0, _moved(x, (h, k3)), _moved(dx, (h, d3)))
+    sixth, third = h / 6, h / 3
+    return (
+        _moved(x, (sixth, k1), (third, k2), (third, k3), (sixth, k4)),
+        _moved(dx, (sixth, d1), (third, d2), (third, d3), (sixth, d4)),
+    )
+
+
+_G = 0.43586652150845899942
+_B = (-(6 * _G**2 - 16 * _G + 1) / 4, (6 * _G**2 - 20 * _G + 5) / 4)
+_STAGES = ((), ((1 - _G) / 2,), _B)
+_SHARES = (_G, (1 + _G) / 2, 1.0)
+_NEWTON = 10
+
+
+def sdirk3(
+    field: Field, to: Directions, state: State, time: Array, h: Array, stages: Stages
+) -> State:
+    """Advance by the L-stable singly diagonally implicit method of order three.
+
+    References
+    ----------
+    Alexander, SIAM J. Numer. Anal. 14 (1977), Theorem 5.
+    """
+    x, dx = state
+    rates: list[list[Array]] = []
+    slopes: list[list[Array]] = []
+    for weights, share in zip(_STAGES, _SHARES, strict=True):
+        pairs = [(h * w, k) for w, k in zip(weights, rates, strict=True)]
+        base = _moved(x, *pairs)
+        tangents = _moved(dx, *((h * w, d) for w, d in zip(weights, slopes, strict=True)))
+
+        def at(k: list[Array], base: list[Array] = base, share: float = share) -> Point:
+            return Point(time + share * h, _moved(base, (h * _G, k)), stages.at(share))
+
+        k, rows, solve = _stage(field, to.states, at, h, rates[-1] if rates else None)
+        rates.append(k)
+        slopes.append(list(solve(tuple(to.along(rows, tangents, stages, share)))))
+    weights = (*_B, _G)
+    return (
+        _moved(x, *((h * w, k) for w, k in zip(weights, rates, strict=True))),
+        _moved(dx, *((h * w, d) for w, d in zip(weights, slopes, strict=True))),
+    )
+
+
+def _stage(
+    field: Field,
+    states: Sequence[str],
+    at: Callable[[list[Array]], Point],
+    h: Array,
+    guess: list[Array] | None,
+) -> tuple[list[Array], Sequence[Row], Callable]:
+    """Solve k = f(base + h g k) by Newton's method, halved where it overshoots."""
+    k = field.rates(at([0.0 * h] * len(states))) if guess is None else guess
+    size, share = np.inf, 1.0
+    step: list[Array] = []
+    for _ in range(_NEWTON):
+        rates, rows = field.slopes(at(k))
+        matrix = [
+            [float(i == j) - h * _G * row.get(s, 0.0) for j, s in enumerate(states)]
+            for i, row in enumerate(rows)
+        ]
+        solve = factorised(matrix)
+        left = [f - own for f, own in zip(rates, k, strict=True)]
+        now = sum(np.abs(a) for a in left)
+        worse = now > size
+        if step and np.any(worse):
+            # Back half the way where the last step made things worse.
+            k = [
+                own - np.where(worse, 0.5 * share * s, 0.0) for own, s in zip(k, step, strict=True)
+            ]
+            share = np.where(worse, 0.5 * share, 1.0)
+            step = [np.where(worse, s, 0.0) for s in step]
+            size = np.where(worse, size, now)
+            continue
+        step, share, size = list(solve(tuple(left))), 1.0, now
+        k = [own + s for own, s in zip(k, step, strict=True)]
+        reach = max(float(np.nanmax(np.abs(own))) for own in k) + 1e-300
+        if max(float(np.nanmax(np.abs(s))) for s in step) < 1e-11 * reach:
+            break
+    return k, rows, solve
+
+
+METHODS: dict[str, Callable[..., State]] = {"rk4": rk4, "rodas3": sdirk3}
+"""By the names of `stepping.METHODS`: where that takes a stiff method, this takes its own."""
+
+
+def advanced(
+    field: Field,
+    to: Directions,
+    method: str,
+    x: Sequence[Array],
+    time: Array,
+    length: Array,
+    stages: Callable[[int], Stages],
+) -> State:
+    """Advance by all substeps between neighbouring samples.
+
+    Parameters
+    ----------
+    x : sequence of ndarray
+        States at the earlier samples.
+    time : ndarray
+    length : ndarray, shape (..., substeps, ...)
+        On axis 1.
+    stages : callable
+        Number of a substep to its inputs.
+    """
+    n, shape = len(x), np.shape(x[0])
+    tangents = [np.zeros((to.count, *shape)) for _ in range(n)]
+    for i in range(n):
+        tangents[i][i] = 1.0
+    state: State = (list(x), tangents)
+    for number in range(length.shape[1]):
+        h = length[:, number]
+        state = METHODS[method](field, to, state, time, h, stages(number))
+        time = time + h
+    return state
