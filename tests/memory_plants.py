@@ -125,7 +125,7 @@ def contest(arena: Arena) -> dict[str, Entry]:
     null = enter(arena, (), start)
     found = {"nothing": null}
     for i, candidate in enumerate(arena.super_model.candidates):
-        entry = enter(arena, (i,), null.fit.theta, x0=null.fit.x0)
+        entry = enter(arena, (i,), null.fit.theta)
         if plausible(arena, entry):
             best = found.get(candidate.mechanism)
             if best is None or entry.error < best.error:

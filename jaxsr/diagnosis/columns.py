@@ -99,7 +99,7 @@ def with_candidates(
     values = {n: p.value for n, p in super_model.given.parameters.items()}
     environment = {**columns.signals, **values}
     for candidate, names in zip(super_model.candidates, super_model.names, strict=True):
-        if candidate.fixed_parameter is not None:
+        if candidate.fixed_parameter is not None or candidate.states:
             continue
         for spec in candidate.parameters:
             if spec.coefficient:

@@ -9,19 +9,17 @@ import numpy as np
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contest import neutral_values
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
-from jaxsr.diagnosis.mechanisms.site import Threshold
+from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.screening import ScreenedSet
-from jaxsr.diagnosis.setup import state_scale
+from jaxsr.diagnosis.setup import Screened, sample_step, state_scale
 from jaxsr.models import Model
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.diagnose import Case
 
-SINGLES, PAIRS, LARGER = 5, 4, 3
-VARIANTS = 3
-"""Starts of one mechanism where nothing but the free run can tell them apart."""
-ALWAYS = frozenset({"viscous_damping", "quadratic_drag"})
-"""Mechanisms of a single axis whose smallest detectable size is told in any case."""
+SINGLES, PAIRS, LARGER = 3, 3, 3
+VARIANTS = 2
+"""Starts of one mechanism that the free run compares."""
 SEEDED = frozenset(
     "power_law_drag position_dependent_friction end_stop backlash harmonic_force position_ripple "
     "parametric_excitation transient_force".split()
@@ -92,21 +90,20 @@ def _has_friction(given: Model, candidate: Candidate, chosen: list[Candidate]) -
 
 
 def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[Start]]:
-    """Build the super-model of the leading candidates, and where each set's estimation starts.
+    """Build the super-model of all contenders, and where the leading sets' estimation starts.
 
-    The first entry is re-calibration alone, the second the leading set; single sensor faults
-    come last.
+    The first entry is re-calibration alone, the second the leading set of the weak view.
     """
     given = case.simulator.model
-    sensors = sensor_candidates(given, _readings(case))
+    duration = max(float(p.time[-1]) for p in case.prepared)
+    timing = timing_candidates(given, sample_step(case.prepared), duration)
+    sensors = [*sensor_candidates(given, _readings(case)), *timing]
     if case.screened is None:
         forces = _unscreened(force_candidates(given, state_scale(given, case.prepared)))
         super_model = SuperModel.build(given, [*forces, *sensors])
-        neutral = neutral_values(super_model)
-        singles = [(i,) for i in range(len(super_model.candidates))]
-        return super_model, [(m, seeded(super_model, m, neutral)) for m in [(), *singles]]
+        return super_model, [((), neutral_values(super_model))]
     screened = case.screened
-    used = sorted({i for s in sets for i in s.members} | _always(screened.super_model))
+    used = sorted({i for s in sets for i in s.members} | _best_variants(screened))
     chosen = [screened.super_model.candidates[i] for i in used]
     super_model = SuperModel.build(given, [*chosen, *sensors])
     order, full = list(super_model.model.parameters), list(screened.super_model.model.parameters)
@@ -124,19 +121,7 @@ def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[St
     empty = carried(screened.screening.empty)
     starts = [((), empty)]
     starts += [(tuple(used.index(i) for i in s.members), carried(s)) for s in sets]
-    alone = [(len(used) + k,) for k in range(len(sensors))]
-    starts += [(members, seeded(super_model, members, empty)) for members in alone]
     return super_model, starts
-
-
-def seeded(super_model: SuperModel, members: tuple[int, ...], theta: np.ndarray) -> np.ndarray:
-    """Return `theta` with the thresholds of `members` at their seeds."""
-    theta, order = theta.copy(), list(super_model.model.parameters)
-    for number in members:
-        for spec in super_model.candidates[number].parameters:
-            if isinstance(spec, Threshold):
-                theta[order.index(super_model.names[number][spec.name])] = spec.seed
-    return theta
 
 
 def _readings(case: Case) -> dict[str, np.ndarray]:
@@ -159,8 +144,16 @@ def _unscreened(forces: list[Candidate]) -> list[Candidate]:
     return [c for variants in kept.values() for c in variants[:VARIANTS]]
 
 
-def _always(super_model: SuperModel) -> set[int]:
-    """Candidates that stand in the super-model without a set of their own."""
-    if len(super_model.given.dynamic_states) > 1:
-        return set()
-    return {i for i, c in enumerate(super_model.candidates) if c.mechanism in ALWAYS}
+def _best_variants(screened: Screened) -> set[int]:
+    """Of every mechanism the variants that fit best in the weak view, or the first ones."""
+    super_model, screening = screened.super_model, screened.screening
+    error = {s.members[0]: s.error for s in screening.sets if len(s.members) == 1}
+    by_label: dict[str, list[int]] = {}
+    for number, candidate in enumerate(super_model.candidates):
+        if number not in screening.collinear:
+            by_label.setdefault(candidate.label, []).append(number)
+    return {
+        i
+        for numbers in by_label.values()
+        for i in sorted(numbers, key=lambda i: error.get(i, np.inf))[:VARIANTS]
+    }

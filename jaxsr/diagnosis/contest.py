@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import scipy.stats
 
 from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.reduced import cropped, reduce
 from jaxsr.models import Model
 from jaxsr.models.driven import known_states
+from jaxsr.models.lifting import liftable
 from jaxsr.models.rollout import Stepping
-from jaxsr.models.segments import Prepared, build_segments, cut
+from jaxsr.models.segments import Prepared, Segments, build_segments, cut
 from jaxsr.models.shooting import Fit, Problem, fit
 from jaxsr.models.simulator import Simulator
 
@@ -23,7 +25,7 @@ CONTEST_TOLERANCE = 1e-4
 MARGIN = 25
 """Samples simulated before and after a segment where signals are delayed or remembered: the
 longest delay that a segment can tell."""
-REFRESHES = 4
+REFRESHES = 1
 """Times that the starts of driven states are renewed at the latest parameters."""
 MIN_GAIN = 0.05
 """Smallest gain in log held-back mean square that counts, whatever its significance: smoothing
@@ -62,6 +64,7 @@ class Arena:
     bounds: tuple[np.ndarray, np.ndarray]
     pieces: tuple[tuple[int, int, int, int], ...]  # (block, segment, from sample, to sample)
     seconds: float  # length of the segments
+    wide: Problem | None = None  # the same with margins, for signals that come late
 
 
 def parameter_bounds(super_model: SuperModel) -> tuple[np.ndarray, np.ndarray]:
@@ -92,13 +95,29 @@ def build_arena(
 ) -> Arena:
     """Cut the recordings into segments of `horizon` seconds and lay out the blocks."""
     rows = cut(prepared, horizon)
-    model = super_model.model
-    margin = MARGIN if model.driven or _shifts(model) else 0
-    segments = build_segments(model, prepared, rows, stepping.substeps, margin=margin)
+    model, steps = super_model.model, stepping.substeps
+    segments = build_segments(model, prepared, rows, steps)
+    wide = None
+    if model.driven or _shifts(model):
+        margins = build_segments(model, prepared, rows, steps, margin=MARGIN)
+        if liftable(simulator):
+            # All sets are judged on the samples that those with margins can tell.
+            wide = Problem(simulator, stepping, margins, scale)
+            segments = _as_far_as(segments, margins)
+        else:
+            segments = margins
     problem = Problem(simulator, stepping, segments, scale)
     pieces = _pieces(segments.count)
     bounds = parameter_bounds(super_model)
-    return Arena(super_model, problem, tuple(prepared), bounds, pieces, horizon or np.inf)
+    return Arena(super_model, problem, tuple(prepared), bounds, pieces, horizon or np.inf, wide)
+
+
+def _as_far_as(narrow: Segments, wide: Segments) -> Segments:
+    """Leave out the samples that are left out of the segments with margins."""
+    rows = np.arange(narrow.time.shape[0])[:, None] + narrow.start - wide.start
+    rows = np.minimum(rows, wide.time.shape[0] - 1)
+    known = np.isfinite(wide.outputs[:, rows, np.arange(narrow.number)[None, :]])
+    return replace(narrow, outputs=np.where(known, narrow.outputs, np.nan))
 
 
 def _shifts(model: Model) -> bool:
@@ -126,32 +145,61 @@ def enter(
     arena: Arena,
     members: tuple[int, ...],
     start: np.ndarray,
-    x0: np.ndarray | None = None,
+    path: np.ndarray | None = None,
     stop: Callable[[], bool] = lambda: False,
     max_iterations: int = 15,
 ) -> Entry:
-    """Estimate one set jointly with the free parameters and the starts, and hold blocks back."""
+    """Estimate one set jointly with the free parameters and the starts, and hold blocks back.
+
+    `path` is where the states are sought, as another entry's fit has them.
+    """
     super_model = arena.super_model
-    active = active_parameters(super_model, members)
+    problem = arena.problem
+    late = arena.wide is not None and late_members(super_model, members)
+    if late and arena.wide is not None:
+        problem, path = replace(arena.wide, scale=problem.scale), None
+    own = reduce(problem, super_model, members)
+    low, high = (bound[own.parameters] for bound in arena.bounds)
+    active = own.active(active_parameters(super_model, members))
     theta = super_model.switched(members, start)
-    remembers = super_model.remembers(members)
-    for _ in range(1 + REFRESHES * remembers):
-        if super_model.model.driven:
-            x0 = _driven(arena, theta, arena.problem.segments.guess if x0 is None else x0)
+    inner, course = theta[own.parameters], None if path is None else path[own.states]
+    for _ in range(1 + REFRESHES * super_model.remembers(members)):
+        driven = own.problem.simulator.model.driven
+        x0 = None
+        if driven:
+            x0 = _driven(arena, own.problem, inner, None if course is None else course[:, 0])
         result = fit(
-            arena.problem, theta, active, arena.bounds, x0, max_iterations, stop, CONTEST_TOLERANCE
+            own.problem,
+            inner,
+            active,
+            (low, high),
+            x0,
+            max_iterations,
+            stop,
+            CONTEST_TOLERANCE,
+            course,
         )
-        moved = np.abs(result.theta - theta) > 1e-3 * np.abs(theta)
-        theta, x0 = result.theta, result.x0
-        if not remembers or not moved.any() or not result.usable:
+        moved = np.abs(result.theta - inner) > 1e-3 * np.abs(inner)
+        inner, course = result.theta, result.path
+        if not driven or not moved.any() or not result.usable:
             break
+    segments = problem.segments
+    result = own.restored(result, theta, segments)
+    if late:
+        result = cropped(result, problem, arena.problem.segments)
     return Entry(members, result, held_back(arena, result))
 
 
-def _driven(arena: Arena, theta: np.ndarray, x0: np.ndarray) -> np.ndarray:
+def late_members(super_model: SuperModel, members: Sequence[int]) -> bool:
+    """Whether a member shifts signals in time or remembers them."""
+    chosen = [super_model.candidates[i] for i in members]
+    return any(c.delays or c.clock or c.states for c in chosen)
+
+
+def _driven(arena: Arena, problem: Problem, theta: np.ndarray, x0: np.ndarray | None) -> np.ndarray:
     """Return the starts with driven states where `theta` leads them."""
-    problem, model = arena.problem, arena.super_model.model
-    segments, x0 = problem.segments, np.array(x0)
+    segments, model = problem.segments, problem.simulator.model
+    x0 = np.array(segments.guess if x0 is None else x0)
     count = len(model.driven)
     for r, item in enumerate(arena.prepared):
         mine = segments.recording == r
@@ -214,9 +262,7 @@ def held_back(arena: Arena, result: Fit) -> np.ndarray:
     return np.array(errors)
 
 
-def _solve(
-    gram: np.ndarray, moment: np.ndarray, parameters: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _solve(gram: np.ndarray, moment: np.ndarray, parameters: int) -> tuple[np.ndarray, np.ndarray]:
     """Solve for the common parameters and every segment's start (arrow-shaped equations)."""
     inner = gram[:, parameters:, parameters:]
     inverse = np.linalg.pinv(inner, rcond=1e-10, hermitian=True)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.stats
 
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contest import MIN_GAIN, Arena, Entry, correlation_length, gain, weights
@@ -117,6 +118,27 @@ def _same_family(super_model: SuperModel, numbers: set[int]) -> bool:
     return all(super_model.candidates[i].family != "measurement" for i in numbers)
 
 
+def independent_residuals(entry: Entry) -> float:
+    """How many independent residuals the recordings hold, by the residuals' correlation."""
+    samples = float(np.count_nonzero(entry.fit.residual))
+    return max(samples / correlation_length(entry.fit.residual), 10.0)
+
+
+def most_credible(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
+    """Return the entry of the least Schwarz criterion, where noise limits the fit.
+
+    n log(cost) + k log(n) - 2 log(prior), n independent residuals of the best fit, k constants.
+    """
+    n = independent_residuals(min(entries, key=lambda e: e.fit.cost))
+    return min(entries, key=lambda e: criterion(super_model, e, n))
+
+
+def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
+    """Schwarz's criterion of an entry with its prior, for n independent residuals."""
+    price = entry.fit.active.size * np.log(n) - 2.0 * log_prior(super_model, entry)
+    return float(n * np.log(entry.fit.cost + 1e-300) + price)
+
+
 def simplest_adequate(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
     """Return the entry with the fewest estimated constants that the best one does not beat.
 
@@ -139,8 +161,21 @@ def simplest_adequate(super_model: SuperModel, entries: Sequence[Entry]) -> Entr
     return chosen[0]
 
 
+def detect_in_noise(null: Entry, chosen: Entry, candidates: int) -> Detection:
+    """Test an entry against re-calibration alone where noise limits the fit: likelihood ratio.
+
+    n log(cost_0 / cost_1) is chi-squared with as many degrees of freedom as there are added
+    constants (Wilks); the rate of false alarms, `SIGNIFICANCE`, is shared by all candidates.
+    """
+    more = max(chosen.fit.active.size - null.fit.active.size, 1)
+    ratio = np.log((null.fit.cost + 1e-300) / (chosen.fit.cost + 1e-300))
+    p = float(scipy.stats.chi2.sf(independent_residuals(chosen) * ratio, more))
+    threshold = SIGNIFICANCE / max(candidates, 1)
+    return Detection(p < threshold, float(ratio), p, threshold)
+
+
 def detect(null: Entry, chosen: Entry, candidates: int) -> Detection:
-    """Test an entry against re-calibration alone."""
+    """Test an entry against re-calibration alone, block by block."""
     mean, _, p = gain(null.errors, chosen.errors)
     threshold = SIGNIFICANCE / max(candidates, 1) * 10.0
     return Detection(mean > MIN_GAIN and p < threshold, mean, p, threshold)

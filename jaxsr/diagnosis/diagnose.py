@@ -21,16 +21,20 @@ from jaxsr.diagnosis.contest import (
 from jaxsr.diagnosis.decide import (
     Detection,
     detect,
+    detect_in_noise,
+    most_credible,
     plausible,
     simplest_adequate,
     without_duplicates,
 )
 from jaxsr.diagnosis.document import UNEXPLAINED, Ingredients, assemble
 from jaxsr.diagnosis.integration import choose_stepping
+from jaxsr.diagnosis.reduced import reduce
 from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import free_run, horizons
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
+from jaxsr.diagnosis.stepwise import grow
 from jaxsr.diagnosis.unnamed import propose_unnamed
 from jaxsr.models import Simulator
 from jaxsr.models.rollout import Stepping
@@ -42,6 +46,8 @@ MAX_SAMPLES = 1000
 """Longest segment of the contest, in samples."""
 MANY_SEGMENTS = 20
 """Segments from which their scatter is well known, and the work well shared."""
+LIMITED = 10.0
+"""Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
 SMALL, SATURATED = 0.1, 1.3
 REMOVED = 0.3
 """Share of the re-calibrated error up to which a mismatch counts as explained."""
@@ -141,9 +147,15 @@ def decide(
     null = next(e for e in entries if not e.members)
     good = [e for e in entries if not e.members or plausible(arena, e)]
     good = without_duplicates(arena.super_model, good)
-    chosen = simplest_adequate(arena.super_model, good)
-    count = len(case.screened.super_model.candidates) if case.screened else 10
-    detection = detect(null, chosen, count)
+    tried = case.screened.super_model if case.screened else arena.super_model
+    count = len({c.label for c in tried.candidates})
+    best = min(good, key=lambda e: e.fit.cost)
+    if residual_to_noise(arena, best) > LIMITED:
+        chosen = simplest_adequate(arena.super_model, good)
+        detection = detect(null, chosen, count)
+    else:
+        chosen = most_credible(arena.super_model, good)
+        detection = detect_in_noise(null, chosen, count)
     if not detection.detected:
         return arena, good, null, detection
     chosen, extra = ablate(arena, chosen, good, case)
@@ -180,11 +192,11 @@ def with_candidate(
     again = []
     for members, entry in sets.items():
         theta = np.concatenate([entry.fit.theta, added])
-        again.append(enter(new, members, theta, x0=entry.fit.x0))
+        again.append(enter(new, members, theta))
     for members in {(), chosen.members}:
         entry = sets[members]
         theta = np.concatenate([entry.fit.theta, coefficients])
-        again.append(enter(new, (*members, number), theta, x0=entry.fit.x0))
+        again.append(enter(new, (*members, number), theta))
     return new, again
 
 
@@ -206,10 +218,16 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
         if entries and case.budget.exhausted:
             break
         case.progress.update(number / len(starts), _label(super_model, members))
-        entry = enter(arena, members, start, stop=lambda: case.budget.exhausted)
+        path = entries[0].fit.path if entries and entries[0].fit.usable else None
+        entry = enter(arena, members, start, path, lambda: case.budget.exhausted)
         entries.append(entry)
         if number == 1:
             arena, entries = _rescaled(arena, entries, starts)
+    case.progress.stage("trying every mechanism in free run")
+    if len(starts) == 1:
+        arena, entries = _rescaled(arena, entries, starts)
+    if entries[0].fit.usable:
+        entries = grow(arena, entries, lambda: case.budget.exhausted, case.progress.update)
     return arena, entries, headline
 
 
@@ -228,7 +246,6 @@ def _usable_starts(
     """
     shortest = horizons(case.prepared)[0]
     arena = build_arena(super_model, case.prepared, stepping, shortest, scale, simulator)
-    segments = arena.problem.segments
     base, neutral = super_model.base_index(), neutral_values(super_model)
     better: list[Start] = []
     for members, start in starts:
@@ -236,7 +253,8 @@ def _usable_starts(
         given[base] = neutral[base]
         costs = []
         for theta in (start, given):
-            y = simulate(arena.problem, theta, segments.guess)
+            own = reduce(arena.problem, super_model, members)
+            y = simulate(own.problem, theta[own.parameters], own.problem.segments.guess)
             with np.errstate(all="ignore"):
                 cost = float(np.sum(arena.problem.residual(y) ** 2))
             costs.append(cost if np.isfinite(cost) else np.inf)
@@ -274,7 +292,7 @@ def _rescaled(arena: Arena, entries: list[Entry], starts: list[Start]) -> tuple[
     problem = replace(arena.problem, scale=arena.problem.scale * np.sqrt(power + 1e-12))
     arena = replace(arena, problem=problem)
     again = [
-        enter(arena, e.members, e.fit.theta, x0=e.fit.x0) if e.fit.usable else e for e in entries
+        enter(arena, e.members, e.fit.theta, e.fit.path) if e.fit.usable else e for e in entries
     ]
     return arena, again
 
@@ -319,5 +337,5 @@ def ablate(
         neutral = neutral_values(arena.super_model)
         for j in arena.super_model.index(number):
             start[j] = neutral[j]
-        extra.append(enter(arena, rest, start, x0=chosen.fit.x0))
+        extra.append(enter(arena, rest, start, chosen.fit.path))
     return chosen, extra

@@ -18,6 +18,8 @@ STEP_ERROR = 1e-3
 STABLE = 2.5
 """Product of step and fastest rate up to which RK4 is stable (its limit is 2.78)."""
 MOST_SUBSTEPS = 16
+LIFTED_SUBSTEPS = 4
+"""The same where an implicit step needs few sensitivities: it is the cheaper one from here on."""
 POINTS = 200
 TRIAL = 400
 
@@ -41,8 +43,8 @@ def choose_stepping(
     fastest = _fastest(simulator, theta, widths, at, np.concatenate([u[pick], u[:1]]))
     step = min(p.recording.sample_time for p in prepared)
     needed = int(2 ** np.ceil(np.log2(max(fastest * step / STABLE, 1.0))))
-    if needed > MOST_SUBSTEPS:
-        return Stepping("rodas3", 4, widths)
+    if needed > (LIFTED_SUBSTEPS if liftable(simulator) else MOST_SUBSTEPS):
+        return Stepping("rodas3", 2 if liftable(simulator) else 4, widths)
     method, order = "rk4", 4
     change = _change(
         simulator, prepared, theta, *(Stepping(method, n, widths) for n in (needed, 4 * needed))

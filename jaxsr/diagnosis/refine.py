@@ -187,7 +187,7 @@ def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarr
         return theta, np.zeros_like(theta)
     wider = replace(stepping, widths=tuple(2.0 * w for w in stepping.widths))
     problem = replace(arena.problem, simulator=simulator, stepping=wider)
-    second = enter(replace(arena, problem=problem), entry.members, theta, x0=entry.fit.x0).fit
+    second = enter(replace(arena, problem=problem), entry.members, theta, entry.fit.path).fit
     if not second.usable:
         return theta, np.zeros_like(theta)
     low, high = parameter_bounds(arena.super_model)

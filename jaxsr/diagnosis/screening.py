@@ -95,6 +95,18 @@ def screen(system: WeakSystem, super_model: SuperModel) -> Screening:
     return Screening(tuple(sets), search.collinear)
 
 
+def redundant(super_model: SuperModel, members: Sequence[int]) -> bool:
+    """Whether two members are variants of one mechanism, or one contains the other."""
+    chosen = [super_model.candidates[i] for i in members]
+    if len({c.label for c in chosen}) < len(chosen):
+        return True
+    for first, second in combinations(chosen, 2):
+        pair = {first.mechanism, second.mechanism}
+        if first.site == second.site and any(pair <= group for group in CONTAINED):
+            return True
+    return False
+
+
 class _Search:
     """Normal equations per block, solved for many sets."""
 
@@ -180,7 +192,9 @@ class _Search:
         return list(found.values())
 
     def _fresh(self, members: tuple[int, ...], found: dict) -> bool:
-        return members not in found and len(members) > 0 and not self._redundant(members)
+        return (
+            members not in found and len(members) > 0 and not redundant(self.super_model, members)
+        )
 
     def _scored(self, sets: Sequence[tuple[int, ...]]) -> dict[tuple[int, ...], ScreenedSet]:
         """Score many sets, those with equally many constants side by side."""
@@ -194,18 +208,6 @@ class _Search:
                 found = zip(part, self._evaluate(part), strict=True)
                 scored |= {members: item for members, item in found if item is not None}
         return {members: scored[members] for members in sets if members in scored}
-
-    def _redundant(self, members: Sequence[int]) -> bool:
-        """Whether two members are variants of one mechanism, or one contains the other."""
-        labels = [self.super_model.candidates[i].label for i in members]
-        if len(set(labels)) < len(labels):
-            return True
-        for a, b in combinations(members, 2):
-            first, second = self.super_model.candidates[a], self.super_model.candidates[b]
-            pair = {first.mechanism, second.mechanism}
-            if first.site == second.site and any(pair <= group for group in CONTAINED):
-                return True
-        return False
 
     def evaluate(self, members: tuple[int, ...]) -> ScreenedSet | None:
         """Score a set; None where it breaks a sign or cannot be solved."""

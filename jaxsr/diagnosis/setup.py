@@ -11,6 +11,8 @@ import numpy as np
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.columns import WeakColumns, motion_of, with_candidates
 from jaxsr.diagnosis.mechanisms import Motion, force_candidates
+from jaxsr.diagnosis.mechanisms.memory import memory_candidates
+from jaxsr.diagnosis.memory_columns import with_memory
 from jaxsr.diagnosis.screening import Screening, screen
 from jaxsr.diagnosis.weak_system import WeakSystem, observable_states, weak_system
 from jaxsr.models import Model, Simulator
@@ -52,6 +54,11 @@ def half_width_of(prepared: Sequence[Prepared]) -> float:
     return float(min(min(found), shortest / 4.0))
 
 
+def sample_step(prepared: Sequence[Prepared]) -> float:
+    """Median sample interval in s."""
+    return float(np.median([p.recording.sample_time for p in prepared]))
+
+
 @dataclass(frozen=True, eq=False)
 class Screened:
     """The weak view of all candidates and the sets it suggests; absent where a state hides."""
@@ -73,8 +80,9 @@ def screen_all(simulator: Simulator, prepared: Sequence[Prepared]) -> Screened |
     columns = WeakColumns(model, prepared, half_width)
     scale = state_scale(model, prepared)
     candidates = force_candidates(model, scale, _motion(simulator, prepared, half_width))
+    candidates += memory_candidates(model, scale, sample_step(prepared))
     super_model = SuperModel.build(model, candidates)
-    system = with_candidates(columns, given, super_model)
+    system = with_memory(with_candidates(columns, given, super_model), super_model, prepared)
     return Screened(super_model, system, screen(system, super_model), half_width)
 
 

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
+from jaxsr.models.field import Field, Point
+from jaxsr.models.inputs import stage_inputs
 from jaxsr.models.model import Model
+from jaxsr.models.sensitivity import Directions, Stages, advanced, condensed
 from jaxsr.models.simulator import Simulator
-from jaxsr.models.stepping import Step, rk4
 
 if TYPE_CHECKING:
     from jaxsr.models.segments import Prepared
 
 NEWTON_STEPS = 3  # one suffices where a memory is linear
+ITERATIONS = 12
+LARGEST = 1e9
 
 
 def known_states(
@@ -41,53 +42,55 @@ def known_states(
         return known
     simulator = simulator or Simulator(model)
     values = simulator.values() if theta is None else theta
-    x, u = np.nan_to_num(known), item.inputs
-    with jax.enable_x64(True):
-        path = np.asarray(_path(simulator, item.time, x, u, np.asarray(values, dtype=float)))
+    path = _path(simulator, item, np.nan_to_num(known), np.asarray(values, dtype=float))
     return np.concatenate([known, path], axis=1)
 
 
-@partial(jax.jit, static_argnums=0)
-def _path(simulator: Simulator, time: Any, x: Any, u: Any, theta: Any) -> Any:
-    """Integrate the driven states along known ones, shape (samples, driven)."""
+def _path(simulator: Simulator, item: Prepared, x: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Integrate the driven states along known ones, shape (samples, driven).
+
+    Newton's method on all samples at once (`lifting`), the known states held where they are.
+    """
     model = simulator.model
-    count, p = len(model.driven), tuple(theta[i] for i in range(theta.shape[0]))
-    like, held = 0.0 * time[0], model.input_hold == "zero"
+    count, known = len(model.driven), x.shape[1]
+    time, u = item.time, item.inputs
+    field = Field(simulator, [float(v) for v in theta])
+    to = Directions(tuple(model.states), {}, {}, tuple(model.inputs))
+    table = [stage_inputs(time, column, model.input_hold, 1) for column in u.T]
+    values = np.array([[c[s][:, 0] for c in table] for s in range(3)])[..., None]
+    stages = Stages(values.reshape(3, len(table), time.size - 1, 1), {})
+    path = np.zeros((len(model.states), time.size, 1))
+    path[:known] = x.T[..., None]
+    rest = _at_rest(field, time[0], x[0], u[0], count)
+    path[known:] = rest[:, None, None]
+    length = np.diff(time)[:, None, None]
+    with np.errstate(all="ignore"):
+        for _ in range(ITERATIONS):
+            start = list(path[:, :-1])
+            ends, tangents = advanced(
+                field, to, "rk4", start, time[:-1, None], length, lambda _: stages
+            )
+            slopes, defects = tangents, np.stack(ends) - path[:, 1:]
+            slopes[:known], defects[:known] = 0.0, 0.0
+            _, shift = condensed(slopes, defects)
+            shift = np.clip(np.nan_to_num(shift[known:]), -LARGEST, LARGEST)
+            path[known:] += shift
+            size = np.abs(path[known:]).max() + 1e-300
+            if np.abs(shift).max() < 1e-9 * size:
+                break
+    return path[known:, :, 0].T
 
-    def advance(z: tuple, piece: tuple) -> tuple:
-        t, h, known, drive = piece  # known, drive: values at both ends of the interval
 
-        def field(s: Any, y: tuple, _: tuple) -> tuple:
-            share = (s - t) / h
-            at = known[0] + share * (known[1] - known[0])
-            forced = drive[0] + (0.0 if held else share * (drive[1] - drive[0]))
-            states = (*(at[i] for i in range(at.shape[0])), *y)
-            rates = simulator.rates(s, states, tuple(forced[i] for i in range(forced.shape[0])), p)
-            return rates[-count:]
-
-        z = rk4(field, z, Step(t, h, (), (), ()))
-        return z, jnp.stack(z)
-
-    pairs = (jnp.stack([a[:-1], a[1:]], axis=1) for a in (x, u))
-    start = _at_rest(simulator, time[0], x[0], u[0], p)
-    start = tuple(start[i] + like for i in range(count))
-    _, path = jax.lax.scan(advance, start, (time[:-1], jnp.diff(time), *pairs))
-    return jnp.concatenate([jnp.stack(start)[None], path])
-
-
-def _at_rest(simulator: Simulator, t: Any, x: Any, u: Any, p: tuple) -> Any:
+def _at_rest(field: Field, t: float, x: np.ndarray, u: np.ndarray, count: int) -> np.ndarray:
     """Where the memories have settled if all has stood still with the first sample's values."""
-    model = simulator.model
-    moving = jnp.array([model.kinematic_parent(s) is not None for s in model.states[: x.shape[0]]])
-    known = tuple(jnp.where(moving, 0.0, x))
-    drive = tuple(u[i] for i in range(u.shape[0]))
-
-    def rates(z: Any) -> Any:
-        states = (*known, *(z[i] for i in range(z.shape[0])))
-        return jnp.stack(simulator.rates(t, states, drive, p)[-z.shape[0] :])
-
-    z = jnp.zeros(len(model.driven))
+    model = field.model
+    moving = [model.kinematic_parent(s) is not None for s in model.states[: x.size]]
+    known = np.where(moving, 0.0, x)
+    own = model.states[x.size :]
+    z = np.zeros(count)
     for _ in range(NEWTON_STEPS):
+        rates, rows = field.slopes(Point(t, [*known, *z], list(u)))
+        slope = np.array([[float(row.get(s, 0.0)) for s in own] for row in rows[x.size :]])
         # A memory that standstill leaves where it is (a zero row) stays at zero.
-        z = z - jnp.linalg.pinv(jax.jacfwd(rates)(z)) @ rates(z)
+        z = z - np.linalg.pinv(np.nan_to_num(slope)) @ np.nan_to_num(rates[x.size :])
     return z

@@ -27,7 +27,7 @@ from jaxsr.models.delays import delay_of, delayed_stages, interpolated, stage_of
 from jaxsr.models.field import Field, Point
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments
-from jaxsr.models.sensitivity import Directions, advanced
+from jaxsr.models.sensitivity import Directions, advanced, condensed
 from jaxsr.models.simulator import Simulator
 
 Array = Any
@@ -96,7 +96,7 @@ def linear(
     ends, slopes = ground.step(path)
     if not own.all():
         slopes = slopes * own[None, :, None, :]
-    spread, shift = _condensed(slopes, ends - path[:, 1:])
+    spread, shift = condensed(slopes, ends - path[:, 1:])
     y, by = _read(ground, path + shift, spread)
     gap = y - np.stack(ground.field.readings(ground.at(path))[0])
     y, by = _late(simulator, segments, ground.values, ground.to, (y, by))
@@ -150,7 +150,7 @@ def carried_errors(
     path = coarse[1].course
     ends, slopes = one_step(simulator, *coarse, theta, path)
     other, _ = one_step(simulator, *fine, theta, path)
-    _, apart = _condensed(slopes, other - ends)
+    _, apart = condensed(slopes, other - ends)
     _, by = readings_along(simulator, *coarse, theta, path)
     return np.einsum("oits,its->ots", by, apart)
 
@@ -172,7 +172,7 @@ def simulated(
     with np.errstate(all="ignore"):
         for _ in range(CLOSING):
             ends, slopes = ground.step(path)
-            _, shift = _condensed(slopes, ends - path[:, 1:])
+            _, shift = condensed(slopes, ends - path[:, 1:])
             path = path + shift
             size = np.abs(path).max((1, 2)) + 1e-300
             far = np.abs(shift).max((1, 2)) / size
@@ -229,7 +229,7 @@ class _Ground:
             segments.length,
             lambda number: stage_of(*self.stages, number),
         )
-        return np.stack(ends), np.stack(tangents)
+        return np.stack(ends), tangents
 
     def at(self, path: Array) -> Point:
         """A path with its times and inputs."""
@@ -251,20 +251,6 @@ def _directions(simulator: Simulator, active: Sequence[str], late: Sequence[str]
     columns = {name: n + k for k, name in enumerate(active)}
     delays = {model.inputs.index(u): columns[str(model.delays[u])] for u in late}
     return Directions(tuple(model.states), columns, delays, tuple(model.inputs))
-
-
-def _condensed(slopes: Array, defects: Array) -> tuple[Array, Array]:
-    """Carry derivatives and defects from sample to sample."""
-    n, count, steps, segments = slopes.shape
-    by = np.ascontiguousarray(slopes.transpose(2, 3, 0, 1))
-    left = defects.transpose(1, 2, 0)
-    carried = np.zeros((steps + 1, segments, n, count + 1))
-    carried[0, :, :, :n] = np.eye(n)
-    for k in range(steps):
-        np.matmul(by[k, :, :, :n], carried[k], out=carried[k + 1])
-        carried[k + 1, :, :, n:count] += by[k, :, :, n:]
-        carried[k + 1, :, :, count] += left[k]
-    return carried[..., :count], carried[..., count].transpose(2, 0, 1)
 
 
 def _read(ground: _Ground, path: Array, spread: Array) -> tuple[Array, Array]:

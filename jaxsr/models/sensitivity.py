@@ -75,28 +75,28 @@ class Directions:
         """Number of directions."""
         return len(self.states) + len({*self.columns.values(), *self.delays.values()})
 
-    def along(
-        self, rows: Sequence[Row], tangents: Sequence[Array], stages: Stages, share: float
-    ) -> list[Array]:
-        """Derivatives of rates with the given Jacobian `rows` in all directions."""
-        result = []
-        for row in rows:
-            total = np.zeros_like(tangents[0])
+    def along(self, rows: Sequence[Row], tangents: Array, stages: Stages, share: float) -> Array:
+        """Derivatives of rates with the given Jacobian `rows` in all directions.
+
+        `tangents`, (states, directions, ...), are those of the states; so is the result.
+        """
+        result = np.zeros_like(tangents)
+        spare = np.empty_like(tangents[0])
+        for total, row in zip(result, rows, strict=True):
             for state, tangent in zip(self.states, tangents, strict=True):
                 if state in row:
-                    total += row[state] * tangent
+                    total += np.multiply(row[state], tangent, out=spare)
             for name, k in self.columns.items():
                 if name in row:
                     total[k] += row[name]
             for number, k in self.delays.items():
                 if self.inputs[number] in row:
                     total[k] += row[self.inputs[number]] * stages.rate(number, share)
-            result.append(total)
         return result
 
 
-State = tuple[list[Array], list[Array]]
-"""States and their derivatives in all directions, an array a state."""
+State = tuple[list[Array], Array]
+"""States, an array each, and their derivatives in all directions, (states, directions, ...)."""
 
 
 def _moved(start: Sequence[Array], *pairs: tuple[Any, Sequence[Array]]) -> list[Array]:
@@ -110,19 +110,30 @@ def rk4(field: Field, to: Directions, state: State, time: Array, h: Array, stage
     """Advance states and sensitivities by the classical Runge-Kutta method of order four."""
     x, dx = state
 
-    def slope(share: float, own: list[Array], tangents: list[Array]) -> State:
+    def slope(share: float, own: list[Array], tangents: Array) -> State:
         rates, rows = field.slopes(Point(time + share * h, own, stages.at(share)))
         return rates, to.along(rows, tangents, stages, share)
 
     k1, d1 = slope(0.0, x, dx)
-    k2, d2 = slope(0.5, _moved(x, (h / 2, k1)), _moved(dx, (h / 2, d1)))
-    k3, d3 = slope(0.5, _moved(x, (h / 2, k2)), _moved(dx, (h / 2, d2)))
-    k4, d4 = slope(1.0, _moved(x, (h, k3)), _moved(dx, (h, d3)))
+    k2, d2 = slope(0.5, _moved(x, (h / 2, k1)), _added(h / 2, d1, dx))
+    k3, d3 = slope(0.5, _moved(x, (h / 2, k2)), _added(h / 2, d2, dx))
+    k4, d4 = slope(1.0, _moved(x, (h, k3)), _added(h, d3, dx))
     sixth, third = h / 6, h / 3
+    d2 += d3
+    d2 *= 2.0
+    d2 += d1
+    d2 += d4
     return (
         _moved(x, (sixth, k1), (third, k2), (third, k3), (sixth, k4)),
-        _moved(dx, (sixth, d1), (third, d2), (third, d3), (sixth, d4)),
+        _added(sixth, d2, dx),
     )
+
+
+def _added(scale: Array, slope: Array, start: Array) -> Array:
+    """Return start + scale * slope."""
+    result = scale * slope
+    result += start
+    return result
 
 
 _G = 0.43586652150845899942
@@ -143,22 +154,27 @@ def sdirk3(
     """
     x, dx = state
     rates: list[list[Array]] = []
-    slopes: list[list[Array]] = []
+    slopes: list[Array] = []
     for weights, share in zip(_STAGES, _SHARES, strict=True):
         pairs = [(h * w, k) for w, k in zip(weights, rates, strict=True)]
         base = _moved(x, *pairs)
-        tangents = _moved(dx, *((h * w, d) for w, d in zip(weights, slopes, strict=True)))
+        tangents = dx
+        for w, d in zip(weights, slopes, strict=True):
+            tangents = _added(h * w, d, tangents)
 
         def at(k: list[Array], base: list[Array] = base, share: float = share) -> Point:
             return Point(time + share * h, _moved(base, (h * _G, k)), stages.at(share))
 
         k, rows, solve = _stage(field, to.states, at, h, rates[-1] if rates else None)
         rates.append(k)
-        slopes.append(list(solve(tuple(to.along(rows, tangents, stages, share)))))
+        slopes.append(np.stack(solve(tuple(to.along(rows, tangents, stages, share)))))
     weights = (*_B, _G)
+    tangents = dx
+    for w, d in zip(weights, slopes, strict=True):
+        tangents = _added(h * w, d, tangents)
     return (
         _moved(x, *((h * w, k) for w, k in zip(weights, rates, strict=True))),
-        _moved(dx, *((h * w, d) for w, d in zip(weights, slopes, strict=True))),
+        tangents,
     )
 
 
@@ -195,7 +211,7 @@ def _stage(
         step, share, size = list(solve(tuple(left))), 1.0, now
         k = [own + s for own, s in zip(k, step, strict=True)]
         reach = max(float(np.nanmax(np.abs(own))) for own in k) + 1e-300
-        if max(float(np.nanmax(np.abs(s))) for s in step) < 1e-11 * reach:
+        if max(float(np.nanmax(np.abs(s))) for s in step) < 1e-8 * reach:
             break
     return k, rows, solve
 
@@ -226,12 +242,38 @@ def advanced(
         Number of a substep to its inputs.
     """
     n, shape = len(x), np.shape(x[0])
-    tangents = [np.zeros((to.count, *shape)) for _ in range(n)]
+    tangents = np.zeros((n, to.count, *shape))
     for i in range(n):
-        tangents[i][i] = 1.0
+        tangents[i, i] = 1.0
     state: State = (list(x), tangents)
     for number in range(length.shape[1]):
         h = length[:, number]
         state = METHODS[method](field, to, state, time, h, stages(number))
         time = time + h
     return state
+
+
+def condensed(slopes: Array, defects: Array) -> tuple[Array, Array]:
+    """Carry derivatives and defects from sample to sample.
+
+    Parameters
+    ----------
+    slopes : ndarray, shape (states, directions, samples - 1, segments)
+        Of each one-sample map: by its start, then by the parameters.
+    defects : ndarray, shape (states, samples - 1, segments)
+
+    Returns
+    -------
+    spread : ndarray, shape (samples, segments, states, directions)
+    shift : ndarray, shape (states, samples, segments)
+    """
+    n, count, steps, segments = slopes.shape
+    by = np.ascontiguousarray(slopes.transpose(2, 3, 0, 1))
+    left = defects.transpose(1, 2, 0)
+    carried = np.zeros((steps + 1, segments, n, count + 1))
+    carried[0, :, :, :n] = np.eye(n)
+    for k in range(steps):
+        np.matmul(by[k, :, :, :n], carried[k], out=carried[k + 1])
+        carried[k + 1, :, :, n:count] += by[k, :, :, n:]
+        carried[k + 1, :, :, count] += left[k]
+    return carried[..., :count], carried[..., count].transpose(2, 0, 1)

@@ -1,0 +1,133 @@
+"""A contest's problem reduced to one set of candidates: states and terms of others are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.models.lifting import liftable
+from jaxsr.models.segments import Segments
+from jaxsr.models.shooting import Fit, Problem
+from jaxsr.models.simulator import Simulator
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """The estimation of one set.
+
+    Attributes
+    ----------
+    problem : Problem
+        Of the given model with the set's candidates alone.
+    parameters, states : ndarray of int
+        Where its parameters and states stand in the super-model.
+    """
+
+    problem: Problem
+    parameters: np.ndarray
+    states: np.ndarray
+
+    def active(self, wanted: np.ndarray) -> np.ndarray:
+        """Positions here of parameters of the super-model."""
+        place = {int(full): own for own, full in enumerate(self.parameters)}
+        return np.array([place[int(j)] for j in wanted], dtype=int)
+
+    def restored(self, result: Fit, theta: np.ndarray, full: Segments) -> Fit:
+        """Return the fit in the order of the super-model's parameters and states.
+
+        States of other candidates stay where the recordings have driven them.
+        """
+        values, starts = theta.copy(), full.guess.copy()
+        values[self.parameters] = result.theta
+        starts[self.states] = result.x0
+        by_start = np.zeros((len(starts), *result.by_start.shape[1:]))
+        by_start[self.states] = result.by_start
+        path = None
+        if result.path is not None:
+            path = full.course.copy()
+            path[self.states] = result.path
+        return replace(
+            result,
+            theta=values,
+            x0=starts,
+            active=self.parameters[result.active],
+            by_start=by_start,
+            path=path,
+        )
+
+
+def reduce(problem: Problem, super_model: SuperModel, members: Sequence[int]) -> Reduced:
+    """Leave out of a super-model's problem what the given model and `members` do not need."""
+    full = super_model.model
+    everything = np.arange(len(full.parameters)), np.arange(len(full.states))
+    if not liftable(problem.simulator) or len(members) == len(super_model.candidates):
+        return Reduced(problem, *everything)
+    alone = SuperModel.build(super_model.given, [super_model.candidates[i] for i in members])
+    simulator = Simulator(alone.model)
+    order = list(full.parameters)
+    names = _parameter_names(super_model, alone, members)
+    parameters = np.array([order.index(names.get(n, n)) for n in alone.model.parameters], dtype=int)
+    states = _state_positions(super_model, members)
+    widths = dict(zip(problem.simulator.smoothed_arguments, problem.stepping.widths, strict=False))
+    least = min(problem.stepping.widths, default=1e-4)
+    own = tuple(widths.get(a, least) for a in simulator.smoothed_arguments)
+    segments = replace(
+        problem.segments,
+        guess=problem.segments.guess[states],
+        course=problem.segments.course[states],
+        free_start=problem.segments.free_start[states],
+        override=problem.segments.override[parameters],
+    )
+    stepping = replace(problem.stepping, widths=own)
+    return Reduced(Problem(simulator, stepping, segments, problem.scale), parameters, states)
+
+
+def _parameter_names(
+    super_model: SuperModel, alone: SuperModel, members: Sequence[int]
+) -> dict[str, str]:
+    """Name here to name in the super-model, of the candidates' parameters."""
+    names = {}
+    for here, there in enumerate(members):
+        candidate = super_model.candidates[there]
+        mine, theirs = alone.names[here], super_model.names[there]
+        names |= {mine[own]: theirs[own] for own in mine}
+        if candidate.replaced:
+            names[candidate.switch(mine)] = candidate.switch(theirs)
+    return names
+
+
+def _state_positions(super_model: SuperModel, members: Sequence[int]) -> np.ndarray:
+    """Positions of the given model's states, then of those that members bring along."""
+    known = len(super_model.given.states)
+    ends = known + np.cumsum([len(c.states) for c in super_model.candidates])
+    chosen = list(range(known))
+    for number in members:
+        count = len(super_model.candidates[number].states)
+        chosen += range(int(ends[number]) - count, int(ends[number]))
+    return np.array(chosen, dtype=int)
+
+
+def cropped(result: Fit, problem: Problem, narrow: Segments) -> Fit:
+    """Return a fit of segments with margins as one of the segments alone."""
+    wide = problem.segments
+    offset = narrow.start - wide.start
+    size = narrow.time.shape[0]
+    rows = np.minimum(np.arange(size)[:, None] + offset, wide.time.shape[0] - 1)
+    inside = np.arange(size)[:, None] < narrow.count
+    at = np.arange(narrow.number)[None, :]
+
+    def crop(a: np.ndarray) -> np.ndarray:
+        return np.where(inside, a[..., rows, at], 0.0)
+
+    path = None if result.path is None else result.path[:, rows, at]
+    return replace(
+        result,
+        residual=crop(result.residual),
+        jacobian=crop(result.jacobian),
+        by_start=crop(result.by_start),
+        path=path,
+        x0=result.x0 if path is None else path[:, 0],
+    )

@@ -1,0 +1,181 @@
+"""Growing sets in free run: every mechanism tried beside the leaders, the best of them in full."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.contest import Arena, Entry, enter
+from jaxsr.diagnosis.decide import criterion, independent_residuals, plausible
+from jaxsr.diagnosis.mechanisms.site import Threshold
+from jaxsr.diagnosis.reduced import reduce
+from jaxsr.diagnosis.screening import redundant
+from jaxsr.models.shooting import linearise_fit
+
+QUICK = 1
+"""Iterations by which a mechanism is judged before it is estimated in full."""
+FULL = (8, 5, 4)
+"""Mechanisms estimated in full, by the size of the set."""
+PARENTS = 2
+WORTH = 0.3
+"""Share of the best quick gain from which a mechanism is estimated in full."""
+
+
+def seeded(super_model: SuperModel, members: Iterable[int], theta: np.ndarray) -> np.ndarray:
+    """Return `theta` with the thresholds of `members` at their seeds."""
+    theta, order = theta.copy(), list(super_model.model.parameters)
+    for number in members:
+        for spec in super_model.candidates[number].parameters:
+            if isinstance(spec, Threshold):
+                theta[order.index(super_model.names[number][spec.name])] = spec.seed
+    return theta
+
+
+def grow(
+    arena: Arena,
+    entries: Sequence[Entry],
+    exhausted: Callable[[], bool],
+    tell: Callable[[float, str], None] = lambda share, text: None,
+) -> list[Entry]:
+    """Return the entries and those of larger sets found on the way.
+
+    One iteration from a leader's estimate, all parameters moving with it, tells what a mechanism
+    can gain (the tangent view); the best of each round are estimated until they settle. Growth
+    ends where Schwarz's criterion asks for no more.
+    """
+    found = {e.members: e for e in entries}
+    leaders = [found[()]]
+    for size, most in enumerate(FULL, start=1):
+        for leader in leaders:
+            if exhausted():
+                return list(found.values())
+            every = size < len(FULL) and leader is leaders[0]
+            quick = _tried(arena, leader, found, exhausted, tell if every else None)
+            for trial in _promising(arena.super_model, leader, quick, most):
+                if exhausted():
+                    break
+                full = enter(arena, trial.members, trial.theta, leader.fit.path, exhausted)
+                found[full.members] = full
+        known = [e for e in found.values() if not e.members or plausible(arena, e)]
+        n = independent_residuals(min(known, key=lambda e: e.fit.cost))
+        known.sort(key=lambda e: criterion(arena.super_model, e, n))
+        leaders = [e for e in known[:PARENTS] if len(e.members) == size]
+        if not leaders or leaders[0] is not known[0]:
+            break
+    return list(found.values())
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a set is expected to reach, and where its estimation starts."""
+
+    members: tuple[int, ...]
+    cost: float
+    theta: np.ndarray
+
+
+def _tried(
+    arena: Arena,
+    leader: Entry,
+    found: dict[tuple[int, ...], Entry],
+    exhausted: Callable[[], bool],
+    tell: Callable[[float, str], None] | None,
+) -> list[Trial]:
+    """Add every mechanism to a set: most in one linearisation, the others by one iteration.
+
+    Without `tell` the others, which take longer, are left out.
+    """
+    super_model = arena.super_model
+    numbers = [
+        i
+        for i in range(len(super_model.candidates))
+        if (m := tuple(sorted({*leader.members, i}))) not in found and not redundant(super_model, m)
+    ]
+    smooth = [i for i in numbers if _smooth(super_model, i)]
+    trials = _tangent(arena, leader, smooth)
+    for number in (i for i in numbers if i not in smooth):
+        if exhausted() or tell is None:
+            break
+        tell(number / len(super_model.candidates), super_model.candidates[number].label)
+        members = tuple(sorted({*leader.members, number}))
+        start = seeded(super_model, (number,), leader.fit.theta)
+        entry = enter(arena, members, start, leader.fit.path, exhausted, QUICK)
+        if entry.fit.usable:
+            trials.append(Trial(members, entry.fit.cost, entry.fit.theta))
+    return trials
+
+
+def _smooth(super_model: SuperModel, number: int) -> bool:
+    """Whether a mechanism brings no state along and grows from nothing in proportion."""
+    candidate = super_model.candidates[number]
+    return not candidate.states and not any(isinstance(p, Threshold) for p in candidate.parameters)
+
+
+def _tangent(arena: Arena, leader: Entry, numbers: Sequence[int]) -> list[Trial]:
+    """Expect costs from one linearisation, parameters and starts moving along.
+
+    Adding columns C to columns B lowers the cost by g' (C'C - C'B (B'B)^-1 B'C)^-1 g, g the
+    moment of C with the residual, starts projected out of all of them.
+    """
+    super_model = arena.super_model
+    if not numbers:
+        return []
+    everything = tuple(sorted({*leader.members, *numbers}))
+    own = {i: super_model.index(i, coefficients_only=True) for i in numbers}
+    base = [int(j) for j in leader.fit.active]
+    active = np.array(
+        list(dict.fromkeys([*base, *(j for i in numbers for j in own[i])])), dtype=int
+    )
+    reduced = reduce(arena.problem, super_model, everything)
+    theta = super_model.switched(leader.members, leader.fit.theta)
+    path = leader.fit.path
+    here = replace(
+        leader.fit,
+        theta=theta[reduced.parameters],
+        path=None if path is None else path[reduced.states],
+        x0=leader.fit.x0[reduced.states],
+    )
+    fitted = linearise_fit(reduced.problem, here, reduced.active(active))
+    hessian, gradient = (a.sum(0) for a in fitted.normal_equations())
+    size = np.sqrt(np.maximum(np.diag(hessian), 0.0))
+    size = np.where(size > 0, size, np.inf)
+    hessian, gradient = hessian / size / size[:, None], gradient / size
+    low, high = arena.bounds
+    place = {int(j): k for k, j in enumerate(active)}
+    known = [place[j] for j in base]
+    inverse = np.linalg.pinv(hessian[np.ix_(known, known)], rcond=1e-10, hermitian=True)
+    trials = []
+    for number in numbers:
+        new = [place[j] for j in own[number]]
+        cross = hessian[np.ix_(new, known)] @ inverse
+        left = hessian[np.ix_(new, new)] - cross @ hessian[np.ix_(known, new)]
+        pull = gradient[new] - cross @ gradient[known]
+        step = np.linalg.lstsq(left + 1e-9 * np.eye(len(new)), pull, rcond=1e-9)[0]
+        value = theta.copy()
+        at = active[new]
+        value[at] += step / size[new]
+        inside = (value[at] >= low[at]) & (value[at] <= high[at])
+        gain = float(step @ pull) if np.isfinite(step).all() and inside.any() else 0.0
+        value[at] = np.clip(value[at], low[at], high[at])
+        members = tuple(sorted({*leader.members, number}))
+        trials.append(Trial(members, max(leader.fit.cost - gain, 1e-300), value))
+    return trials
+
+
+def _promising(
+    super_model: SuperModel, leader: Entry, quick: Sequence[Trial], most: int
+) -> list[Trial]:
+    """Pick the best variant of each mechanism, and of these the best few."""
+    best: dict[tuple[str, ...], Trial] = {}
+    for trial in quick:
+        labels = tuple(super_model.candidates[i].label for i in trial.members)
+        if labels not in best or trial.cost < best[labels].cost:
+            best[labels] = trial
+    ranked = sorted(best.values(), key=lambda e: e.cost)
+    if not ranked:
+        return []
+    gain = np.log(leader.fit.cost / ranked[0].cost)
+    return [t for t in ranked[:most] if np.log(leader.fit.cost / t.cost) > WORTH * gain > 0]
