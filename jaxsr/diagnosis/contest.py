@@ -297,6 +297,10 @@ def gain(worse: np.ndarray, better: np.ndarray) -> tuple[float, float, float]:
     p : float
         One-sided p-value of Student's t-test that the mean is above zero.
     """
+    if not np.isfinite(worse).all() or not np.isfinite(better).all():
+        # What could not be simulated loses.
+        lost = float(not np.isfinite(worse).all()) - float(not np.isfinite(better).all())
+        return lost * np.inf if lost else 0.0, 0.0, 0.5 - 0.5 * lost
     difference = np.log(worse + 1e-300) - np.log(better + 1e-300)
     mean, count = float(np.mean(difference)), difference.size
     error = float(np.std(difference, ddof=1) / np.sqrt(count)) if count > 1 else np.inf

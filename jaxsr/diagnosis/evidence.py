@@ -186,6 +186,8 @@ def _reason(parts: Ingredients, entry: Entry) -> str:
         return "Fewest constants among the sets that the best one does not beat."
     if not entry.members:
         return "Re-calibration alone leaves the mismatch."
+    if not np.isfinite(entry.errors).all():
+        return "No simulation closes: the set contradicts the recordings."
     mean, error, _ = gain(entry.errors, parts.chosen.errors)
     percent = 100.0 * (np.exp(0.5 * mean) - 1.0)
     if mean > max(error, 0.0) and mean > 0.02:

@@ -101,8 +101,8 @@ def _change(
 
     with np.errstate(all="ignore"):
         if liftable(simulator):
-            both = [(stepping, segments(stepping)) for stepping in (coarse, fine)]
-            difference = carried_errors(simulator, *both, theta)
+            first, second = (coarse, segments(coarse)), (fine, segments(fine))
+            difference = carried_errors(simulator, first, second, theta)
         else:
             runs = []
             for stepping in (coarse, fine):

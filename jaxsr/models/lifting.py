@@ -80,7 +80,7 @@ def linear(
     segments: Segments,
     theta: Array,
     path: Array,
-    active: Sequence[int],
+    active: Sequence[int] | np.ndarray,
 ) -> Linear:
     """Linearise all segments about a path.
 
@@ -203,7 +203,7 @@ class _Ground:
         stepping: Stepping,
         segments: Segments,
         theta: Array,
-        active: Sequence[int],
+        active: Sequence[int] | np.ndarray,
     ) -> _Ground:
         model = simulator.model
         names = list(model.parameters)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr.models.arrow import levenberg_step, products, schur
 from jaxsr.models.lifting import Linear, liftable, linear, simulated
 from jaxsr.models.relaxed import relaxed
 from jaxsr.models.rollout import Stepping, linearise, outputs
@@ -93,8 +94,8 @@ class Fit:
         hessian : ndarray, shape (segments, active, active)
         gradient : ndarray, shape (segments, active)
         """
-        blocks = _blocks(self.residual, self.jacobian, self.by_start)
-        return _schur(*blocks, damping=0.0)[:2]
+        blocks = products(self.residual, self.jacobian, self.by_start)
+        return schur(*blocks, damping=0.0)[:2]
 
 
 def simulate(problem: Problem, theta: np.ndarray, x0: np.ndarray) -> np.ndarray:
@@ -210,7 +211,8 @@ class Search:
         far = best.gap > float(segments.weights.sum()) * FAR**2 * np.var(
             np.nan_to_num(segments.outputs) / problem.scale[:, None, None]
         )
-        if path is None and (far or not best.fit.usable):
+        driven = bool(problem.simulator.model.driven)
+        if path is None and ((far and not driven) or not best.fit.usable):
             # The sensors tell too little, or one step differs too much from the next.
             setting = (problem.simulator, problem.stepping, segments)
             other = attempt(relaxed(*setting, theta, problem.scale))
@@ -238,7 +240,7 @@ class Search:
         low, high = self.bounds
         share = 1.0
         for _ in range(8):
-            step, starts = _step(self.problem, best.fit, damping, low, high)
+            step, starts = levenberg_step(best.fit, damping, low, high)
             theta = best.fit.theta.copy()
             theta[self.active] = np.clip(
                 theta[self.active] + step, low[self.active], high[self.active]
@@ -294,7 +296,7 @@ def _levenberg_marquardt(
             break
         improved = False
         for _ in range(8):
-            step_theta, step_x0 = _step(problem, best, damping, low, high)
+            step_theta, step_x0 = levenberg_step(best, damping, low, high)
             trial_theta = best.theta.copy()
             trial_theta[active] = np.clip(
                 best.theta[active] + step_theta, low[active], high[active]
@@ -363,65 +365,3 @@ def _weighed(
         by_start=np.where(free & (weight > 0.0), by_start * weight, 0.0),
         converged=False,
     )
-
-
-def _blocks(
-    residual: np.ndarray, jacobian: np.ndarray, by_start: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Products per segment: Jt J, Jt X, Xt X, Jt r, Xt r."""
-    segments = residual.shape[-1]
-    rows = residual.size // segments
-    j = jacobian.reshape(jacobian.shape[0], rows, segments).transpose(2, 1, 0)
-    x = by_start.reshape(by_start.shape[0], rows, segments).transpose(2, 1, 0)
-    r = residual.reshape(-1, segments).T[:, :, None]
-    jt, xt = j.transpose(0, 2, 1), x.transpose(0, 2, 1)
-    return jt @ j, jt @ x, xt @ x, (jt @ r)[..., 0], (xt @ r)[..., 0]
-
-
-def _schur(
-    jj: np.ndarray, jx: np.ndarray, xx: np.ndarray, jr: np.ndarray, xr: np.ndarray, damping: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    scale = np.sqrt(np.einsum("sii->si", xx))
-    # A start that no sensor sees (zero column) is left where it is.
-    seen = scale > 1e-150
-    scale = np.where(seen, scale, 1.0)
-    scaled = xx / scale[:, :, None] / scale[:, None, :]
-    scaled += (damping + 1e-10) * np.eye(xx.shape[1])
-    inverse = np.linalg.inv(scaled) / scale[:, :, None] / scale[:, None, :]
-    inverse = inverse * seen[:, :, None] * seen[:, None, :]
-    projected = jj - jx @ inverse @ jx.transpose(0, 2, 1)
-    gradient = jr - (jx @ inverse @ xr[..., None])[..., 0]
-    return projected, gradient, inverse, jx
-
-
-def _step(
-    problem: Problem, fit_: Fit, damping: float, low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    blocks = _blocks(fit_.residual, fit_.jacobian, fit_.by_start)
-    hessian, gradient, inverse, jx = _schur(*blocks, damping=damping)
-    step = np.zeros(fit_.active.size)
-    if fit_.active.size:
-        total, right = hessian.sum(0), gradient.sum(0)
-        value = fit_.theta[fit_.active]
-        held = ((value <= low[fit_.active]) & (right < 0)) | (
-            (value >= high[fit_.active]) & (right > 0)
-        )
-        step = _bounded_solve(total, right, damping, ~held)
-    x_step = np.einsum("sij,sj->si", inverse, blocks[4] - np.einsum("spi,p->si", jx, step))
-    return step, x_step.T
-
-
-def _bounded_solve(
-    hessian: np.ndarray, gradient: np.ndarray, damping: float, free: np.ndarray
-) -> np.ndarray:
-    step = np.zeros(gradient.size)
-    index = np.flatnonzero(free)
-    part = hessian[np.ix_(index, index)]
-    if index.size == 0 or not (np.isfinite(part).all() and np.isfinite(gradient[index]).all()):
-        return step  # at an unstable point products overflow: the starts alone may still help
-    # What the starts reproduce entirely leaves nothing, or a rounding error below it: no step.
-    diagonal = np.diag(part)
-    scale = np.where(diagonal > 1e-200, np.sqrt(np.maximum(diagonal, 1e-200)), np.inf)
-    scaled = part / scale[:, None] / scale[None, :] + (damping + 1e-12) * np.eye(index.size)
-    step[index] = np.linalg.lstsq(scaled, gradient[index] / scale, rcond=1e-13)[0] / scale
-    return step
