@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.special
 import scipy.stats
 
 from jaxsr.diagnosis.candidates import SuperModel
@@ -134,8 +135,17 @@ def most_credible(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
 
 
 def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
-    """Schwarz's criterion of an entry with its prior, for n independent residuals."""
-    price = entry.fit.active.size * np.log(n) - 2.0 * log_prior(super_model, entry)
+    """Schwarz's criterion of an entry with its prior, for n independent residuals.
+
+    Extended to a choice among many: m of p mechanisms can be picked in C(p, m) ways, which is
+    paid for by 2 log C(p, m) (Chen & Chen, Biometrika 95 (2008)).
+    """
+    mechanisms = len({c.label for c in super_model.candidates})
+    choices = float(scipy.special.gammaln(mechanisms + 1.0))
+    for part in (len(entry.members), max(mechanisms - len(entry.members), 0)):
+        choices -= float(scipy.special.gammaln(part + 1.0))
+    price = entry.fit.active.size * np.log(n) + 2.0 * choices
+    price -= 2.0 * log_prior(super_model, entry)
     return float(n * np.log(entry.fit.cost + 1e-300) + price)
 
 

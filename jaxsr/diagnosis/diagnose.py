@@ -12,6 +12,7 @@ from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.contest import (
+    CONTEST_TOLERANCE,
     Arena,
     Entry,
     build_arena,
@@ -49,6 +50,8 @@ MANY_SEGMENTS = 20
 LIMITED = 10.0
 """Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
 SMALL, SATURATED = 0.1, 1.3
+ABLATIONS = 3
+"""Times that a decision is made anew because a smaller set did better than before."""
 REMOVED = 0.3
 """Share of the re-calibrated error up to which a mismatch counts as explained."""
 
@@ -144,6 +147,21 @@ def decide(
     case: Case, arena: Arena, entries: list[Entry]
 ) -> tuple[Arena, list[Entry], Entry, Detection]:
     """Choose an entry; re-calibration alone unless another clearly beats it."""
+    for _ in range(ABLATIONS):
+        good, chosen, detection = _choose(case, arena, entries)
+        simpler = ablate(arena, chosen, entries, case) if detection.detected else []
+        if not simpler:
+            break
+        replaced = {e.members for e in simpler}
+        entries = [e for e in entries if e.members not in replaced] + simpler
+    good, chosen, detection = _choose(case, arena, entries)
+    # The chosen set without a member is reported whatever its estimates.
+    good += [e for e in entries if set(e.members) < set(chosen.members) and e not in good]
+    return arena, good, chosen, detection
+
+
+def _choose(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry], Entry, Detection]:
+    """Return the entries to be believed, the one among them to choose, and the test of it."""
     null = next(e for e in entries if not e.members)
     good = [e for e in entries if not e.members or plausible(arena, e)]
     good = without_duplicates(arena.super_model, good)
@@ -156,10 +174,7 @@ def decide(
     else:
         chosen = most_credible(arena.super_model, good)
         detection = detect_in_noise(null, chosen, count)
-    if not detection.detected:
-        return arena, good, null, detection
-    chosen, extra = ablate(arena, chosen, good, case)
-    return arena, good + extra, chosen, detection
+    return good, chosen if detection.detected else null, detection
 
 
 def _unexplained(case: Case, arena: Arena, entries: list[Entry], chosen: Entry) -> bool:
@@ -323,19 +338,23 @@ def headline_horizon(
     return headline, sorted(many or fitting, reverse=True)
 
 
-def ablate(
-    arena: Arena, chosen: Entry, entries: list[Entry], case: Case
-) -> tuple[Entry, list[Entry]]:
-    """Enter the chosen set without each member, where the contest has not done so yet."""
-    have = {e.members for e in entries}
-    extra = []
+def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> list[Entry]:
+    """Enter the chosen set without each of its members, from where the whole set ended.
+
+    Returned are the entries that the contest lacks or has with a larger cost: a smaller set must
+    not lose because its estimation stopped early.
+    """
+    have = {e.members: e for e in entries}
+    neutral = neutral_values(arena.super_model)
+    better = []
     for number in chosen.members:
         rest = tuple(i for i in chosen.members if i != number)
-        if rest in have or case.budget.exhausted:
+        if case.budget.exhausted or (rest in have and not rest):
             continue
         start = chosen.fit.theta.copy()
-        neutral = neutral_values(arena.super_model)
         for j in arena.super_model.index(number):
             start[j] = neutral[j]
-        extra.append(enter(arena, rest, start, chosen.fit.path))
-    return chosen, extra
+        entry = enter(arena, rest, start, chosen.fit.path)
+        if rest not in have or entry.fit.cost < (1.0 - CONTEST_TOLERANCE) * have[rest].fit.cost:
+            better.append(entry)
+    return better

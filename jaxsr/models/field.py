@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -66,6 +67,15 @@ class Field:
         self._equations, self._mass, self._readings = _without(
             simulator, tuple(sorted(known.items()))
         )
+
+    def picked(self, chosen: Array) -> Field:
+        """Return the field at some of the samples: a mask over an array of them."""
+        own = copy.copy(self)
+        own._constants = {
+            name: np.broadcast_to(v, chosen.shape)[chosen] if np.ndim(v) else v
+            for name, v in self._constants.items()
+        }
+        return own
 
     def rates(self, at: Point) -> list[Array]:
         """Return dx/dt, an array a state."""

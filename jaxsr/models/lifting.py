@@ -17,6 +17,7 @@ Albersmeyer & Diehl, SIAM J. Optim. 20 (2010); Bock & Plitt, IFAC Proc. 17 (1984
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -31,7 +32,9 @@ from jaxsr.models.sensitivity import Directions, advanced, condensed
 from jaxsr.models.simulator import Simulator
 
 Array = Any
-CLOSING = 12
+CLOSING = 8
+CLOSE = 1e-9
+"""Step of a path, in sizes of the states, at which it is a simulation."""
 
 
 def liftable(simulator: Simulator) -> bool:
@@ -168,21 +171,38 @@ def simulated(
     """
     path = segments.course.copy()
     path[:, 0] = x0
+    path = closed(simulator, stepping, segments, theta, path)
+    if path is None:
+        return None
+    ground = _Ground.of(simulator, stepping, segments, theta, ())
+    y = np.stack(ground.field.readings(ground.at(path))[0])
+    none = np.zeros((0, *y.shape))
+    return _late(simulator, segments, ground.values, ground.to, (y, none))[0]
+
+
+def closed(
+    simulator: Simulator, stepping: Stepping, segments: Segments, theta: Array, path: Array
+) -> Array | None:
+    """Return the simulation from a path's starts, shape (states, samples, segments).
+
+    Newton's method from that path; what `CLOSING` iterations do not close, where a law has
+    corners, is simulated from sample to sample. None where states are not finite.
+    """
     ground = _Ground.of(simulator, stepping, segments, theta, ())
     with np.errstate(all="ignore"):
         for _ in range(CLOSING):
             ends, slopes = ground.step(path)
             _, shift = condensed(slopes, ends - path[:, 1:])
-            path = path + shift
-            size = np.abs(path).max((1, 2)) + 1e-300
+            moved = path + shift
+            size = np.abs(moved).max((1, 2)) + 1e-300
             far = np.abs(shift).max((1, 2)) / size
             if not np.isfinite(far).all():
-                return None
-            if far.max() < 1e-9:
-                y = np.stack(ground.field.readings(ground.at(path))[0])
-                none = np.zeros((0, *y.shape))
-                return _late(simulator, segments, ground.values, ground.to, (y, none))[0]
-    return None
+                break
+            path = moved
+            if far.max() < CLOSE:
+                return path
+        path = ground.forward(path)
+    return path if np.isfinite(path).all() else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,9 +247,28 @@ class _Ground:
             list(path[:, :-1]),
             segments.time[:-1],
             segments.length,
-            lambda number: stage_of(*self.stages, number),
+            functools.partial(stage_of, *self.stages),
         )
         return np.stack(ends), tangents
+
+    def forward(self, path: Array) -> Array:
+        """Simulate from the starts of a path, one sample after the other."""
+        segments, path = self.segments, path.copy()
+        inputs, rates = self.stages
+        for k in range(path.shape[1] - 1):
+            here = slice(k, k + 1)
+            stages = inputs[:, :, here], {i: rate[:, here] for i, rate in rates.items()}
+            ends, _ = advanced(
+                self.field,
+                self.to,
+                self.stepping.method,
+                list(path[:, here]),
+                segments.time[here],
+                segments.length[here],
+                functools.partial(stage_of, *stages),
+            )
+            path[:, k + 1] = np.stack(ends)[:, 0]
+        return path
 
     def at(self, path: Array) -> Point:
         """A path with its times and inputs."""

@@ -140,7 +140,9 @@ _G = 0.43586652150845899942
 _B = (-(6 * _G**2 - 16 * _G + 1) / 4, (6 * _G**2 - 20 * _G + 5) / 4)
 _STAGES = ((), ((1 - _G) / 2,), _B)
 _SHARES = (_G, (1 + _G) / 2, 1.0)
-_NEWTON = 10
+_NEWTON, _HARD = 5, 80
+_SETTLED = 1e-9
+"""Last step of a rate, in sizes of the rates, that ends the iteration."""
 
 
 def sdirk3(
@@ -185,35 +187,86 @@ def _stage(
     h: Array,
     guess: list[Array] | None,
 ) -> tuple[list[Array], Sequence[Row], Callable]:
-    """Solve k = f(base + h g k) by Newton's method, halved where it overshoots."""
+    """Solve k = f(base + h g k) by Newton's method, first everywhere, then where it is hard."""
     k = field.rates(at([0.0 * h] * len(states))) if guess is None else guess
+    k, hard, rows, solve = _newton(field, states, at, h, k, _NEWTON)
+    if not hard.any():
+        return k, rows, solve
+    here = at(k)
+    shape = hard.shape
+
+    def picked(values: Sequence[Array]) -> list[Array]:
+        return [np.broadcast_to(v, shape)[hard] for v in values]
+
+    step, own = np.broadcast_to(h, shape)[hard], picked(k)
+    time, inputs = picked([here.time])[0], picked(here.inputs)
+    base = [x - step * _G * rate for x, rate in zip(picked(here.states), own, strict=True)]
+    found, *_ = _newton(
+        field.picked(hard),
+        states,
+        lambda rates: Point(time, _moved(base, (step * _G, rates)), inputs),
+        step,
+        own,
+        _HARD,
+    )
+    for all_, part in zip(k, found, strict=True):
+        all_[hard] = part
+    _, rows = field.slopes(at(k))
+    return k, rows, factorised(_implicit(rows, states, h))
+
+
+def _implicit(rows: Sequence[Row], states: Sequence[str], h: Array) -> list[list[Array]]:
+    """Matrix 1 - h g J."""
+    return [
+        [float(i == j) - h * _G * row.get(s, 0.0) for j, s in enumerate(states)]
+        for i, row in enumerate(rows)
+    ]
+
+
+def _newton(
+    field: Field,
+    states: Sequence[str],
+    at: Callable[[list[Array]], Point],
+    h: Array,
+    k: list[Array],
+    iterations: int,
+) -> tuple[list[Array], Array, Sequence[Row], Callable]:
+    """Iterate k = f(base + h g k), the step halved where it overshoots a corner.
+
+    Returns
+    -------
+    k : list of ndarray
+    hard : ndarray of bool
+        Where the iteration has not settled.
+    rows, solve
+        Jacobian of f, and the solver of 1 - h g J, at the last point but one.
+    """
     size, share = np.inf, 1.0
     step: list[Array] = []
-    for _ in range(_NEWTON):
+    for _ in range(iterations):
         rates, rows = field.slopes(at(k))
-        matrix = [
-            [float(i == j) - h * _G * row.get(s, 0.0) for j, s in enumerate(states)]
-            for i, row in enumerate(rows)
-        ]
-        solve = factorised(matrix)
+        solve = factorised(_implicit(rows, states, h))
         left = [f - own for f, own in zip(rates, k, strict=True)]
         now = sum(np.abs(a) for a in left)
-        worse = now > size
+        worse = (now > size) & (share > 1e-6)
+        newton = solve(tuple(left))
         if step and np.any(worse):
             # Back half the way where the last step made things worse.
-            k = [
-                own - np.where(worse, 0.5 * share * s, 0.0) for own, s in zip(k, step, strict=True)
-            ]
             share = np.where(worse, 0.5 * share, 1.0)
-            step = [np.where(worse, s, 0.0) for s in step]
-            size = np.where(worse, size, now)
-            continue
-        step, share, size = list(solve(tuple(left))), 1.0, now
-        k = [own + s for own, s in zip(k, step, strict=True)]
-        reach = max(float(np.nanmax(np.abs(own))) for own in k) + 1e-300
-        if max(float(np.nanmax(np.abs(s))) for s in step) < 1e-8 * reach:
+            step = [np.where(worse, s, n) for s, n in zip(step, newton, strict=True)]
+            moves = [np.where(worse, -share * s, s) for s in step]
+        else:
+            share, step = np.ones(np.shape(now)), list(newton)
+            moves = step
+        size = np.where(worse, size, now)
+        k = [own + s for own, s in zip(k, moves, strict=True)]
+        hard = np.zeros(np.shape(now), dtype=bool)
+        for own, s in zip(k, moves, strict=True):
+            reach = float(np.nanmax(np.abs(own), initial=0.0)) + 1e-300
+            hard |= np.abs(s) > _SETTLED * reach
+        if not hard.any():
             break
-    return k, rows, solve
+    return k, hard, rows, solve
 
 
 METHODS: dict[str, Callable[..., State]] = {"rk4": rk4, "rodas3": sdirk3}

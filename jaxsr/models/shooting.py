@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.models.arrow import levenberg_step, products, schur
-from jaxsr.models.lifting import Linear, liftable, linear, simulated
+from jaxsr.models.lifting import Linear, closed, liftable, linear, simulated
 from jaxsr.models.relaxed import relaxed
 from jaxsr.models.rollout import Stepping, linearise, outputs
 from jaxsr.models.segments import Segments
@@ -20,7 +20,12 @@ RELATIVE_GAIN = 1e-5
 
 CLOSED = 1e-4
 """Share of the cost up to which the gap of a path to a simulation does not matter."""
-CLOSING = 6
+ROUNDING = (100.0, 10.0)
+"""Widths of rounded steps, in those of the final estimate."""
+POLISHING = 12
+ROUGH = 1e-2
+ROUGH_ITERATIONS = 8
+"""Where the estimation with rounded steps ends: it only has to lead near."""
 FAR = 0.5
 """Gap, in standard deviations of the readings, from which a first path is smoothed."""
 
@@ -152,6 +157,10 @@ def fit(
     with np.errstate(all="ignore"):
         if liftable(problem.simulator):
             search = Search(problem, np.asarray(active, dtype=int), bounds, tolerance)
+            if problem.stepping.widths and active.size and max_iterations > ROUGH_ITERATIONS:
+                theta, x0, path = search.rounded(theta, x0, path, stop)
+                found = search.run(theta, x0, path, ROUGH_ITERATIONS, stop)
+                return search.polished(found, stop)
             return search.run(theta, x0, path, max_iterations, stop)
         # A trial far off may overflow; its cost is then infinite and it is turned down.
         return _levenberg_marquardt(
@@ -167,6 +176,7 @@ class Search:
     active: np.ndarray
     bounds: tuple[np.ndarray, np.ndarray]
     tolerance: float
+    closing: bool = False
 
     def run(
         self,
@@ -195,7 +205,48 @@ class Search:
             if settled:
                 best = replace(best, fit=replace(best.fit, converged=True))
                 break
-        return self._closed(best)
+        best = self._closed(best)
+        return best.fit if best.closed else replace(best.fit, cost=np.inf)
+
+    def polished(self, found: Fit, stop: Callable[[], bool]) -> Fit:
+        """Lower the cost of simulations: every trial is closed before it is judged."""
+        if not np.isfinite(found.cost) or found.path is None:
+            return found
+        best, damping = self.at(found.theta, found.path), 1e-3
+        closing = replace(self, closing=True)
+        for _ in range(POLISHING):
+            if stop():
+                break
+            trial, damping = closing._improved(best, damping)
+            if trial is None:
+                return replace(best.fit, converged=True)
+            gain = (best.fit.cost - trial.fit.cost) / max(best.fit.cost, 1e-300)
+            best, damping = trial, max(damping / 8.0, 1e-12)
+            if gain < self.tolerance:
+                return replace(best.fit, converged=True)
+        return best.fit
+
+    def rounded(
+        self,
+        theta: np.ndarray,
+        x0: np.ndarray | None,
+        path: np.ndarray | None,
+        stop: Callable[[], bool],
+    ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+        """Estimate with steps in sign() and the like rounded, less and less.
+
+        Which samples stick and which slide changes by jumps while a sharp law moves; a rounded
+        one leads there smoothly (continuation).
+        """
+        stepping = self.problem.stepping
+        for factor in ROUNDING:
+            widths = tuple(factor * w for w in stepping.widths)
+            problem = replace(self.problem, stepping=replace(stepping, widths=widths))
+            search = replace(self, problem=problem, tolerance=ROUGH)
+            found = search.run(theta, x0, path, ROUGH_ITERATIONS, stop)
+            if found.usable and found.path is not None:
+                theta, x0, path = found.theta, None, found.path
+        return theta, x0, path
 
     def _begun(self, theta: np.ndarray, x0: np.ndarray | None, path: np.ndarray | None) -> Attempt:
         """Linearise about the first of several paths along which the model is finite."""
@@ -214,8 +265,7 @@ class Search:
         driven = bool(problem.simulator.model.driven)
         if path is None and ((far and not driven) or not best.fit.usable):
             # The sensors tell too little, or one step differs too much from the next.
-            setting = (problem.simulator, problem.stepping, segments)
-            other = attempt(relaxed(*setting, theta, problem.scale))
+            other = attempt(relaxed(*self.setting, theta, problem.scale))
             if other.fit.usable and (not best.fit.usable or other.fit.cost < best.fit.cost):
                 return other
         return best
@@ -246,7 +296,11 @@ class Search:
                 theta[self.active] + step, low[self.active], high[self.active]
             )
             moved = theta[self.active] - best.fit.theta[self.active]
-            trial = self.at(theta, best.linear.moved(share * starts, share * moved, share))
+            path = best.linear.moved(share * starts, share * moved, share)
+            if self.closing:  # trials are simulations
+                own = closed(*self.setting, theta, path)
+                path = path if own is None else own
+            trial = self.at(theta, path)
             better = trial.fit.cost < best.fit.cost
             if trial.fit.usable and (better or (not best.closed and trial.gap < best.gap)):
                 return trial, damping
@@ -255,15 +309,17 @@ class Search:
                 share *= 0.5
         return None, damping
 
-    def _closed(self, best: Attempt) -> Fit:
+    def _closed(self, best: Attempt) -> Attempt:
         """Close what is left of the gap; a path that does not close is no simulation."""
-        for _ in range(CLOSING):
-            if best.closed or not best.fit.usable:
-                break
-            none = np.zeros(self.active.size)
-            zero = np.zeros_like(best.fit.x0)
-            best = self.at(best.fit.theta, best.linear.moved(zero, none))
-        return best.fit if best.closed else replace(best.fit, cost=np.inf)
+        if best.closed or not best.fit.usable:
+            return best
+        path = closed(*self.setting, best.fit.theta, best.fit.path)
+        return best if path is None else self.at(best.fit.theta, path)
+
+    @property
+    def setting(self) -> tuple[Simulator, Stepping, Segments]:
+        """What integrates, how, and along which segments."""
+        return self.problem.simulator, self.problem.stepping, self.problem.segments
 
 
 @dataclass(frozen=True, eq=False)
