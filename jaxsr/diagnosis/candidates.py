@@ -13,6 +13,7 @@ from jaxsr._result import Verdict
 from jaxsr.models import Edit, Model, Parameter, apply_edit
 from jaxsr.models.edits import add_to_equation
 from jaxsr.models.model import DRIVEN, FREE
+from jaxsr.models.simulator import SMOOTHED
 
 UNLIMITED = 1e12
 """Stands for no limit: bounds of a model file are numbers."""
@@ -112,6 +113,11 @@ class Candidate:
     clock: tuple[tuple[str, str], ...] = ()
     source: str = ""
     conflicts: frozenset[str] = field(default_factory=frozenset)
+
+    @property
+    def sharp(self) -> bool:
+        """Whether a law jumps, which simulation rounds."""
+        return any(f"{op}(" in template for _, template in self.terms for op in SMOOTHED)
 
     @property
     def label(self) -> str:

@@ -148,10 +148,12 @@ def enter(
     path: np.ndarray | None = None,
     stop: Callable[[], bool] = lambda: False,
     max_iterations: int = 15,
+    near: bool = False,
 ) -> Entry:
     """Estimate one set jointly with the free parameters and the starts, and hold blocks back.
 
-    `path` is where the states are sought, as another entry's fit has them.
+    `path` is where the states are sought, as another entry's fit has them; `near` says that they
+    are nearly there.
     """
     super_model = arena.super_model
     problem = arena.problem
@@ -178,6 +180,7 @@ def enter(
             stop,
             CONTEST_TOLERANCE,
             course,
+            near,
         )
         moved = np.abs(result.theta - inner) > 1e-3 * np.abs(inner)
         inner, course = result.theta, result.path

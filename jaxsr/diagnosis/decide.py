@@ -145,6 +145,9 @@ def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
     for part in (len(entry.members), max(mechanisms - len(entry.members), 0)):
         choices -= float(scipy.special.gammaln(part + 1.0))
     price = entry.fit.active.size * np.log(n) + 2.0 * choices
+    if any(super_model.candidates[i].sharp for i in entry.members):
+        # What rounding leaves of a jump is not worth another mechanism.
+        price += n * MIN_GAIN * (len(entry.members) - 1)
     price -= 2.0 * log_prior(super_model, entry)
     return float(n * np.log(entry.fit.cost + 1e-300) + price)
 

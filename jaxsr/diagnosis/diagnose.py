@@ -307,7 +307,8 @@ def _rescaled(arena: Arena, entries: list[Entry], starts: list[Start]) -> tuple[
     problem = replace(arena.problem, scale=arena.problem.scale * np.sqrt(power + 1e-12))
     arena = replace(arena, problem=problem)
     again = [
-        enter(arena, e.members, e.fit.theta, e.fit.path) if e.fit.usable else e for e in entries
+        enter(arena, e.members, e.fit.theta, e.fit.path, near=True) if e.fit.usable else e
+        for e in entries
     ]
     return arena, again
 
@@ -354,7 +355,7 @@ def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> lis
         start = chosen.fit.theta.copy()
         for j in arena.super_model.index(number):
             start[j] = neutral[j]
-        entry = enter(arena, rest, start, chosen.fit.path)
+        entry = enter(arena, rest, start, chosen.fit.path, near=True)
         if rest not in have or entry.fit.cost < (1.0 - CONTEST_TOLERANCE) * have[rest].fit.cost:
             better.append(entry)
     return better

@@ -129,6 +129,7 @@ def fit(
     stop: Callable[[], bool] = lambda: False,
     tolerance: float = RELATIVE_GAIN,
     path: np.ndarray | None = None,
+    near: bool = False,
 ) -> Fit:
     """Minimise the squared residuals over parameters and segment starts.
 
@@ -147,6 +148,8 @@ def fit(
     path : ndarray, shape (states, samples, segments), optional
         States along the segments to begin from, of an earlier fit; used where the model consists
         of formulas, whose segments are estimated lifted (`lifting`).
+    near : bool
+        Whether the path is near the best one already, so that sharp laws need no rounding.
     stop : callable
         Asked between iterations.
 
@@ -158,7 +161,8 @@ def fit(
         if liftable(problem.simulator):
             search = Search(problem, np.asarray(active, dtype=int), bounds, tolerance)
             if problem.stepping.widths and active.size and max_iterations > ROUGH_ITERATIONS:
-                theta, x0, path = search.rounded(theta, x0, path, stop)
+                if path is None or not near:
+                    theta, x0, path = search.rounded(theta, x0, path, stop)
                 found = search.run(theta, x0, path, ROUGH_ITERATIONS, stop)
                 return search.polished(found, stop)
             return search.run(theta, x0, path, max_iterations, stop)
