@@ -13,9 +13,10 @@ from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, gain, held
 from jaxsr.diagnosis.decide import detect, simplest_adequate
 from jaxsr.diagnosis.uncertainty import half_widths
 from jaxsr.models import Model, parse_model
+from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import Prepared
-from jaxsr.models.shooting import Fit, Problem, fit
+from jaxsr.models.shooting import fit
 from jaxsr.recordings import Recording
 
 LINEAR = parse_model(

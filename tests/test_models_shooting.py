@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from jaxsr.models import Simulator, parse_model
+from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.rollout import Stepping, linearise, outputs
 from jaxsr.models.segments import Prepared, build_segments, cut
-from jaxsr.models.shooting import Fit, Problem, fit
+from jaxsr.models.shooting import fit
 from jaxsr.recordings import Recording
 
 PENDULUM = """

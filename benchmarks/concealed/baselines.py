@@ -21,9 +21,10 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from jaxsr.models import Model, Simulator, read_model
+from jaxsr.models.least_squares import Problem
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, build_segments, cut
-from jaxsr.models.shooting import Problem, fit
+from jaxsr.models.shooting import fit
 from jaxsr.recordings import read_recording
 
 SEGMENT = 150

@@ -13,10 +13,11 @@ from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.reduced import cropped, reduce
 from jaxsr.models import Model
 from jaxsr.models.driven import known_states
+from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.lifting import liftable
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments, build_segments, cut
-from jaxsr.models.shooting import Fit, Problem, fit
+from jaxsr.models.shooting import fit
 from jaxsr.models.simulator import Simulator
 
 BLOCKS = 12

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.lifting import liftable
 from jaxsr.models.segments import Segments
-from jaxsr.models.shooting import Fit, Problem
 from jaxsr.models.simulator import Simulator
 
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr.models.least_squares import Problem
 from jaxsr.models.model import Model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments, build_segments, cut
-from jaxsr.models.shooting import Problem, fit, simulate
+from jaxsr.models.shooting import fit, simulate
 from jaxsr.models.simulator import Simulator
 
 DIVERGED = 10.0

@@ -8,7 +8,8 @@ import numpy as np
 import scipy.stats
 
 from jaxsr.diagnosis.contest import Arena, correlation_length
-from jaxsr.models.shooting import Fit, linearise_fit
+from jaxsr.models.least_squares import Fit
+from jaxsr.models.shooting import linearise_fit
 
 DETECTION = 3.3 + 1.645
 """Standard errors of an effect that is found (p < 5e-4) in 95 of 100 experiments."""

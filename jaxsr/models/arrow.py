@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from jaxsr.models.shooting import Fit
+    from jaxsr.models.least_squares import Fit
 
 
 def products(

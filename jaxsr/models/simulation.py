@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 
 from jaxsr._result import InputError
+from jaxsr.models.least_squares import Problem
 from jaxsr.models.model import FREE, Model
 from jaxsr.models.rollout import Stepping, outputs, states
 from jaxsr.models.segments import Prepared, Segments, build_segments
-from jaxsr.models.shooting import Problem, fit
+from jaxsr.models.shooting import fit
 from jaxsr.models.simulator import Simulator, width_scales
 from jaxsr.models.states import StateEstimate, estimate_states, input_table
 from jaxsr.recordings import Recording
