@@ -1,4 +1,4 @@
-"""Segments linearised about a path: derivatives, orders, corners, and states that no sensor tells."""
+"""Segments linearised about a path: derivatives, orders, corners, unmeasured states."""
 
 from __future__ import annotations
 

@@ -54,6 +54,18 @@ class Entry:
         """Geometric mean over the blocks."""
         return float(np.exp(np.mean(np.log(self.errors + 1e-300))))
 
+    def scaled(self, factor: float) -> Entry:
+        """Return the entry with residuals divided by a factor."""
+        fitted = self.fit
+        fitted = replace(
+            fitted,
+            cost=fitted.cost / factor**2,
+            residual=fitted.residual / factor,
+            jacobian=fitted.jacobian / factor,
+            by_start=fitted.by_start / factor,
+        )
+        return replace(self, fit=fitted, errors=self.errors / factor**2)
+
 
 @dataclass(frozen=True, eq=False)
 class Arena:

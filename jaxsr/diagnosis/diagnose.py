@@ -30,10 +30,10 @@ from jaxsr.diagnosis.decide import (
 )
 from jaxsr.diagnosis.document import UNEXPLAINED, Ingredients, assemble
 from jaxsr.diagnosis.integration import choose_stepping
-from jaxsr.diagnosis.reduced import reduce
+from jaxsr.diagnosis.reduced import Lean, lean, reduce
 from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
-from jaxsr.diagnosis.scoring import free_run, horizons
+from jaxsr.diagnosis.scoring import horizons
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
 from jaxsr.diagnosis.stepwise import grow
 from jaxsr.diagnosis.unnamed import propose_unnamed
@@ -225,7 +225,8 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     deviation = np.nanstd(np.concatenate([p.outputs for p in case.prepared]), axis=0)
     scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
     starts = _usable_starts(case, super_model, stepping, scale, simulator, starts)
-    headline, lengths = headline_horizon(case, simulator, stepping, starts[0][1])
+    recalibrated = lean(super_model, simulator, stepping, ())
+    headline, lengths = headline_horizon(case, recalibrated, starts[0][1])
     arena = _first_usable(case, super_model, stepping, lengths, scale, simulator, starts[0][1])
     case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
     entries: list[Entry] = []
@@ -304,8 +305,10 @@ def _rescaled(arena: Arena, entries: list[Entry], starts: list[Start]) -> tuple[
     power = (entries[-1].fit.residual ** 2).sum((1, 2)) / np.maximum(count, 1.0)
     if not np.isfinite(power).all():
         return arena, entries
-    problem = replace(arena.problem, scale=arena.problem.scale * np.sqrt(power + 1e-12))
-    arena = replace(arena, problem=problem)
+    factor = np.sqrt(power + 1e-12)
+    arena = replace(arena, problem=replace(arena.problem, scale=arena.problem.scale * factor))
+    if factor.size == 1:
+        return arena, [e.scaled(float(factor[0])) for e in entries]
     again = [
         enter(arena, e.members, e.fit.theta, e.fit.path, near=True) if e.fit.usable else e
         for e in entries
@@ -318,7 +321,7 @@ def _label(super_model: SuperModel, members: tuple[int, ...]) -> str:
 
 
 def headline_horizon(
-    case: Case, simulator: Simulator, stepping: Stepping, start: np.ndarray
+    case: Case, recalibrated: Lean, start: np.ndarray
 ) -> tuple[float, list[float]]:
     """Choose the horizon the verdict rests on, and segment lengths for the contest, in seconds.
 
@@ -329,7 +332,7 @@ def headline_horizon(
     options = horizons(case.prepared)
     headline, previous = options[0], None
     for horizon in options:
-        score = free_run(simulator, stepping, case.prepared, start, horizon).nrmse
+        score = recalibrated.free_run(case.prepared, start, horizon).nrmse
         if previous is not None and not (score <= SMALL or score <= SATURATED * previous):
             break
         headline, previous = horizon, score

@@ -23,7 +23,7 @@ from jaxsr.diagnosis.explain import (
 )
 from jaxsr.diagnosis.refine import Estimate, Ground, refine, residual_to_noise
 from jaxsr.diagnosis.result import SCHEMA, Diagnosis
-from jaxsr.diagnosis.scoring import FreeRun, free_run
+from jaxsr.diagnosis.scoring import FreeRun
 from jaxsr.diagnosis.setup import prepare
 from jaxsr.diagnosis.uncertainty import sensitivities
 from jaxsr.models import Model
@@ -204,14 +204,7 @@ def _runs(
                 runs[name].append(runs["recalibrated"][-1])
                 continue
             runs[name].append(
-                free_run(
-                    estimate.simulator,
-                    estimate.stepping,
-                    prepared,
-                    theta,
-                    whole,
-                    like=parts.case.prepared,
-                )
+                estimate.lean.free_run(prepared, theta, whole, like=parts.case.prepared)
             )
     return runs
 

@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.scoring import FreeRun, free_run
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.lifting import liftable
-from jaxsr.models.segments import Segments
+from jaxsr.models.rollout import Stepping
+from jaxsr.models.segments import Prepared, Segments
 from jaxsr.models.simulator import Simulator
 
 
@@ -65,24 +67,56 @@ def reduce(problem: Problem, super_model: SuperModel, members: Sequence[int]) ->
     everything = np.arange(len(full.parameters)), np.arange(len(full.states))
     if not liftable(problem.simulator) or len(members) == len(super_model.candidates):
         return Reduced(problem, *everything)
-    alone = SuperModel.build(super_model.given, [super_model.candidates[i] for i in members])
-    simulator = Simulator(alone.model)
-    order = list(full.parameters)
-    names = _parameter_names(super_model, alone, members)
-    parameters = np.array([order.index(names.get(n, n)) for n in alone.model.parameters], dtype=int)
+    own = lean(super_model, problem.simulator, problem.stepping, members)
     states = _state_positions(super_model, members)
-    widths = dict(zip(problem.simulator.smoothed_arguments, problem.stepping.widths, strict=False))
-    least = min(problem.stepping.widths, default=1e-4)
-    own = tuple(widths.get(a, least) for a in simulator.smoothed_arguments)
     segments = replace(
         problem.segments,
         guess=problem.segments.guess[states],
         course=problem.segments.course[states],
         free_start=problem.segments.free_start[states],
-        override=problem.segments.override[parameters],
+        override=problem.segments.override[own.parameters],
     )
-    stepping = replace(problem.stepping, widths=own)
-    return Reduced(Problem(simulator, stepping, segments, problem.scale), parameters, states)
+    problem = Problem(own.simulator, own.stepping, segments, problem.scale)
+    return Reduced(problem, own.parameters, states)
+
+
+@dataclass(frozen=True, eq=False)
+class Lean:
+    """A set's own simulator, how it is stepped, and where its parameters stand in the full one."""
+
+    simulator: Simulator
+    stepping: Stepping
+    parameters: np.ndarray
+
+    def free_run(
+        self,
+        prepared: Sequence[Prepared],
+        theta: np.ndarray,
+        horizon: float | None,
+        like: Sequence[Prepared] = (),
+    ) -> FreeRun:
+        """Score parameters of the super-model in free run."""
+        return free_run(
+            self.simulator, self.stepping, prepared, theta[self.parameters], horizon, like
+        )
+
+
+def lean(
+    super_model: SuperModel, simulator: Simulator, stepping: Stepping, members: Sequence[int]
+) -> Lean:
+    """Leave out of a super-model's simulator what the given model and `members` do not need."""
+    everything = np.arange(len(super_model.model.parameters))
+    if not liftable(simulator) or len(members) == len(super_model.candidates):
+        return Lean(simulator, stepping, everything)
+    alone = SuperModel.build(super_model.given, [super_model.candidates[i] for i in members])
+    order = list(super_model.model.parameters)
+    names = _parameter_names(super_model, alone, members)
+    parameters = np.array([order.index(names.get(n, n)) for n in alone.model.parameters], dtype=int)
+    own = Simulator(alone.model)
+    known = dict(zip(simulator.smoothed_arguments, stepping.widths, strict=False))
+    least = min(stepping.widths, default=1e-4)
+    widths = tuple(known.get(a, least) for a in own.smoothed_arguments)
+    return Lean(own, replace(stepping, widths=widths), parameters)
 
 
 def _parameter_names(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,11 +16,10 @@ from jaxsr.diagnosis.contest import (
     enter,
     parameter_bounds,
 )
-from jaxsr.diagnosis.scoring import free_run
+from jaxsr.diagnosis.reduced import Lean, lean
 from jaxsr.diagnosis.uncertainty import half_widths
 from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator, apply_edit, with_values
-from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import noise_level
 
@@ -58,10 +58,11 @@ class Estimate:
         """Simulator of the super-model, in which all sets are compared."""
         return self.arena.problem.simulator
 
-    @property
-    def stepping(self) -> Stepping:
-        """How it is integrated."""
-        return self.arena.problem.stepping
+    @cached_property
+    def lean(self) -> Lean:
+        """The same with the set's own mechanisms alone."""
+        problem, members = self.arena.problem, self.entry.members
+        return lean(self.arena.super_model, problem.simulator, problem.stepping, members)
 
     def system(self, prepared: tuple[Prepared, ...], half_width: float) -> WeakSystem:
         """The weak view at the estimate."""
@@ -148,7 +149,7 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     options = [theta]
     if thorough and model_limited(arena, entry):
         options += _other_estimates(ground, entry.members, theta)
-    best = _least_error(ground, options)
+    best = _least_error(ground, entry.members, options)
     spread = np.std(np.stack(options), axis=0, ddof=1) if len(options) > 1 else 0.0
     half = np.where(half > 0, np.sqrt(half**2 + numerical**2 + (2.0 * spread) ** 2), 0.0)
     candidates = [arena.super_model.candidates[i] for i in entry.members]
@@ -238,19 +239,20 @@ def _weak_estimate(ground: Ground, members: tuple[int, ...], theta: np.ndarray) 
     return theta
 
 
-def _least_error(ground: Ground, options: list[np.ndarray]) -> np.ndarray:
+def _least_error(ground: Ground, members: tuple[int, ...], options: list[np.ndarray]) -> np.ndarray:
     """Return the estimate with the least mean log error over horizons and forces, on DATA."""
     if len(options) == 1:
         return options[0]
-    stepping = ground.arena.problem.stepping
+    problem = ground.arena.problem
+    own = lean(ground.arena.super_model, problem.simulator, problem.stepping, members)
     totals = []
     for theta in options:
         total = sum(
-            np.log(free_run(ground.simulator, stepping, ground.prepared, theta, h).nrmse + 1e-300)
-            for h in ground.horizons
+            np.log(own.free_run(ground.prepared, theta, h).nrmse + 1e-300) for h in ground.horizons
         )
         if ground.half_width is not None:
-            system = weak_system(ground.simulator, ground.prepared, theta, ground.half_width)
+            mine = theta[own.parameters]
+            system = weak_system(own.simulator, ground.prepared, mine, ground.half_width)
             total += np.log(np.sqrt(np.mean(system.residual**2)) + 1e-300)
         totals.append(total)
     return options[int(np.argmin(totals))]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import Arena, Entry, enter
+from jaxsr.diagnosis.contest import CONTEST_TOLERANCE, Arena, Entry, enter, neutral_values
 from jaxsr.diagnosis.decide import criterion, independent_residuals, plausible
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.reduced import reduce
@@ -22,6 +22,8 @@ FULL = (8, 5, 4)
 PARENTS = 2
 WORTH = 0.3
 """Share of the best quick gain from which a mechanism is estimated in full."""
+VARIANT = 0.7
+"""Share of a mechanism's best quick gain from which another start of it is tried as well."""
 
 
 def seeded(super_model: SuperModel, members: Iterable[int], theta: np.ndarray) -> np.ndarray:
@@ -59,6 +61,7 @@ def grow(
                     break
                 full = enter(arena, trial.members, trial.theta, leader.fit.path, exhausted)
                 found[full.members] = full
+                _without_idle(arena, full, found)
         known = [e for e in found.values() if not e.members or plausible(arena, e)]
         n = independent_residuals(min(known, key=lambda e: e.fit.cost))
         known.sort(key=lambda e: criterion(arena.super_model, e, n))
@@ -66,6 +69,25 @@ def grow(
         if not leaders or leaders[0] is not known[0]:
             break
     return list(found.values())
+
+
+def _without_idle(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> None:
+    """Enter a set without members whose estimated share is nothing, from where it ended.
+
+    Beside them the others may have left a local minimum.
+    """
+    super_model, theta = arena.super_model, full.fit.theta
+    neutral = neutral_values(super_model)
+    own = {i: super_model.index(i, coefficients_only=True) for i in full.members}
+    rest = tuple(
+        i for i in full.members if not own[i] or any(theta[j] != neutral[j] for j in own[i])
+    )
+    if not rest or rest == full.members:
+        return
+    if rest not in found or full.fit.cost < (1.0 - CONTEST_TOLERANCE) * found[rest].fit.cost:
+        entry = enter(arena, rest, theta, full.fit.path, near=True)
+        if rest not in found or entry.fit.cost < found[rest].fit.cost:
+            found[rest] = entry
 
 
 @dataclass(frozen=True)
@@ -168,14 +190,18 @@ def _tangent(arena: Arena, leader: Entry, numbers: Sequence[int]) -> list[Trial]
 def _promising(
     super_model: SuperModel, leader: Entry, quick: Sequence[Trial], most: int
 ) -> list[Trial]:
-    """Pick the best variant of each mechanism, and of these the best few."""
-    best: dict[tuple[str, ...], Trial] = {}
-    for trial in quick:
+    """Pick the best few mechanisms, and of each the variants that may turn out best."""
+    best: dict[tuple[str, ...], list[Trial]] = {}
+    for trial in sorted(quick, key=lambda t: t.cost):
         labels = tuple(super_model.candidates[i].label for i in trial.members)
-        if labels not in best or trial.cost < best[labels].cost:
-            best[labels] = trial
-    ranked = sorted(best.values(), key=lambda e: e.cost)
+        best.setdefault(labels, []).append(trial)
+    ranked = sorted(best.values(), key=lambda trials: trials[0].cost)
     if not ranked:
         return []
-    gain = np.log(leader.fit.cost / ranked[0].cost)
-    return [t for t in ranked[:most] if np.log(leader.fit.cost / t.cost) > WORTH * gain > 0]
+
+    def gain(trial: Trial) -> float:
+        return float(np.log(leader.fit.cost / trial.cost))
+
+    least = WORTH * gain(ranked[0][0])
+    chosen = [trials for trials in ranked[:most] if gain(trials[0]) > least > 0]
+    return [t for trials in chosen for t in trials if gain(t) > VARIANT * gain(trials[0])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,19 +43,23 @@ def known_states(
         return known
     simulator = simulator or Simulator(model)
     values = simulator.values() if theta is None else theta
-    path = _path(simulator, item, np.nan_to_num(known), np.asarray(values, dtype=float))
+    path = _path(simulator, item, tuple(float(v) for v in values))
     return np.concatenate([known, path], axis=1)
 
 
-def _path(simulator: Simulator, item: Prepared, x: np.ndarray, theta: np.ndarray) -> np.ndarray:
+@functools.lru_cache(maxsize=64)
+def _path(simulator: Simulator, item: Prepared, theta: tuple[float, ...]) -> np.ndarray:
     """Integrate the driven states along known ones, shape (samples, driven).
 
     Newton's method on all samples at once (`lifting`), the known states held where they are.
+    A recording is cut many times: its latest paths are kept.
     """
     model = simulator.model
-    count, known = len(model.driven), x.shape[1]
+    count = len(model.driven)
+    known = len(model.states) - count
+    x = np.nan_to_num(item.states.values[:, :known])
     time, u = item.time, item.inputs
-    field = Field(simulator, [float(v) for v in theta])
+    field = Field(simulator, theta)
     to = Directions(tuple(model.states), {}, {}, tuple(model.inputs))
     table = [stage_inputs(time, column, model.input_hold, 1) for column in u.T]
     values = np.array([[c[s][:, 0] for c in table] for s in range(3)])[..., None]

@@ -140,7 +140,7 @@ _G = 0.43586652150845899942
 _B = (-(6 * _G**2 - 16 * _G + 1) / 4, (6 * _G**2 - 20 * _G + 5) / 4)
 _STAGES = ((), ((1 - _G) / 2,), _B)
 _SHARES = (_G, (1 + _G) / 2, 1.0)
-_NEWTON, _HARD = 5, 80
+_NEWTON, _HARD = 4, 80
 _SETTLED = 1e-9
 """Last step of a rate, in sizes of the rates, that ends the iteration."""
 
