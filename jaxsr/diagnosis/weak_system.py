@@ -121,6 +121,9 @@ def _one_recording(
     describe = _by_formula if simulator.function is None else _by_function
     value, silent, slope = describe(simulator, item.time, (x, u), theta, widths, states)
     blocks = [_equation(model, view, item, s, value, silent, slope) for s in states]
+    if not blocks:
+        none = np.zeros(0)
+        return none, np.zeros((0, len(theta))), none, none.astype(int), none
     good = view.valid
     count = int(good.sum())
     index = [model.states.index(s) for s in states]
