@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -78,6 +79,7 @@ class Arena:
     pieces: tuple[tuple[int, int, int, int], ...]  # (block, segment, from sample, to sample)
     seconds: float  # length of the segments
     wide: Problem | None = None  # the same with margins, for signals that come late
+    patience: float = np.inf  # seconds after which the estimation of a set stops
 
 
 def parameter_bounds(super_model: SuperModel) -> tuple[np.ndarray, np.ndarray]:
@@ -170,6 +172,7 @@ def enter(
     """
     super_model = arena.super_model
     problem = arena.problem
+    end = time.monotonic() + arena.patience
     late = arena.wide is not None and late_members(super_model, members)
     if late and arena.wide is not None:
         problem, path = replace(arena.wide, scale=problem.scale), None
@@ -190,7 +193,7 @@ def enter(
             (low, high),
             x0,
             max_iterations,
-            stop,
+            lambda: stop() or time.monotonic() > end,
             CONTEST_TOLERANCE,
             course,
             near,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -50,6 +50,8 @@ MANY_SEGMENTS = 20
 LIMITED = 10.0
 """Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
 SMALL, SATURATED = 0.1, 1.3
+PATIENCE = 1.0 / 12.0
+"""Share of the time budget after which the estimation of one set stops where it is."""
 ABLATIONS = 3
 """Times that a decision is made anew because a smaller set did better than before."""
 REMOVED = 0.3
@@ -228,22 +230,27 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     recalibrated = lean(super_model, simulator, stepping, ())
     headline, lengths = headline_horizon(case, recalibrated, starts[0][1])
     arena = _first_usable(case, super_model, stepping, lengths, scale, simulator, starts[0][1])
+    arena = replace(arena, patience=PATIENCE * case.budget.seconds)
     case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
+
+    def stop() -> bool:
+        return case.budget.exhausted
+
     entries: list[Entry] = []
     for number, (members, start) in enumerate(starts):
         if entries and case.budget.exhausted:
             break
         case.progress.update(number / len(starts), _label(super_model, members))
         path = entries[0].fit.path if entries and entries[0].fit.usable else None
-        entry = enter(arena, members, start, path, lambda: case.budget.exhausted)
+        entry = enter(arena, members, start, path, stop)
         entries.append(entry)
         if number == 1:
-            arena, entries = _rescaled(arena, entries, starts)
+            arena, entries = _rescaled(arena, entries, stop)
     case.progress.stage("trying every mechanism in free run")
     if len(starts) == 1:
-        arena, entries = _rescaled(arena, entries, starts)
+        arena, entries = _rescaled(arena, entries, stop)
     if entries[0].fit.usable:
-        entries = grow(arena, entries, lambda: case.budget.exhausted, case.progress.update)
+        entries = grow(arena, entries, stop, case.progress.update)
     return arena, entries, headline
 
 
@@ -299,7 +306,9 @@ def _first_usable(
     return arena
 
 
-def _rescaled(arena: Arena, entries: list[Entry], starts: list[Start]) -> tuple[Arena, list[Entry]]:
+def _rescaled(
+    arena: Arena, entries: list[Entry], stop: Callable[[], bool]
+) -> tuple[Arena, list[Entry]]:
     """Weigh the outputs by the residual that the leading set leaves on each."""
     count = arena.problem.segments.weights.sum((1, 2))
     power = (entries[-1].fit.residual ** 2).sum((1, 2)) / np.maximum(count, 1.0)
@@ -310,7 +319,7 @@ def _rescaled(arena: Arena, entries: list[Entry], starts: list[Start]) -> tuple[
     if factor.size == 1:
         return arena, [e.scaled(float(factor[0])) for e in entries]
     again = [
-        enter(arena, e.members, e.fit.theta, e.fit.path, near=True) if e.fit.usable else e
+        enter(arena, e.members, e.fit.theta, e.fit.path, stop, near=True) if e.fit.usable else e
         for e in entries
     ]
     return arena, again
@@ -348,6 +357,10 @@ def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> lis
     Returned are the entries that the contest lacks or has with a larger cost: a smaller set must
     not lose because its estimation stopped early.
     """
+
+    def stop() -> bool:
+        return case.budget.exhausted
+
     have = {e.members: e for e in entries}
     neutral = neutral_values(arena.super_model)
     better = []
@@ -358,7 +371,7 @@ def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> lis
         start = chosen.fit.theta.copy()
         for j in arena.super_model.index(number):
             start[j] = neutral[j]
-        entry = enter(arena, rest, start, chosen.fit.path, near=True)
+        entry = enter(arena, rest, start, chosen.fit.path, stop, near=True)
         if rest not in have or entry.fit.cost < (1.0 - CONTEST_TOLERANCE) * have[rest].fit.cost:
             better.append(entry)
     return better

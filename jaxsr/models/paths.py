@@ -165,7 +165,7 @@ class Search:
         """Take a step that lowers the cost, or that closes the simulation."""
         low, high = self.bounds
         share = 1.0
-        for _ in range(8):
+        for _ in range(4 if self.closing else 8):
             step, starts = levenberg_step(best.fit, damping, low, high)
             theta = best.fit.theta.copy()
             theta[self.active] = np.clip(

@@ -140,7 +140,7 @@ _G = 0.43586652150845899942
 _B = (-(6 * _G**2 - 16 * _G + 1) / 4, (6 * _G**2 - 20 * _G + 5) / 4)
 _STAGES = ((), ((1 - _G) / 2,), _B)
 _SHARES = (_G, (1 + _G) / 2, 1.0)
-_NEWTON, _HARD = 4, 80
+_NEWTON, _HARD = 4, 60
 _SETTLED = 1e-9
 """Last step of a rate, in sizes of the rates, that ends the iteration."""
 
@@ -216,9 +216,10 @@ def _stage(
 
 
 def _implicit(rows: Sequence[Row], states: Sequence[str], h: Array) -> list[list[Array]]:
-    """Matrix 1 - h g J."""
+    """Matrix 1 - h g J; what does not depend on a state stays a number."""
+    size = h * _G
     return [
-        [float(i == j) - h * _G * row.get(s, 0.0) for j, s in enumerate(states)]
+        [float(i == j) - size * row[s] if s in row else float(i == j) for j, s in enumerate(states)]
         for i, row in enumerate(rows)
     ]
 

@@ -106,29 +106,46 @@ def factorised(
 ) -> Callable[[tuple[Array, ...]], tuple[Array, ...]]:
     """Factorise a small matrix of arrays and return its solver.
 
-    Elimination is written out and without pivoting: the matrices met here are mass matrices
-    (positive definite) and 1 - h*gamma*J, dominated by its diagonal.
+    Elimination is written out, skips entries that are the number zero, and does not pivot: the
+    matrices met here are mass matrices (positive definite) and 1 - h*gamma*J, dominated by its
+    diagonal.
     """
     count = len(matrix)
     lu = [list(row) for row in matrix]
     for k in range(count):
         for i in range(k + 1, count):
-            lu[i][k] = lu[i][k] / lu[k][k]
+            if _nothing(lu[i][k]):
+                continue
+            if not _one(lu[k][k]):
+                lu[i][k] = lu[i][k] / lu[k][k]
             for j in range(k + 1, count):
-                lu[i][j] = lu[i][j] - lu[i][k] * lu[k][j]
+                if not _nothing(lu[k][j]):
+                    lu[i][j] = lu[i][j] - lu[i][k] * lu[k][j]
 
     def solve(b: tuple[Array, ...]) -> tuple[Array, ...]:
         y = list(b)
         for i in range(count):
             for j in range(i):
-                y[i] = y[i] - lu[i][j] * y[j]
+                if not _nothing(lu[i][j]):
+                    y[i] = y[i] - lu[i][j] * y[j]
         for i in reversed(range(count)):
             for j in range(i + 1, count):
-                y[i] = y[i] - lu[i][j] * y[j]
-            y[i] = y[i] / lu[i][i]
+                if not _nothing(lu[i][j]):
+                    y[i] = y[i] - lu[i][j] * y[j]
+            if not _one(lu[i][i]):
+                y[i] = y[i] / lu[i][i]
         return tuple(y)
 
     return solve
+
+
+def _nothing(entry: Array) -> bool:
+    """Whether an entry is the number zero, known before any array is."""
+    return isinstance(entry, float) and entry == 0.0
+
+
+def _one(entry: Array) -> bool:
+    return isinstance(entry, float) and entry == 1.0
 
 
 METHODS = {"rk4": rk4, "rodas3": rodas3}
