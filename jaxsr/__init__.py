@@ -12,7 +12,7 @@ from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from jaxsr.diagnosis import diagnose
+    from jaxsr.diagnosis import diagnose, learn_simulator
     from jaxsr.discovery import SymbolicSparseRegressor, discover
     from jaxsr.evaluation import compile_terms
     from jaxsr.models import Simulator
@@ -23,6 +23,7 @@ __all__ = [
     "read_recording",
     "Simulator",
     "diagnose",
+    "learn_simulator",
     "discover",
     "SymbolicSparseRegressor",
     "compile_terms",
@@ -34,6 +35,7 @@ _HOMES = {
     "read_recording": "jaxsr.recordings",
     "Simulator": "jaxsr.models",
     "diagnose": "jaxsr.diagnosis",
+    "learn_simulator": "jaxsr.diagnosis",
     "discover": "jaxsr.discovery",
     "SymbolicSparseRegressor": "jaxsr.discovery",
     "compile_terms": "jaxsr.evaluation",

@@ -143,26 +143,30 @@ def diagnose(
 ) -> Job:
     """Find where a simulator differs from recordings, and name what was left out."""
     model, data = model_and_data(arguments, simulated, states)
-    if model is None:
-        raise InputError(
-            "a diagnosis from simulated files alone is not available in this version",
-            "--simulated",
-            "Give the model itself: jaxsr diagnose MODEL DATA...",
-        )
     roles = {
-        "MODEL": [model] if ".py:" not in model else [],
-        **{"DATA": data, "--held-out": held_out or []},
+        "MODEL": [model] if model is not None and ".py:" not in model else [],
+        **{"DATA": data, "--simulated": simulated or [], "--held-out": held_out or []},
     }
     check_roles(roles)
-    folder = results_folder(out, roles, ("explained.toml", "diagnosis.json", "report.html"))
+    written = ("explained.toml", "diagnosis.json", "report.html")
+    folder = results_folder(out, roles, (*written, *([] if model else ["learned.toml"])))
+    named = split_names(states, "--states")
     limit = _budget(budget)
 
     def job(command: str) -> int:
         with _session(limit) as progress:
             import jaxsr
+            from jaxsr.models import write_model
 
+            if model is None:
+                learned = jaxsr.learn_simulator(
+                    simulated or [], data, states=named, seed=seed, budget=limit, progress=progress
+                )
+                simulator = learned.simulator
+            else:
+                simulator = jaxsr.Simulator.from_file(model)
             diagnosis = jaxsr.diagnose(
-                jaxsr.Simulator.from_file(model),
+                simulator,
                 data,
                 held_out=held_out or [],
                 seed=seed,
@@ -171,6 +175,8 @@ def diagnose(
                 command=command,
             )
             diagnosis.save(folder)
+            if model is None:
+                write_model(simulator.model, folder / "learned.toml")
         _tell(diagnosis, folder)
         return _finish(limit, folder)
 
