@@ -24,6 +24,7 @@ from jaxsr.models.simulator import Simulator
 BLOCKS = 12
 CONTEST_TOLERANCE = 1e-4
 """Gain in cost at which the estimation of a set stops: far below `MIN_GAIN`."""
+ITERATIONS = 30
 MARGIN = 25
 """Samples simulated before and after a segment where signals are delayed or remembered: the
 longest delay that a segment can tell."""
@@ -162,7 +163,7 @@ def enter(
     start: np.ndarray,
     path: np.ndarray | None = None,
     stop: Callable[[], bool] = lambda: False,
-    max_iterations: int = 15,
+    max_iterations: int = ITERATIONS,
     near: bool = False,
 ) -> Entry:
     """Estimate one set jointly with the free parameters and the starts, and hold blocks back.

@@ -13,6 +13,7 @@ from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.contest import (
     CONTEST_TOLERANCE,
+    ITERATIONS,
     Arena,
     Entry,
     build_arena,
@@ -52,6 +53,8 @@ LIMITED = 10.0
 SMALL, SATURATED = 0.1, 1.3
 PATIENCE = 1.0 / 12.0
 """Share of the time budget after which the estimation of one set stops where it is."""
+NULL_ITERATIONS = 120
+"""Iterations of re-calibration alone: no mechanism must win because it stopped early."""
 ABLATIONS = 3
 """Times that a decision is made anew because a smaller set did better than before."""
 REMOVED = 0.3
@@ -242,7 +245,8 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
             break
         case.progress.update(number / len(starts), _label(super_model, members))
         path = entries[0].fit.path if entries and entries[0].fit.usable else None
-        entry = enter(arena, members, start, path, stop)
+        most = ITERATIONS if members else NULL_ITERATIONS
+        entry = enter(arena, members, start, path, stop, most)
         entries.append(entry)
         if number == 1:
             arena, entries = _rescaled(arena, entries, stop)
@@ -366,7 +370,8 @@ def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> lis
     better = []
     for number in chosen.members:
         rest = tuple(i for i in chosen.members if i != number)
-        if case.budget.exhausted or (rest in have and not rest):
+        settled = not rest and rest in have and have[rest].fit.converged
+        if case.budget.exhausted or settled:
             continue
         start = chosen.fit.theta.copy()
         for j in arena.super_model.index(number):

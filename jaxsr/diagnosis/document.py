@@ -19,6 +19,7 @@ from jaxsr.diagnosis.explain import (
     detectable_rows,
     finding_row,
     next_experiment,
+    rounding_rows,
     wrong_value_row,
 )
 from jaxsr.diagnosis.refine import Estimate, Ground, refine, residual_to_noise
@@ -26,7 +27,7 @@ from jaxsr.diagnosis.result import SCHEMA, Diagnosis
 from jaxsr.diagnosis.scoring import FreeRun
 from jaxsr.diagnosis.setup import prepare
 from jaxsr.diagnosis.uncertainty import sensitivities
-from jaxsr.models import Model
+from jaxsr.models import Edit, Model, apply_edit
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import check_recording
 
@@ -65,6 +66,7 @@ class Judged:
     findings: list[dict[str, Any]]
     rivals: list[tuple[int, list[Alternative]]]
     significant: bool
+    edits: tuple[Edit, ...] = ()  # of readings alone, which no simulation feels
 
 
 def assemble(parts: Ingredients) -> Diagnosis:
@@ -142,6 +144,8 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
         distance = abs(value - given_values[recalibrated.positions[name]])
         if distance > half:
             rows.append((distance / max(half, 1e-300), name))
+    rounding, edits = rounding_rows(parts, recalibrated)
+    findings = []
     if rows and p < 1e-3 and mean > 0.02:
         rows.sort(reverse=True)
         probability = odds(parts.arena.super_model, recalibrated.entry, given, parts.rng)
@@ -149,7 +153,11 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
             wrong_value_row(parts, recalibrated, name, given.fit.cost, probability)
             for _, name in rows
         ]
-        return Judged(recalibrated, recalibrated, Verdict.PARAMETER, findings, [], True)
+    if findings or rounding:
+        both = sorted([*rounding, *findings], key=lambda row: -row["share"])
+        measured = both[0]["family"] == "measurement"
+        first = Verdict.MEASUREMENT if measured else Verdict.PARAMETER
+        return Judged(recalibrated, recalibrated, first, both, [], True, tuple(edits))
     unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
     return Judged(recalibrated, recalibrated, verdict, [], [], False)
@@ -182,7 +190,10 @@ def _share(parts: Ingredients, number: int) -> float:
 
 def explained(judged: Judged) -> Model:
     """The explained model: the given one with every finding and all estimates."""
-    return judged.explained.model
+    model = judged.explained.model
+    for edit in judged.edits:
+        model = apply_edit(model, edit)
+    return model
 
 
 def _runs(

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxsr.diagnosis.decide import Alternative
+from jaxsr.diagnosis.coarse import MATTERS, coarse_sensors, rounded_reading
+from jaxsr.diagnosis.decide import SIGNIFICANCE, Alternative
 from jaxsr.diagnosis.refine import Estimate
 from jaxsr.diagnosis.uncertainty import DETECTION, Sensitivities
 from jaxsr.models import Edit, Model, with_values
@@ -103,6 +104,46 @@ def wrong_value_row(
         "explanation": f"The value of {name} in the model is {before:.4g}; the recordings "
         f"ask for {row['value']:.4g} (95 % interval {row['ci95'][0]:.4g} to {row['ci95'][1]:.4g}).",
     }
+
+
+def rounding_rows(
+    parts: Ingredients, estimate: Estimate
+) -> tuple[list[dict[str, Any]], list[Edit]]:
+    """Findings that a sensor's converter is coarser than its noise, with their edits."""
+    given, labels = parts.case.simulator.model, len(parts.arena.super_model.candidates)
+    rows, edits = [], []
+    for coarse in coarse_sensors(estimate.arena, estimate.entry):
+        if coarse.p > SIGNIFICANCE / labels or coarse.variance_share < MATTERS:
+            continue
+        taken = {
+            *given.symbols,
+            *given.definitions,
+            *(n for row in rows for n in row["parameters"]),
+        }
+        name = next(n for n in ("step", *(f"step_{k}" for k in range(1000))) if n not in taken)
+        edit = rounded_reading(given, coarse, name)
+        edits.append(edit)
+        unit = given.units.get(coarse.output)
+        size = f"{coarse.step:.4g}{' ' + unit if unit else ''}"
+        rows.append(
+            {
+                "site": f"output:{coarse.output}",
+                "mechanism": "quantisation",
+                "family": "measurement",
+                "probability": float(1.0 / (1.0 + np.exp(-min(coarse.log_likelihood, 50.0)))),
+                "alternatives": [],
+                "edit": edit.as_json(),
+                "term": edit.changes[f"readings.{coarse.output}"],
+                "parameters": {
+                    name: {"value": coarse.step, "ci95": [coarse.step] * 2, "unit": unit}
+                },
+                "where": where(parts, ""),
+                "share": coarse.variance_share,
+                "explanation": f"Sensor {coarse.output} reads in steps of {size}, which makes "
+                f"{100 * coarse.variance_share:.0f} % of the variance that is left.",
+            }
+        )
+    return rows, edits
 
 
 def where(parts: Ingredients, site: str) -> dict[str, Any]:

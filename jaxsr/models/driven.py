@@ -94,7 +94,8 @@ def _at_rest(field: Field, t: float, x: np.ndarray, u: np.ndarray, count: int) -
     own = model.states[x.size :]
     z = np.zeros(count)
     for _ in range(NEWTON_STEPS):
-        rates, rows = field.slopes(Point(t, [*known, *z], list(u)))
+        with np.errstate(all="ignore"):
+            rates, rows = field.slopes(Point(t, [*known, *z], list(u)))
         slope = np.array([[float(row.get(s, 0.0)) for s in own] for row in rows[x.size :]])
         # A memory that standstill leaves where it is (a zero row) stays at zero.
         z = z - np.linalg.pinv(np.nan_to_num(slope)) @ np.nan_to_num(rates[x.size :])
