@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.optimize
@@ -81,7 +82,7 @@ def _gain(residual: np.ndarray, step: float) -> float:
         probability = near - scipy.special.ndtr((-0.5 * step - size) / noise)
         return -float(np.sum(np.log(np.maximum(probability, 1e-300))))
 
-    best = scipy.optimize.minimize_scalar(
+    best: Any = scipy.optimize.minimize_scalar(
         wrong, bounds=(np.log(FINEST), np.log(WIDEST)), method="bounded"
     )
     return -float(best.fun) - float(gaussian)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contest import neutral_values
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
+from jaxsr.diagnosis.mechanisms.memory import memory_candidates
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.screening import ScreenedSet
 from jaxsr.diagnosis.setup import Screened, sample_step, state_scale
@@ -99,7 +100,10 @@ def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[St
     timing = timing_candidates(given, sample_step(case.prepared), duration)
     sensors = [*sensor_candidates(given, _readings(case)), *timing]
     if case.screened is None:
-        forces = _unscreened(force_candidates(given, state_scale(given, case.prepared)))
+        scale, step = state_scale(given, case.prepared), sample_step(case.prepared)
+        forces = _unscreened(
+            [*force_candidates(given, scale), *memory_candidates(given, scale, step)]
+        )
         super_model = SuperModel.build(given, [*forces, *sensors])
         return super_model, [((), neutral_values(super_model))]
     screened = case.screened

@@ -176,7 +176,8 @@ def enter(
     end = time.monotonic() + arena.patience
     late = arena.wide is not None and late_members(super_model, members)
     if late and arena.wide is not None:
-        problem, path = replace(arena.wide, scale=problem.scale), None
+        problem = replace(arena.wide, scale=problem.scale)
+        path = None if path is None else _extended(path, arena.problem.segments, problem.segments)
     own = reduce(problem, super_model, members)
     low, high = (bound[own.parameters] for bound in arena.bounds)
     active = own.active(active_parameters(super_model, members))
@@ -208,6 +209,14 @@ def enter(
     if late:
         result = cropped(result, problem, arena.problem.segments)
     return Entry(members, result, held_back(arena, result))
+
+
+def _extended(path: np.ndarray, narrow: Segments, wide: Segments) -> np.ndarray:
+    """A path in segments with margins: where the states are known there, and the path inside."""
+    result = wide.course.copy()
+    for s, (first, count) in enumerate(zip(narrow.start - wide.start, narrow.count, strict=True)):
+        result[:, first : first + count, s] = path[:, :count, s]
+    return result
 
 
 def late_members(super_model: SuperModel, members: Sequence[int]) -> bool:

@@ -22,7 +22,7 @@ from jaxsr.diagnosis.explain import (
     rounding_rows,
     wrong_value_row,
 )
-from jaxsr.diagnosis.refine import Estimate, Ground, refine, residual_to_noise
+from jaxsr.diagnosis.refine import Estimate, Ground, model_limited, refine, residual_to_noise
 from jaxsr.diagnosis.result import SCHEMA, Diagnosis
 from jaxsr.diagnosis.scoring import FreeRun
 from jaxsr.diagnosis.setup import prepare
@@ -121,16 +121,33 @@ def judge(parts: Ingredients) -> Judged:
     order = sorted(range(len(rows)), key=lambda k: -rows[k]["share"])
     rows = [rows[k] for k in order]
     verdict = _verdict(parts, order, rivals)
+    if not _simulates_better(parts, recalibrated, best):
+        verdict = Verdict.UNDECIDED
     return Judged(recalibrated, best, verdict, rows, rivals, True)
 
 
 def _verdict(parts: Ingredients, order: list[int], rivals: list) -> Verdict:
-    """Verdict of the largest share, unless a cause of another kind is nearly as probable."""
+    """Verdict of the largest share, unless a cause of another kind is nearly as probable.
+
+    Where a state hides, an estimate may end far from the best one: what is left above the noise
+    then says that none of the sets can be trusted.
+    """
+    if parts.case.screened is None and model_limited(parts.arena, parts.chosen):
+        return Verdict.UNDECIDED
     candidates = parts.arena.super_model.candidates
     number, others = rivals[order[0]]
     own = candidates[number].verdict
     doubt = sum(a.probability for a in others if candidates[a.number].verdict != own)
     return Verdict.UNDECIDED if doubt > TIE else own
+
+
+def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate) -> bool:
+    """Whether the explained model beats re-calibration in free run, the measure of the report."""
+    whole = None if parts.headline == parts.horizons[-1] else parts.headline
+    before, after = (
+        e.lean.free_run(parts.case.prepared, e.theta, whole).nrmse for e in (recalibrated, best)
+    )
+    return after < before * (1.0 + 1e-3)
 
 
 def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:

@@ -15,8 +15,9 @@ from jaxsr.diagnosis.reduced import reduce
 from jaxsr.diagnosis.screening import redundant
 from jaxsr.models.shooting import linearise_fit
 
-QUICK = 1
-"""Iterations by which a mechanism is judged before it is estimated in full."""
+QUICK, QUICK_HIDDEN = 1, 6
+"""Iterations by which a mechanism is judged before it is estimated in full; where a state hides,
+its path has to be found first."""
 FULL = (8, 5, 4)
 """Mechanisms estimated in full, by the size of the set."""
 PARENTS = 2
@@ -118,13 +119,14 @@ def _tried(
     ]
     smooth = [i for i in numbers if _smooth(super_model, i)]
     trials = _tangent(arena, leader, smooth)
+    most = QUICK_HIDDEN if any(p.states.hidden for p in arena.prepared) else QUICK
     for number in (i for i in numbers if i not in smooth):
         if exhausted() or tell is None:
             break
         tell(number / len(super_model.candidates), super_model.candidates[number].label)
         members = tuple(sorted({*leader.members, number}))
         start = seeded(super_model, (number,), leader.fit.theta)
-        entry = enter(arena, members, start, leader.fit.path, exhausted, QUICK)
+        entry = enter(arena, members, start, leader.fit.path, exhausted, most)
         if entry.fit.usable:
             trials.append(Trial(members, entry.fit.cost, entry.fit.theta))
     return trials

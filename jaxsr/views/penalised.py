@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sparse
 from scipy.interpolate import BSpline
@@ -148,7 +150,7 @@ class PenalisedProblem:
         scores = np.array([score(x) for x in logs])
         least = int(np.argmin(scores))
         bounds = logs[max(least - 1, 0)], logs[min(least + 1, logs.size - 1)]
-        found = minimize_scalar(score, bounds=bounds, method="bounded", options={"xatol": 0.1})
+        found: Any = minimize_scalar(score, bounds=bounds, method="bounded", options={"xatol": 0.1})
         return float(np.exp(found.x if found.fun < scores[least] else logs[least]))
 
 
