@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxsr.diagnosis.coarse import MATTERS, coarse_sensors, rounded_reading
 from jaxsr.diagnosis.decide import SIGNIFICANCE, Alternative
+from jaxsr.diagnosis.experiment import best_experiment
 from jaxsr.diagnosis.refine import Estimate
 from jaxsr.diagnosis.uncertainty import DETECTION, Sensitivities
 from jaxsr.models import Edit, Model, with_values
@@ -242,18 +243,25 @@ _ADVICE = {
     "measurement": "a static calibration of the sensor against a reference",
     "parameter": "a bench measurement of the parameter",
 }
+TOLD_APART = 0.3
+"""Separation, in standard deviations a sample, from which an experiment is worth its time."""
 
 
 def next_experiment(parts: Ingredients, rivals: list[tuple[int, list[Alternative]]]) -> str | None:
     """Say which recording would separate the leading explanation from its runner-up."""
     candidates = parts.arena.super_model.candidates
-    best = [
-        (others[0].probability, number, others[0].number) for number, others in rivals if others
-    ]
+    best = [(others[0].probability, number, others[0]) for number, others in rivals if others]
     if not best:
         return None
-    _, number, other = max(best)
-    first, second = candidates[number], candidates[other]
+    _, number, other = max(best, key=lambda item: item[:2])
+    first, second = candidates[number], candidates[other.number]
+    found = best_experiment(parts, other.entry)
+    if found is not None and found.separation > TOLD_APART:
+        return (
+            f"Record {found.text}: there {first.label} and {second.label}, as estimated, would "
+            f"differ by {found.separation:.2g} standard deviations of what is left, sample by "
+            "sample, after re-calibration."
+        )
     advice = [_ADVICE.get(c.family, "a richer excitation") for c in (first, second)]
     text = " and ".join(dict.fromkeys(advice))
     return f"{text[0].upper()}{text[1:]} would separate {first.label} from {second.label}."

@@ -1,0 +1,76 @@
+"""The next experiment: an excitation chosen by simulation tells two explanations apart."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnosis_systems import CART
+
+from jaxsr._progress import Budget
+from jaxsr.diagnosis.candidates import Candidate, ParameterSpec, SuperModel
+from jaxsr.diagnosis.contest import build_arena, enter, neutral_values
+from jaxsr.diagnosis.experiment import _shapes, best_experiment
+from jaxsr.models import Simulator, parse_model
+from jaxsr.models.lifting import closed
+from jaxsr.models.rollout import Stepping
+from jaxsr.models.segments import Prepared, build_segments
+from jaxsr.recordings import Recording
+
+CUBIC = Candidate(
+    "cubic_stiffness",
+    "elastic",
+    "equation:v",
+    (ParameterSpec("k3", None),),
+    "",
+    terms=(("v", "- {k3}*q**3"),),
+)
+DRAG = Candidate(
+    "quadratic_drag",
+    "dissipative",
+    "equation:v",
+    (ParameterSpec("kd", None, low=0.0),),
+    "",
+    terms=(("v", "- {kd}*v*Abs(v)"),),
+)
+
+
+def parts_of(noise: float) -> tuple[Any, Any]:
+    """A cart on a cubic spring, recorded in small motion, and both explanations of it."""
+    given = parse_model(CART)
+    super_model = SuperModel.build(given, [CUBIC, DRAG])
+    simulator = Simulator(super_model.model)
+    rng, time = np.random.default_rng(4), np.arange(600) * 0.02
+    u = 4.0 * np.sin(1.7 * time) + 3.0 * np.sin(2.9 * time + 1.0)
+    blank = Recording("a.csv", time, {"u": u, "y": np.zeros(600)})
+    item = Prepared.build(given, blank)
+    segments = build_segments(super_model.model, [item], [(0, 0, 600)], 2)
+    theta = neutral_values(super_model)
+    theta[super_model.index(0)[0]] = 6.0
+    stepping = Stepping("rk4", 2)
+    path = closed(simulator, stepping, segments, theta, segments.course)
+    assert path is not None
+    y = path[0, :, 0] + noise * rng.normal(size=600)
+    prepared = [Prepared.build(given, Recording("a.csv", time, {"u": u, "y": y}))]
+    arena = build_arena(super_model, prepared, stepping, 2.0, np.array([noise]), simulator)
+    chosen, rival = (enter(arena, (k,), neutral_values(super_model)) for k in (0, 1))
+    case = SimpleNamespace(simulator=Simulator(given), prepared=tuple(prepared), budget=Budget())
+    return SimpleNamespace(case=case, arena=arena, chosen=chosen), rival
+
+
+def test_signals_have_size_one():
+    for _, shape in _shapes(np.linspace(0.0, 5.0, 300)):
+        assert np.abs(shape).max() == pytest.approx(1.0, abs=0.01)
+
+
+def test_an_excitation_is_found_that_two_springs_answer_differently():
+    parts, rival = parts_of(2e-3)
+    found = best_experiment(parts, rival)
+    assert found is not None
+    assert found.separation > 3.0  # standard deviations a sample
+    assert " on u " in found.text
+    itself = best_experiment(parts, parts.chosen)
+    assert itself is not None
+    assert itself.separation < 1e-6
