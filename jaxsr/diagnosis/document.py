@@ -84,7 +84,10 @@ def assemble(parts: Ingredients) -> Diagnosis:
     half_width = case.screened.half_width if case.screened else None
     force = force_errors(judged, case.prepared, held, half_width)
     document = _document(parts, judged, train, held_runs, held, force)
-    evidence = build_evidence(parts, judged, explained_model, train, held_runs, held, half_width)
+    remarks = len(document["data_checks"])
+    evidence = build_evidence(
+        parts, judged, explained_model, train, held_runs, held, half_width, remarks
+    )
     return Diagnosis(
         verdict=judged.verdict.value,
         findings=judged.findings,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxsr.diagnosis.contest import Entry, gain, neutral_values
+from jaxsr.diagnosis.ladder import ladder
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.refine import Estimate
 from jaxsr.diagnosis.scoring import FreeRun
@@ -65,11 +66,14 @@ def build_evidence(
     held_runs: dict[str, list[FreeRun]] | None,
     held: Sequence[Prepared],
     half_width: float | None,
+    checks: int,
 ) -> Any:
     """Collect what the report draws."""
     from jaxsr.report.evidence import Evidence
 
     given = parts.case.simulator.model
+    at = parts.horizons.index(parts.headline)
+    scores = {name: runs[at].nrmse for name, runs in train.items()}
     trajectories = _trajectories(parts, "train", parts.case.prepared, train)
     if held_runs is not None:
         trajectories += _trajectories(parts, "held_out", held, held_runs)
@@ -79,6 +83,7 @@ def build_evidence(
         trajectories=trajectories,
         residuals=_residuals(parts, judged, half_width) if half_width else [],
         considered=_considered(parts),
+        ladder=ladder(parts, judged, checks, scores),
     )
 
 

@@ -79,14 +79,14 @@ def screen_all(simulator: Simulator, prepared: Sequence[Prepared]) -> Screened |
     given = weak_system(simulator, prepared, theta, half_width)
     columns = WeakColumns(model, prepared, half_width)
     scale = state_scale(model, prepared)
-    candidates = force_candidates(model, scale, _motion(simulator, prepared, half_width))
+    candidates = force_candidates(model, scale, motion_of_case(simulator, prepared, half_width))
     candidates += memory_candidates(model, scale, sample_step(prepared))
     super_model = SuperModel.build(model, candidates)
     system = with_memory(with_candidates(columns, given, super_model), super_model, prepared)
     return Screened(super_model, system, screen(system, super_model), half_width)
 
 
-def _motion(simulator: Simulator, prepared: Sequence[Prepared], half_width: float) -> Motion:
+def motion_of_case(simulator: Simulator, prepared: Sequence[Prepared], half_width: float) -> Motion:
     """What re-calibration leaves, seen through test functions a third as wide.
 
     Inner constants are sought where the screening hardly looks: noise is larger there, but a

@@ -83,6 +83,7 @@ def write_diagnosis_report(
         "confusable": [_confusable(row) for row in document.get("confusable") or []],
         "detectable": _detectable(document),
         "next_experiment": document.get("next_experiment"),
+        "ladder": evidence.ladder,
         "data_checks": document.get("data_checks") or [],
         "provenance": document.get("provenance") or {},
     }

@@ -132,6 +132,8 @@ class Evidence:
         Force residuals by site and recording.
     considered : list of Considered
         Sorted best first.
+    ladder : list of (str, str)
+        The steps to the verdict: name, what was found.
     """
 
     model_name: str
@@ -139,6 +141,7 @@ class Evidence:
     trajectories: list[Trajectory] = field(default_factory=list)
     residuals: list[ForceResidual] = field(default_factory=list)
     considered: list[Considered] = field(default_factory=list)
+    ladder: list[tuple[str, str]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
