@@ -1,0 +1,109 @@
+"""Decisions where noise limits the fit: false alarms, a coarse converter, the price of choosing."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from jaxsr.diagnosis.coarse import _gain, rounded_reading
+from jaxsr.diagnosis.contest import Entry
+from jaxsr.diagnosis.decide import SIGNIFICANCE, detect_in_noise, most_credible
+from jaxsr.models import Simulator, apply_edit, parse_model
+from jaxsr.models.least_squares import Fit
+
+ROWS, SEGMENTS = 40, 25
+SMOOTH = np.sin(np.multiply.outer(np.arange(ROWS * SEGMENTS), 1e-3 * np.arange(1, 9)))
+
+
+def entry(residual: np.ndarray, constants: int, members: tuple[int, ...]) -> Entry:
+    """An entry whose residual, (samples,), is cut into segments."""
+    r = residual.reshape(SEGMENTS, ROWS).T[None]
+    cost = float(np.sum(residual**2))
+    none = np.zeros((constants, *r.shape))
+    fit = Fit(
+        theta=np.zeros(constants),
+        x0=np.zeros((1, SEGMENTS)),
+        cost=cost,
+        residual=r,
+        active=np.arange(constants),
+        jacobian=none,
+        by_start=np.zeros((1, *r.shape)),
+        converged=True,
+    )
+    return Entry(members, fit, np.full(12, cost / residual.size))
+
+
+def fitted(noise: np.ndarray, columns: np.ndarray) -> tuple[Entry, Entry]:
+    """Re-calibration alone, and with columns fitted to pure noise."""
+    left = noise - columns @ np.linalg.lstsq(columns, noise, rcond=None)[0]
+    return entry(noise, 2, ()), entry(left, 2 + columns.shape[1], (0,))
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.8])
+def test_pure_noise_seldom_passes_for_an_effect(correlation):
+    """The stated rate is 1 in 1000; 9 or more of 2000 would come up once in 4000 runs of this."""
+    rng, alarms = np.random.default_rng(1), 0
+    for _ in range(2000):
+        noise = lfilter([1.0], [1.0, -correlation], rng.normal(size=ROWS * SEGMENTS + 100))[100:]
+        pick = SMOOTH[:, rng.choice(8, size=1)]
+        alarms += detect_in_noise(*fitted(noise, pick), 1).detected
+    assert alarms < 9
+
+
+def test_an_effect_above_the_threshold_is_detected():
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        noise = rng.normal(size=ROWS * SEGMENTS)
+        column = SMOOTH[:, 3:4]
+        worse = entry(noise + 0.4 * column[:, 0], 2, ())
+        left = noise - column @ np.linalg.lstsq(column, noise, rcond=None)[0]
+        assert detect_in_noise(worse, entry(left, 3, (0,)), 30).detected
+
+
+def super_model(mechanisms: int) -> Any:
+    names = [SimpleNamespace(label=f"m{k}", mechanism="drag", sharp=False) for k in range(40)]
+    return SimpleNamespace(candidates=names[:mechanisms])
+
+
+def test_the_best_of_many_useless_mechanisms_is_not_taken():
+    """Of 40 columns fitted to noise the best must not be more credible than none."""
+    rng, taken = np.random.default_rng(3), 0
+    for _ in range(300):
+        noise = rng.normal(size=ROWS * SEGMENTS)
+        columns = rng.normal(size=(ROWS * SEGMENTS, 40))
+        pairs = [fitted(noise, columns[:, [k]]) for k in range(40)]
+        options = [Entry((k,), e.fit, e.errors) for k, (_, e) in enumerate(pairs)]
+        taken += bool(most_credible(super_model(40), [pairs[0][0], *options]).members)
+    assert taken <= 3  # the price asks for chi-squared above 14.3: 0.6 % of 300
+
+
+@pytest.mark.parametrize(("step", "named"), [(0.3, False), (1.0, False), (6.0, True), (12.0, True)])
+def test_a_grid_is_told_from_gaussian_noise_only_where_it_is_coarse(step, named):
+    rng, found = np.random.default_rng(4), 0
+    for _ in range(60):
+        h = 20.0 * np.sin(0.031 * np.arange(600) + rng.uniform(0, 6))
+        residual = step * np.round((h + rng.normal(size=600)) / step) - h
+        found += bool(2.0 * _gain(residual, step) > 20.0)
+    assert found == (60 if named else 0)
+
+
+def test_a_rounded_reading_is_a_model_that_reads_in_steps():
+    model = parse_model(
+        '[model]\nstates = ["q"]\noutputs = ["y"]\n[equations]\nq = "-q"\n[readings]\ny = "2*q"\n'
+    )
+    coarse: Any = SimpleNamespace(output="y", step=0.25)
+    rounded = Simulator(apply_edit(model, rounded_reading(model, coarse, "step")))
+    x = np.linspace(-1.0, 1.0, 101)
+    reading = rounded.model.term(rounded.model.readings["y"])
+    from jaxsr.expressions import evaluate
+
+    y = evaluate(reading, {"q": x, "step": 0.25}, "numpy")
+    np.testing.assert_allclose(y, 0.25 * np.floor(2.0 * x / 0.25 + 0.5))
+
+
+def test_the_false_alarm_rate_is_stated():
+    assert pytest.approx(1e-3) == SIGNIFICANCE
