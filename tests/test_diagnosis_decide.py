@@ -85,8 +85,8 @@ def test_the_best_of_many_useless_mechanisms_is_not_taken():
 def test_a_grid_is_told_from_gaussian_noise_only_where_it_is_coarse(step, named):
     rng, found = np.random.default_rng(4), 0
     for _ in range(60):
-        h = 20.0 * np.sin(0.031 * np.arange(600) + rng.uniform(0, 6))
-        residual = step * np.round((h + rng.normal(size=600)) / step) - h
+        h = 20.0 * np.sin(0.031 * np.arange(2500) + rng.uniform(0, 6))
+        residual = step * np.round((h + rng.normal(size=2500)) / step) - h
         found += bool(2.0 * _gain(residual, step) > 20.0)
     assert found == (60 if named else 0)
 
