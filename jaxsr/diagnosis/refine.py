@@ -148,13 +148,24 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     half[entry.fit.active] = half_widths(arena, entry.fit)
     options = [theta]
     if thorough and model_limited(arena, entry):
-        options += _other_estimates(ground, entry.members, theta)
+        others = _other_estimates(ground, entry.members, theta)
+        options += [o for o in others if _acts(arena.super_model, entry.members, o)]
     best = _least_error(ground, entry.members, options)
     spread = np.std(np.stack(options), axis=0, ddof=1) if len(options) > 1 else 0.0
     half = np.where(half > 0, np.sqrt(half**2 + numerical**2 + (2.0 * spread) ** 2), 0.0)
     candidates = [arena.super_model.candidates[i] for i in entry.members]
     named = named_super_model(arena.super_model.given, candidates)
     return Estimate(arena, entry, best, half, named)
+
+
+def _acts(super_model: SuperModel, members: tuple[int, ...], theta: np.ndarray) -> bool:
+    """Whether every member still has an effect."""
+    order = list(super_model.model.parameters.values())
+    return all(
+        any(theta[j] != order[j].value for j in super_model.index(i, coefficients_only=True))
+        for i in members
+        if super_model.index(i, coefficients_only=True)
+    )
 
 
 def model_limited(arena: Arena, entry: Entry) -> bool:
