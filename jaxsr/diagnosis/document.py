@@ -124,7 +124,8 @@ def judge(parts: Ingredients) -> Judged:
     order = sorted(range(len(rows)), key=lambda k: -rows[k]["share"])
     rows = [rows[k] for k in order]
     verdict = _verdict(parts, order, rivals)
-    if not _simulates_better(parts, recalibrated, best):
+    if verdict is not Verdict.MEASUREMENT and not _simulates_better(parts, recalibrated, best):
+        # Short runs of late or clipped readings start from what those do not tell.
         verdict = Verdict.UNDECIDED
     return Judged(recalibrated, best, verdict, rows, rivals, True)
 

@@ -163,8 +163,9 @@ def where(parts: Ingredients, site: str) -> dict[str, Any]:
             item = prepared[int(r)]
             signal = item.states.values[:, model.states.index(state)]
             position[mine] = np.interp(screened.system.centre[rows][mine], item.time, signal)
-        low, high = _densest(position, residual**2)
-        region = [{"variable": state, "from": low, "to": high}]
+        if position.size:
+            low, high = _densest(position, residual**2)
+            region = [{"variable": state, "from": low, "to": high}]
     return {
         "region": region,
         "recordings": [p.recording.name for p in prepared],
