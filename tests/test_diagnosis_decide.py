@@ -65,7 +65,9 @@ def test_an_effect_above_the_threshold_is_detected():
 
 
 def super_model(mechanisms: int) -> Any:
-    names = [SimpleNamespace(label=f"m{k}", mechanism="drag", sharp=False) for k in range(40)]
+    names = [
+        SimpleNamespace(label=f"m{k}", mechanism="drag", sharp=False, tried=1) for k in range(40)
+    ]
     return SimpleNamespace(candidates=names[:mechanisms])
 
 

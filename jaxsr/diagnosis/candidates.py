@@ -94,6 +94,10 @@ class Candidate:
         Entries of [delays]: the name of a parameter.
     clock : tuple of (output, template)
         Entries of [clock].
+    quiet : tuple of str
+        Recordings in which the first parameter is zero: a push happened in another one.
+    tried : int
+        Places at which it was looked for: what stands out of many is worth less.
     sentence : str
         What it means, with ``{site}``.
     """
@@ -111,6 +115,8 @@ class Candidate:
     replaced: tuple[tuple[str, str], ...] = ()
     delays: tuple[tuple[str, str], ...] = ()
     clock: tuple[tuple[str, str], ...] = ()
+    quiet: tuple[str, ...] = ()
+    tried: int = 1
     source: str = ""
     conflicts: frozenset[str] = field(default_factory=frozenset)
 
@@ -201,6 +207,9 @@ class Candidate:
             bounds = _readable(spec, value) if values else (spec.low, spec.high)
             parameter = Parameter(value, spec.unit, None if spec.fixed else bounds)
             draft.put(f"parameters.{names[spec.name]}", parameter)
+        if self.quiet:
+            first = names[self.parameters[0].name]
+            draft.put(f"per_recording.{first}", dict.fromkeys(self.quiet, 0.0))
         if self.replaced and not values:
             draft.put(f"parameters.{self.switch(names)}", Parameter(0.0, None, (0.0, 5.0)))
         return Edit(draft.changes)

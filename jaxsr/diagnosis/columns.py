@@ -73,7 +73,8 @@ def motion_of(columns: WeakColumns, system: WeakSystem) -> Motion:
     signals = {**columns.signals, "t": columns.signals[model.time]}
     return Motion(
         signals=signals,
-        recordings=len(columns.prepared),
+        recordings=tuple(p.recording.name for p in columns.prepared),
+        edges=columns.edges,
         integrate=columns.integrate,
         centre=system.centre[first],
         spacing=system.half_width / 4.0,
@@ -138,6 +139,8 @@ def _effect(
         mine = system.state == model.states.index(row)
         if mine.any():
             rows[mine] -= columns.inertia(column, slope(template))
+    quiet = [r for r, p in enumerate(columns.prepared) if p.recording.name in candidate.quiet]
+    rows[np.isin(system.recording, quiet)] = 0.0
     return rows
 
 

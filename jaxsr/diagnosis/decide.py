@@ -144,6 +144,7 @@ def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
     choices = float(scipy.special.gammaln(mechanisms + 1.0))
     for part in (len(entry.members), max(mechanisms - len(entry.members), 0)):
         choices -= float(scipy.special.gammaln(part + 1.0))
+    choices += float(sum(np.log(super_model.candidates[i].tried) for i in entry.members))
     price = entry.fit.active.size * np.log(n) + 2.0 * choices
     if any(super_model.candidates[i].sharp for i in entry.members):
         # What rounding leaves of a jump is not worth another mechanism.

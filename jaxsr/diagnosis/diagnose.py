@@ -178,7 +178,8 @@ def _choose(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry]
         detection = detect(null, chosen, count)
     else:
         chosen = most_credible(arena.super_model, good)
-        detection = detect_in_noise(null, chosen, count)
+        places = [arena.super_model.candidates[i].tried for i in chosen.members]
+        detection = detect_in_noise(null, chosen, count * max(places, default=1))
     return good, chosen if detection.detected else null, detection
 
 

@@ -61,7 +61,7 @@ def finding_row(
         "edit": edit,
         "term": candidate.term_text(names),
         "parameters": shown,
-        "where": where(parts, candidate.site),
+        "where": where(parts, candidate.site, candidate.quiet),
         "share": share,
         "explanation": _explanation(candidate, shown, probability, share),
     }
@@ -147,9 +147,10 @@ def rounding_rows(
     return rows, edits
 
 
-def where(parts: Ingredients, site: str) -> dict[str, Any]:
+def where(parts: Ingredients, site: str, quiet: tuple[str, ...] = ()) -> dict[str, Any]:
     """Recordings, times, and the range of the state in which most of the mismatch lies."""
     prepared = parts.case.prepared
+    acting = [p for p in prepared if p.recording.name not in quiet]
     region: list[dict[str, Any]] = []
     state = site.partition(":")[2]
     model = parts.case.simulator.model
@@ -168,8 +169,8 @@ def where(parts: Ingredients, site: str) -> dict[str, Any]:
             region = [{"variable": state, "from": low, "to": high}]
     return {
         "region": region,
-        "recordings": [p.recording.name for p in prepared],
-        "times": [[float(p.time[0]), float(p.time[-1])] for p in prepared],
+        "recordings": [p.recording.name for p in acting],
+        "times": [[float(p.time[0]), float(p.time[-1])] for p in acting],
     }
 
 

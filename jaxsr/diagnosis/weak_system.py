@@ -13,7 +13,7 @@ import numpy as np
 from jaxsr.models.driven import known_states
 from jaxsr.models.field import Field, Point
 from jaxsr.models.model import Model
-from jaxsr.models.segments import Prepared
+from jaxsr.models.segments import Prepared, values_of
 from jaxsr.models.simulator import Simulator, width_scales
 from jaxsr.views import WeakView
 
@@ -107,6 +107,9 @@ def _one_recording(
     states: tuple[str, ...],
 ) -> tuple[np.ndarray, ...]:
     model = simulator.model
+    own = values_of(model, item.recording.name)
+    given = np.isfinite(own)
+    theta = np.where(given, own, theta)
     present = np.asarray(np.isfinite(item.states.values).all(1))
     for state, signal in item.states.measured.items():
         if state in model.states:
@@ -129,7 +132,7 @@ def _one_recording(
     index = [model.states.index(s) for s in states]
     return (
         np.concatenate([b[0][good] for b in blocks]),
-        np.concatenate([b[1][good] for b in blocks]),
+        np.concatenate([b[1][good] for b in blocks]) * ~given,
         np.concatenate([b[2][good] for b in blocks]),
         np.repeat(index, count),
         np.tile(view.centres[good], len(states)),

@@ -160,7 +160,7 @@ def build_segments(
             for s in model.states
         ]
         parts["free"].append(~np.array(fixed))
-        parts["over"].append(_override(model, item.recording.name))
+        parts["over"].append(values_of(model, item.recording.name))
     array = {key: np.stack(values, axis=-1) for key, values in parts.items()}
     index = np.array([*wide, *[(*wide[-1][:2], wide[-1][1])] * spare], dtype=int).reshape(-1, 3)
     return Segments(
@@ -189,6 +189,7 @@ def _stage_table(model: Model, item: Prepared, substeps: int) -> np.ndarray:
     return np.stack([np.stack(table) for table in tables], axis=1)
 
 
-def _override(model: Model, name: str) -> np.ndarray:
+def values_of(model: Model, name: str) -> np.ndarray:
+    """Parameters of a recording by [per_recording]; NaN for those that hold everywhere."""
     values = [model.per_recording.get(p, {}).get(name, np.nan) for p in model.parameters]
     return np.array(values, dtype=float)

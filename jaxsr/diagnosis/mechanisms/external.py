@@ -7,18 +7,29 @@ from collections.abc import Iterator
 import numpy as np
 
 from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.motion import Motion
 from jaxsr.diagnosis.mechanisms.site import Site
 
 CONCENTRATED = 0.3
 """Share of the residual's power that one push must remove."""
+PROMINENT = 36.0
+"""What a push removes over what one of its length usually removes in its recording: chi-squared
+of one degree over its median. The largest of 200 windows of white noise gets there in one of 100
+recordings."""
+MOST = 2
+_WINDOWS = 500
+"""Centres and widths looked at in a recording, about."""
 LONGEST = 0.1
 """Length of a push over the length of the recording."""
+
+Window = tuple[float, float, tuple[str, ...]]
+"""Centre, width, and the recordings in which nothing pushes."""
 
 
 def external(site: Site) -> Iterator[Candidate]:
     """Yield a push of Gaussian shape, where the residual is concentrated in time."""
     time, v, f = site.model.time, site.state, site.force_unit
-    for centre, width in _windows(site):
+    for centre, width, quiet in _windows(site):
         yield Candidate(
             "transient_force",
             "external",
@@ -31,6 +42,8 @@ def external(site: Site) -> Iterator[Candidate]:
             "Something that no column records pushed {site} once, with impulse J around t0.",
             # 0.5642 = 1/sqrt(pi): the integral of the push over time is J.
             terms=((v, f"+ 0.564189583547756*{{J}}/{{dt}}*exp(-(({time} - {{t0}})/{{dt}})**2)"),),
+            quiet=quiet,
+            tried=_WINDOWS * (1 + len(quiet)),
             source="Goldstein, Classical Mechanics (1980), section 1.1 (impulse)",
         )
 
@@ -39,22 +52,44 @@ def _times_second(unit: str | None) -> str | None:
     return f"{unit}*s" if unit else None
 
 
-def _windows(site: Site) -> list[tuple[float, float]]:
-    """Centre and width of the push that removes most of the residual.
+def _windows(site: Site) -> list[Window]:
+    """Return the pushes that the residual shows best.
 
-    Only where a single window of the only recording holds most of what is left: a push has a
-    time of its own, and a force that acts all along would otherwise pass for one.
+    In a single recording only where one window holds most of what is left: a push has a time of
+    its own, and a force that acts all along would otherwise pass for one. In several, where a
+    window of one recording stands out of all others of its length there.
     """
-    motion, time = site.motion, site.signal("t")
-    if motion is None or time is None:
-        return [(1.0, 0.5)]
-    if motion.recordings > 1 or site.state not in motion.residual:
+    motion = site.motion
+    if motion is None:
+        return [(1.0, 0.5, ())]
+    if site.state not in motion.residual:
         return []
-    span, best = float(time[-1] - time[0]), (0.0, 0.0, 0.0)
-    for width in np.geomspace(
-        4.0 * motion.spacing, max(LONGEST * span / 2.0, 4.0 * motion.spacing), 4
-    ):
-        for centre in np.arange(time[0] + width, time[-1], max(width, span / 200.0)):
-            push = np.exp(-(((time - centre) / width) ** 2))[:, None]
-            best = max(best, (motion.share(site.state, push)[0], float(centre), float(width)))
-    return [best[1:]] if best[0] > CONCENTRATED else []
+    found = []
+    for number, name in enumerate(motion.recordings):
+        others = tuple(n for n in motion.recordings if n != name)
+        share, ratio, centre, width = _strongest(site, motion, number)
+        if (ratio if others else share) > (PROMINENT if others else CONCENTRATED):
+            found.append((share, (centre, width, others)))
+    found.sort(key=lambda item: -item[0])
+    return [window for _, window in found[:MOST]]
+
+
+def _strongest(site: Site, motion: Motion, number: int) -> tuple[float, float, float, float]:
+    """Share of the residual's power, ratio to the median window, centre and width of a push."""
+    own = slice(motion.edges[number], motion.edges[number + 1])
+    time = motion.signals["t"][own]
+    span = float(time[-1] - time[0])
+    shortest = 4.0 * motion.spacing
+    best = (0.0, 0.0, 0.0, 0.0)
+    for width in np.geomspace(shortest, max(LONGEST * span / 2.0, shortest), 4):
+        centres = np.arange(time[0] + width, time[-1], max(width, span / 200.0))
+        if centres.size < 3:
+            continue
+        pushes = np.zeros((motion.edges[-1], centres.size))
+        pushes[own] = np.exp(-(((time[:, None] - centres) / width) ** 2))
+        shares = motion.shares(site.state, pushes)
+        k = int(np.argmax(shares))
+        usual = float(np.median(shares)) + 1e-300
+        found = (float(shares[k]), float(shares[k]) / usual, float(centres[k]), float(width))
+        best = max(best, found, key=lambda f: f[1] if len(motion.recordings) > 1 else f[0])
+    return best

@@ -51,7 +51,10 @@ class Motion:
     ----------
     signals : mapping
         Symbol (time, states, inputs) to its samples, shape (samples,).
-    recordings : int
+    recordings : tuple of str
+        Names, in the order of the samples.
+    edges : ndarray of int, shape (recordings + 1,)
+        First sample of every recording, and the number of samples.
     integrate : callable
         Signals (samples, columns) to the rows of the weak view (rows, columns).
     centre : ndarray, shape (rows,)
@@ -67,7 +70,8 @@ class Motion:
     """
 
     signals: Mapping[str, np.ndarray]
-    recordings: int
+    recordings: tuple[str, ...]
+    edges: np.ndarray
     integrate: Callable[[np.ndarray], np.ndarray]
     centre: np.ndarray
     spacing: float
@@ -83,6 +87,15 @@ class Motion:
         solved = np.linalg.lstsq(a, y, rcond=1e-6)[0]
         power = float(y @ y) + 1e-300
         return 1.0 - float(np.sum((y - a @ solved) ** 2)) / power, solved
+
+    def shares(self, state: str, columns: np.ndarray) -> np.ndarray:
+        """Return the share of the residual's power that each column alone removes."""
+        a, y = self.integrate(columns), self.residual[state]
+        q = self.basis[state]
+        a = a - q @ (q.T @ a)
+        size = np.sum(a**2, axis=0)
+        seen = size > 1e-9 * size.max(initial=1e-300)
+        return np.where(seen, (a.T @ y) ** 2 / np.where(seen, size, 1.0), 0.0) / (y @ y + 1e-300)
 
     def lines(self, state: str, pair: Columns, grid: np.ndarray, most: int = 2) -> list[Line]:
         """Return the prominent peaks over a grid of constants, the highest first."""
