@@ -35,12 +35,13 @@ def dissipative(site: Site) -> Iterator[Candidate]:
         ParameterSpec("Fc", f, low=0.0),
         sentence="Dry friction of constant size opposes the motion along {site}.",
     )
-    yield make(
-        "asymmetric_friction",
-        f"- {{Fa}}*Abs({v})",
-        ParameterSpec("Fa", site.per(v)),
-        sentence="The viscous resistance along {site} differs between the two directions.",
-    )
+    if site.reverses:
+        yield make(
+            "asymmetric_friction",
+            f"- {{Fa}}*Abs({v})",
+            ParameterSpec("Fa", site.per(v)),
+            sentence="The viscous resistance along {site} differs between the two directions.",
+        )
     yield make(
         "quadratic_drag",
         f"- {{kd}}*{v}*Abs({v})",

@@ -35,7 +35,9 @@ def memory_candidates(
         return []
     found = list(actuator_lags(model, step))
     for site in sites_of(model, scale):
-        found += [*hysteresis(site), *hidden_modes(site, step), *drifts(site), *overflows(site)]
+        if site.reverses:  # a loop and a resonance show in motion that returns
+            found += [*hysteresis(site), *hidden_modes(site, step)]
+        found += [*drifts(site), *overflows(site)]
     return [*found, *sensor_drifts(model)]
 
 
