@@ -29,6 +29,8 @@ HERE = Path(__file__).resolve().parent
 DEMO = HERE.parent / "jaxsr" / "datasets" / "demo"
 RESULT = HERE / "results" / "demo_sets.json"
 SEED = 0
+BUDGET = 60.0
+"""Seconds, those of `jaxsr demo`."""
 QUICK = ("set1", "set4")
 
 
@@ -74,6 +76,7 @@ def run(name: str, truth: dict[str, Any]) -> dict[str, Any]:
         [DEMO / f"{name}_train.csv"],
         held_out=[DEMO / f"{name}_validation.csv"],
         seed=SEED,
+        budget=BUDGET,
     )
     seconds = time.perf_counter() - begin
     right = judge(found, truth)

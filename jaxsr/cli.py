@@ -44,6 +44,8 @@ datasets_app = typer.Typer(
 )
 app.add_typer(datasets_app, name="datasets")
 
+DEMO_SECONDS = 60.0
+"""Time after which the demonstration takes the best it has."""
 Data = Annotated[list[str], typer.Argument(metavar="DATA...", help="Recordings to learn from.")]
 Out = Annotated[str, typer.Option(metavar="DIR", help="Directory for the results.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of every random choice.")]
@@ -237,7 +239,7 @@ def simulate(
 def demo(out: Out = "jaxsr-demo") -> Job:
     """Diagnose the bundled recordings of a two-link arm, offline."""
     folder = results_folder(out, {}, ())
-    limit = _budget(None)
+    limit = _budget(DEMO_SECONDS)
 
     def job(command: str) -> int:
         model, train, held_out = _demo_files()

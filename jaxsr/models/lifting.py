@@ -32,7 +32,9 @@ from jaxsr.models.sensitivity import Directions, advanced, condensed
 from jaxsr.models.simulator import Simulator
 
 Array = Any
-CLOSING = 8
+CLOSING, CLOSING_LONG, SHORT = 8, 20, 60
+"""Newton iterations to a simulation, for segments of up to `SHORT` samples and for longer ones,
+which are dear to simulate from sample to sample."""
 CLOSE = 1e-9
 """Step of a path, in sizes of the states, at which it is a simulation."""
 
@@ -189,8 +191,9 @@ def closed(
     corners, is simulated from sample to sample. None where states are not finite.
     """
     ground = _Ground.of(simulator, stepping, segments, theta, ())
+    long = path.shape[1] > SHORT
     with np.errstate(all="ignore"):
-        for _ in range(CLOSING):
+        for _ in range(CLOSING_LONG if long else CLOSING):
             ends, slopes = ground.step(path)
             _, shift = condensed(slopes, ends - path[:, 1:])
             moved = path + shift

@@ -19,7 +19,7 @@ CLOSED = 1e-4
 """Share of the cost up to which the gap of a path to a simulation does not matter."""
 ROUNDING = (100.0, 10.0)
 """Widths of rounded steps, in those of the final estimate."""
-POLISHING = 12
+POLISHING = 5
 ROUGH = 1e-2
 ROUGH_ITERATIONS = 8
 """Where the estimation with rounded steps ends: it only has to lead near."""
@@ -52,7 +52,8 @@ class Search:
             return self.run(theta, x0, path, max_iterations, stop)
         if path is None or not near:
             theta, x0, path = self.rounded(theta, x0, path, stop)
-        return self.polished(self.run(theta, x0, path, ROUGH_ITERATIONS, stop), stop)
+        found = self.run(theta, x0, path, ROUGH_ITERATIONS, stop)
+        return found if found.converged else self.polished(found, stop)
 
     def run(
         self,
@@ -165,7 +166,7 @@ class Search:
         """Take a step that lowers the cost, or that closes the simulation."""
         low, high = self.bounds
         share = 1.0
-        for _ in range(4 if self.closing else 8):
+        for _ in range(3 if self.closing else 8):
             step, starts = levenberg_step(best.fit, damping, low, high)
             theta = best.fit.theta.copy()
             theta[self.active] = np.clip(
