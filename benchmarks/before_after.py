@@ -34,7 +34,8 @@ rows = []
 for seed in range(int(sys.argv[1])):
     for name, case in ((two_mass, chain), (crank_slider, crank)):
         row = name.run(seed, case)
-        rows.append([name.__name__.rpartition(".")[2], row["seconds"], bool(row["exact"])])
+        exact = bool(row.get("exact", row.get("found")))
+        rows.append([name.__name__.rpartition(".")[2], row["seconds"], exact])
 print("ROWS", json.dumps(rows))
 """
 
