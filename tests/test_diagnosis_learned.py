@@ -21,11 +21,11 @@ def run(name: str, coulomb: float, seed: int, noise: float) -> Recording:
         return 4.0 * float(np.sin(frequency * t + phase).sum())
 
     def rate(t: float, x: np.ndarray) -> list[float]:
-        push = force(t) - 20.0 * x[0] - 1.5 * x[1] - coulomb * np.tanh(x[1] / 0.005)
+        push = force(t) - 20.0 * x[0] - 1.5 * x[1] - coulomb * np.tanh(x[1] / 0.0005)
         return [x[1], push / 2.0]
 
     path = solve_ivp(
-        rate, (0.0, time[-1]), [0.1, 0.0], t_eval=time, rtol=1e-9, atol=1e-10, max_step=0.01
+        rate, (0.0, time[-1]), [0.1, 0.0], t_eval=time, rtol=1e-9, atol=1e-10, max_step=0.001
     ).y
     q, v = path + noise * np.array([[1.0], [3.0]]) * rng.normal(size=path.shape)
     return Recording(name, time, {"u": np.array([force(t) for t in time]), "q": q, "v": v})
@@ -44,8 +44,8 @@ def test_a_simulator_is_learnt_from_its_output_and_its_missing_friction_found():
     found = diagnose(learned.simulator, recorded)
     assert found.verdict == "structure"
     assert found.findings[0]["mechanism"] == "coulomb_friction"
-    # A force over the mass of 2; the plant rounds its friction and loses a per cent of it.
-    assert found.findings[0]["parameters"]["Fc"]["value"] == pytest.approx(0.75, rel=0.02)
+    low, high = found.findings[0]["parameters"]["Fc"]["ci95"]
+    assert low < 0.75 < high  # a force over the mass of 2
 
 
 def test_files_that_are_equal_leave_nothing_to_learn():

@@ -24,12 +24,13 @@ TIE = 0.2
 
 @dataclass(frozen=True)
 class Detection:
-    """Whether something beats re-calibration on held-back blocks."""
+    """Whether something beats re-calibration, at a `rate` of false alarms over all candidates."""
 
     detected: bool
     log_gain: float
     p: float
     threshold: float
+    rate: float
 
 
 def plausible(arena: Arena, entry: Entry) -> bool:
@@ -185,14 +186,15 @@ def detect_in_noise(null: Entry, chosen: Entry, candidates: int) -> Detection:
     ratio = np.log((null.fit.cost + 1e-300) / (chosen.fit.cost + 1e-300))
     p = float(scipy.stats.chi2.sf(independent_residuals(chosen) * ratio, more))
     threshold = SIGNIFICANCE / max(candidates, 1)
-    return Detection(p < threshold, float(ratio), p, threshold)
+    return Detection(p < threshold, float(ratio), p, threshold, SIGNIFICANCE)
 
 
 def detect(null: Entry, chosen: Entry, candidates: int) -> Detection:
     """Test an entry against re-calibration alone, block by block."""
     mean, _, p = gain(null.errors, chosen.errors)
-    threshold = SIGNIFICANCE / max(candidates, 1) * 10.0
-    return Detection(mean > MIN_GAIN and p < threshold, mean, p, threshold)
+    rate = 10.0 * SIGNIFICANCE
+    threshold = rate / max(candidates, 1)
+    return Detection(mean > MIN_GAIN and p < threshold, mean, p, threshold, rate)
 
 
 @dataclass(frozen=True)

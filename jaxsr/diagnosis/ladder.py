@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxsr.diagnosis.contest import Arena, Entry, enter
-from jaxsr.diagnosis.decide import SIGNIFICANCE
 from jaxsr.diagnosis.setup import motion_of_case
 from jaxsr.diagnosis.uncertainty import half_widths
 
@@ -60,7 +59,7 @@ def _detected(parts: Ingredients) -> str:
     tail = "below 1e-300" if found.p == 0.0 else f"{found.p:.2g}"
     return (
         f"An effect was {outcome}: the best set lowers the error {factor:.3g} times, p = {tail} "
-        f"against {found.threshold:.2g}, one false alarm in {1.0 / SIGNIFICANCE:.0f} diagnoses."
+        f"against {found.threshold:.2g}, one false alarm in {1.0 / found.rate:.0f} diagnoses."
     )
 
 
