@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.special
@@ -227,16 +227,40 @@ def alternatives(
         and number not in e.members
         and len(e.members) <= len(chosen.members)
     ]
-    effective = _independent(chosen)
-    price = penalties(super_model, [chosen, *rivals])
-    share = weights([chosen, *rivals], effective, price, rng)
+    share = _shares(super_model, [chosen, *rivals], rng)
     found = []
     for rival, probability in zip(rivals, share[1:], strict=True):
         swapped = set(rival.members) - rest
-        if swapped and probability > 5e-4:
+        if swapped:
             found.append(Alternative(swapped.pop(), float(probability), rival))
-    found.sort(key=lambda a: -a.probability)
-    return float(share[0]), found
+    n = independent_residuals(chosen)
+    found.sort(key=lambda a: (-round(a.probability, 6), criterion(super_model, a.entry, n)))
+    own = super_model.candidates[number].label
+    best = {own: Alternative(number, float(share[0]), chosen)}
+    for alternative in found:
+        # Other starts of a mechanism count for it.
+        label = super_model.candidates[alternative.number].label
+        known = best.setdefault(label, alternative)
+        if known is not alternative:
+            total = known.probability + alternative.probability
+            best[label] = replace(known, probability=total)
+    return best.pop(own).probability, list(best.values())
+
+
+def _shares(
+    super_model: SuperModel, entries: Sequence[Entry], rng: np.random.Generator
+) -> np.ndarray:
+    """Probabilities of entries, the chosen one first.
+
+    No other block tells of what happened once: beside a push, Schwarz's criterion decides.
+    """
+    passing = any(super_model.candidates[i].passing for e in entries for i in e.members)
+    if not passing:
+        return weights(entries, _independent(entries[0]), penalties(super_model, entries), rng)
+    n = independent_residuals(entries[0])
+    score = np.array([criterion(super_model, e, n) for e in entries])
+    share = np.exp(-0.5 * (score - score.min()))
+    return share / share.sum()
 
 
 def _independent(entry: Entry) -> float:

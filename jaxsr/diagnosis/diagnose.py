@@ -30,15 +30,17 @@ from jaxsr.diagnosis.decide import (
     without_duplicates,
 )
 from jaxsr.diagnosis.document import UNEXPLAINED, Ingredients, assemble
-from jaxsr.diagnosis.integration import choose_stepping
-from jaxsr.diagnosis.reduced import Lean, lean, reduce
+from jaxsr.diagnosis.integration import choose_stepping, with_smooth
+from jaxsr.diagnosis.pushes import with_pushes
+from jaxsr.diagnosis.reduced import lean, reduce
 from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
-from jaxsr.diagnosis.stepwise import grow
+from jaxsr.diagnosis.stepwise import exchange, grow
 from jaxsr.diagnosis.unnamed import propose_unnamed
 from jaxsr.models import Simulator
+from jaxsr.models.least_squares import Fit
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, cut
 from jaxsr.models.shooting import simulate
@@ -46,8 +48,8 @@ from jaxsr.recordings import Recording
 
 MAX_SAMPLES = 1000
 """Longest segment of the contest, in samples."""
-MANY_SEGMENTS = 20
-"""Segments from which their scatter is well known, and the work well shared."""
+MANY_SEGMENTS = 4
+"""Segments from which the work is shared."""
 LIMITED = 10.0
 """Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
 SMALL, SATURATED = 0.1, 1.3
@@ -55,8 +57,8 @@ PATIENCE = 1.0 / 12.0
 """Share of the time budget after which the estimation of one set stops where it is."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
-ABLATIONS = 3
-"""Times that a decision is made anew because a smaller set did better than before."""
+ROUNDS = 4
+"""Times that a decision is made anew because a smaller or another set did better than before."""
 REMOVED = 0.3
 """Share of the re-calibrated error up to which a mismatch counts as explained."""
 
@@ -152,13 +154,18 @@ def decide(
     case: Case, arena: Arena, entries: list[Entry]
 ) -> tuple[Arena, list[Entry], Entry, Detection]:
     """Choose an entry; re-calibration alone unless another clearly beats it."""
-    for _ in range(ABLATIONS):
+    exchanged: set[tuple[int, ...]] = set()
+    for _ in range(ROUNDS):
         good, chosen, detection = _choose(case, arena, entries)
-        simpler = ablate(arena, chosen, entries, case) if detection.detected else []
-        if not simpler:
+        if not detection.detected:
             break
+        simpler = ablate(arena, chosen, entries, case)
         replaced = {e.members for e in simpler}
         entries = [e for e in entries if e.members not in replaced] + simpler
+        if not simpler and chosen.members in exchanged:
+            break
+        exchanged.add(chosen.members)
+        entries = exchange(arena, chosen, entries, lambda: case.budget.exhausted)
     good, chosen, detection = _choose(case, arena, entries)
     # The chosen set without a member is reported whatever its estimates.
     good += [e for e in entries if set(e.members) < set(chosen.members) and e not in good]
@@ -228,11 +235,14 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     simulator = Simulator(super_model.model, case.simulator.function)
     case.progress.stage("choosing integration steps and the horizon")
     stepping = choose_stepping(simulator, case.prepared, starts[min(1, len(starts) - 1)][1])
+    base = starts[0][1][: len(case.simulator.model.parameters)]
+    stepping = with_smooth(stepping, case.simulator, case.prepared, base)
     deviation = np.nanstd(np.concatenate([p.outputs for p in case.prepared]), axis=0)
     scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
     starts = _usable_starts(case, super_model, stepping, scale, simulator, starts)
-    recalibrated = lean(super_model, simulator, stepping, ())
-    headline, lengths = headline_horizon(case, recalibrated, starts[0][1])
+    headline, lengths = headline_horizon(
+        case, super_model, stepping, scale, simulator, starts[0][1]
+    )
     arena = _first_usable(case, super_model, stepping, lengths, scale, simulator, starts[0][1])
     arena = replace(arena, patience=PATIENCE * case.budget.seconds)
     case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
@@ -255,6 +265,7 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     if len(starts) == 1:
         arena, entries = _rescaled(arena, entries, stop)
     if entries[0].fit.usable:
+        arena, entries = with_pushes(arena, entries)
         entries = grow(arena, entries, stop, case.progress.update)
     return arena, entries, headline
 
@@ -335,25 +346,45 @@ def _label(super_model: SuperModel, members: tuple[int, ...]) -> str:
 
 
 def headline_horizon(
-    case: Case, recalibrated: Lean, start: np.ndarray
+    case: Case,
+    super_model: SuperModel,
+    stepping: Stepping,
+    scale: np.ndarray,
+    simulator: Simulator,
+    start: np.ndarray,
 ) -> tuple[float, list[float]]:
     """Choose the horizon the verdict rests on, and segment lengths for the contest, in seconds.
 
     The longest horizon up to which the re-calibrated model's error stays small, or no longer
     grows: errors of a drifting, unstable or chaotic system grow with the horizon, and judging
-    it by its full length compares how errors happen to add up.
+    it by its full length compares how errors happen to add up. Starts are estimated on the whole
+    segment, so that noise of the first readings does not count as an error that grows.
     """
     options = horizons(case.prepared)
-    headline, previous = options[0], None
+    step = float(np.median([p.recording.sample_time for p in case.prepared]))
+    fitting = [h for h in options if h / step <= MAX_SAMPLES] or options[:1]
+    headline, previous, theta = options[0], None, start
     for horizon in options:
-        score = recalibrated.free_run(case.prepared, start, horizon).nrmse
+        if horizon in fitting:
+            arena = build_arena(super_model, case.prepared, stepping, horizon, scale, simulator)
+            fitted = enter(arena, (), theta, max_iterations=8).fit
+            theta = fitted.theta if fitted.usable else theta
+            score = _relative_error(arena, fitted) if fitted.usable else np.inf
+        else:
+            whole = lean(super_model, simulator, stepping, ())
+            score = whole.free_run(case.prepared, theta, horizon).nrmse
         if previous is not None and not (score <= SMALL or score <= SATURATED * previous):
             break
         headline, previous = horizon, score
-    step = float(np.median([p.recording.sample_time for p in case.prepared]))
-    fitting = [h for h in options if h <= headline and h / step <= MAX_SAMPLES] or options[:1]
+    fitting = [h for h in fitting if h <= headline]
     many = [h for h in fitting if len(cut(case.prepared, h)) >= MANY_SEGMENTS]
     return headline, sorted(many or fitting, reverse=True)
+
+
+def _relative_error(arena: Arena, fitted: Fit) -> float:
+    """Root mean square residual over the outputs' standard deviations."""
+    used = max(float(arena.problem.segments.weights.sum()), 1.0)
+    return 0.01 * float(np.sqrt(fitted.cost / used))
 
 
 def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> list[Entry]:

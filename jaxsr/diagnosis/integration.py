@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,6 +57,18 @@ def choose_stepping(
         if change / factor**order < STEP_ERROR:
             return Stepping(method, factor * needed, widths)
     return Stepping(method, 4 * needed, widths)
+
+
+def with_smooth(
+    stepping: Stepping, given: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
+) -> Stepping:
+    """Add how sets without jumps are stepped, where the given model has none."""
+    if not stepping.widths or not liftable(given) or given.smoothed_arguments:
+        return stepping
+    smooth = choose_stepping(given, prepared, theta)
+    dearer = smooth.method == "rodas3" or stepping.substeps % smooth.substeps > 0
+    same = (smooth.method, smooth.substeps) == (stepping.method, stepping.substeps)
+    return stepping if dearer or same else replace(stepping, smooth=smooth)
 
 
 def _fastest(

@@ -76,6 +76,8 @@ def reduce(problem: Problem, super_model: SuperModel, members: Sequence[int]) ->
         free_start=problem.segments.free_start[states],
         override=problem.segments.override[own.parameters],
     )
+    if own.stepping.substeps != problem.stepping.substeps:
+        segments = segments.coarsened(own.stepping.substeps)
     problem = Problem(own.simulator, own.stepping, segments, problem.scale)
     return Reduced(problem, own.parameters, states)
 
@@ -113,6 +115,8 @@ def lean(
     names = _parameter_names(super_model, alone, members)
     parameters = np.array([order.index(names.get(n, n)) for n in alone.model.parameters], dtype=int)
     own = Simulator(alone.model)
+    if stepping.smooth is not None and not own.smoothed_arguments:
+        return Lean(own, stepping.smooth, parameters)
     known = dict(zip(simulator.smoothed_arguments, stepping.widths, strict=False))
     least = min(stepping.widths, default=1e-4)
     widths = tuple(known.get(a, least) for a in own.smoothed_arguments)

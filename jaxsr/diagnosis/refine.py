@@ -28,6 +28,8 @@ SMOOTHED_MECHANISMS = frozenset(
 )
 MODEL_LIMITED = 3.0
 """Ratio of residual to sensor noise above which the model, not the sensor, sets the error."""
+SMOOTH = 0.93
+"""Correlation of neighbouring samples from which a residual is motion and not coloured noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,15 +176,36 @@ def model_limited(arena: Arena, entry: Entry) -> bool:
 
 
 def residual_to_noise(arena: Arena, entry: Entry) -> float:
-    """Largest ratio, over the outputs, of rms residual to sensor noise."""
+    """Largest ratio, over the outputs, of rms residual to sensor noise.
+
+    The differences that tell the noise see its spectrum at the highest frequencies alone, which
+    for noise of lag-one correlation rho is (1 - rho)/(1 + rho) of white noise as strong.
+    """
     ratios = []
     for k, scale in enumerate(arena.problem.scale):
         residual = entry.fit.residual[k] * scale
         count = max(np.count_nonzero(residual), 1)
         rms = np.sqrt(np.sum(residual**2) / count)
         noise = np.median([noise_level(p.time, p.outputs[:, k]) for p in arena.prepared])
-        ratios.append(rms / max(float(noise), 1e-300))
+        rho = colour(residual)
+        ratios.append(rms / max(float(noise), 1e-300) * np.sqrt((1.0 - rho) / (1.0 + rho)))
     return float(max(ratios))
+
+
+def colour(residual: np.ndarray) -> float:
+    """Lag-one correlation of a residual, shape (samples, segments), where it is noise; 0 otherwise.
+
+    Correlation of first-order noise falls by rho with every sample. What a model leaves of a
+    motion falls more slowly than by `SMOOTH`, whatever white noise lies over it: lags 2 and 4 do
+    not see that.
+    """
+    products = [
+        float(np.mean(residual[: residual.shape[0] - lag] * residual[lag:])) for lag in (0, 2, 4)
+    ]
+    if residual.shape[0] < 3 * 4 or products[1] < 0.1 * products[0]:
+        return 0.0
+    rho = np.sqrt(max(products[2] / products[1], 0.0))
+    return float(rho) if rho < SMOOTH else 0.0
 
 
 def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarray]:
@@ -222,6 +245,7 @@ def _other_estimates(
             arena.problem.scale,
             arena.problem.simulator,
         )
+        short_arena = replace(short_arena, patience=arena.patience)
         short = enter(short_arena, members, theta).fit
         if short.usable:
             found.append(short.theta)

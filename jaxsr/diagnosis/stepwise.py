@@ -21,6 +21,8 @@ its path has to be found first."""
 FULL = (8, 5, 4)
 """Mechanisms estimated in full, by the size of the set."""
 PARENTS = 2
+RIVALS = 4
+"""Mechanisms estimated in full in the place of each of the chosen."""
 WORTH = 0.3
 """Share of the best quick gain from which a mechanism is estimated in full."""
 VARIANT = 0.7
@@ -70,6 +72,46 @@ def grow(
         if not leaders or leaders[0] is not known[0]:
             break
     return list(found.values())
+
+
+def exchange(
+    arena: Arena,
+    chosen: Entry,
+    entries: Sequence[Entry],
+    exhausted: Callable[[], bool],
+) -> list[Entry]:
+    """Return the entries and those with another mechanism in the place of one of the chosen.
+
+    Growth adds to what it has; a member that came in before its betters stood beside it is found
+    out only by taking it away. What does not win is what else could have been meant.
+    """
+    found = {e.members: e for e in entries}
+    for number in chosen.members:
+        rest = found.get(tuple(i for i in chosen.members if i != number))
+        if rest is None or not rest.fit.usable:
+            continue
+        label = arena.super_model.candidates[number].label
+        stand = [_label_beside(arena.super_model, m, rest.members) for m in found]
+        known = {text for text in stand if text and text != label}
+        if len(known) >= RIVALS or exhausted():
+            continue
+        quick = _tried(arena, rest, found, exhausted, lambda share, text: None)
+        for trial in _promising(arena.super_model, rest, quick, RIVALS, worth=0.0):
+            if exhausted():
+                break
+            entry = enter(arena, trial.members, trial.theta, rest.fit.path, exhausted)
+            found[entry.members] = entry
+    return list(found.values())
+
+
+def _label_beside(
+    super_model: SuperModel, members: Sequence[int], rest: Sequence[int]
+) -> str | None:
+    """What a set has beside `rest`, where that is one mechanism."""
+    more = set(members) - set(rest)
+    if len(more) != 1 or len(members) != len(rest) + 1:
+        return None
+    return super_model.candidates[more.pop()].label
 
 
 def _without_idle(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> None:
@@ -190,7 +232,11 @@ def _tangent(arena: Arena, leader: Entry, numbers: Sequence[int]) -> list[Trial]
 
 
 def _promising(
-    super_model: SuperModel, leader: Entry, quick: Sequence[Trial], most: int
+    super_model: SuperModel,
+    leader: Entry,
+    quick: Sequence[Trial],
+    most: int,
+    worth: float = WORTH,
 ) -> list[Trial]:
     """Pick the best few mechanisms, and of each the variants that may turn out best."""
     best: dict[tuple[str, ...], list[Trial]] = {}
@@ -204,6 +250,6 @@ def _promising(
     def gain(trial: Trial) -> float:
         return float(np.log(leader.fit.cost / trial.cost))
 
-    least = WORTH * gain(ranked[0][0])
-    chosen = [trials for trials in ranked[:most] if gain(trials[0]) > least > 0]
+    least = worth * gain(ranked[0][0])
+    chosen = [trials for trials in ranked[:most] if gain(trials[0]) > least >= 0]
     return [t for trials in chosen for t in trials if gain(t) > VARIANT * gain(trials[0])]

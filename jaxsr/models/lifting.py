@@ -109,16 +109,22 @@ def linear(
 
 
 def one_step(
-    simulator: Simulator, stepping: Stepping, segments: Segments, theta: Array, path: Array
+    simulator: Simulator,
+    stepping: Stepping,
+    segments: Segments,
+    theta: Array,
+    path: Array,
+    active: Sequence[int] = (),
 ) -> tuple[Array, Array]:
-    """Return where each sample of a path leads by the next, and the derivative by the state.
+    """Return where each sample of a path leads by the next, and the derivatives.
 
     Returns
     -------
     ends : ndarray, shape (states, samples - 1, segments)
-    slopes : ndarray, shape (states, states, samples - 1, segments)
+    slopes : ndarray, shape (states, states + active, samples - 1, segments)
+        By the state at the earlier sample, then by the active parameters.
     """
-    return _Ground.of(simulator, stepping, segments, theta, ()).step(path)
+    return _Ground.of(simulator, stepping, segments, theta, active).step(path)
 
 
 def readings_along(

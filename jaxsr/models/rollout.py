@@ -21,11 +21,15 @@ TANGENT_BUCKETS = (0, 12, 24, 48, 96)
 
 @dataclass(frozen=True)
 class Stepping:
-    """How segments are integrated: method, steps between samples, smoothing widths."""
+    """How segments are integrated: method, steps between samples, smoothing widths.
+
+    `smooth` tells how a model without jumps is, whose steps need not resolve any.
+    """
 
     method: Literal["rk4", "rodas3"] = "rk4"
     substeps: int = 1
     widths: tuple[float, ...] = ()
+    smooth: Stepping | None = None
 
 
 def outputs(

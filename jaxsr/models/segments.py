@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -82,6 +82,20 @@ class Segments:
     def number(self) -> int:
         """How many segments."""
         return self.start.size
+
+    def coarsened(self, substeps: int) -> Segments:
+        """Return the segments with fewer steps between samples, a divisor of their number.
+
+        Inputs are lines or constants between samples, which fewer points draw as well.
+        """
+        many = self.length.shape[1]
+        group = many // substeps
+        shape = (self.length.shape[0], substeps, group, self.number)
+        inputs = self.stages.reshape(*self.stages.shape[:3], substeps, group, self.number)
+        half = group // 2
+        middle = inputs[2, :, :, :, half - 1] if group % 2 == 0 else inputs[1, :, :, :, half]
+        stages = np.stack([inputs[0, :, :, :, 0], middle, inputs[2, :, :, :, -1]])
+        return replace(self, length=self.length.reshape(shape).sum(2), stages=stages)
 
     @property
     def weights(self) -> np.ndarray:

@@ -28,24 +28,29 @@ Window = tuple[float, float, tuple[str, ...]]
 
 def external(site: Site) -> Iterator[Candidate]:
     """Yield a push of Gaussian shape, where the residual is concentrated in time."""
-    time, v, f = site.model.time, site.state, site.force_unit
     for centre, width, quiet in _windows(site):
-        yield Candidate(
-            "transient_force",
-            "external",
-            f"external:{v}",
-            (
-                ParameterSpec("J", _times_second(f)),
-                ParameterSpec("t0", "s", centre - 3 * width, centre + 3 * width, centre, False),
-                ParameterSpec("dt", "s", width / 4.0, 4.0 * width, width, False),
-            ),
-            "Something that no column records pushed {site} once, with impulse J around t0.",
-            # 0.5642 = 1/sqrt(pi): the integral of the push over time is J.
-            terms=((v, f"+ 0.564189583547756*{{J}}/{{dt}}*exp(-(({time} - {{t0}})/{{dt}})**2)"),),
-            quiet=quiet,
-            tried=_WINDOWS * (1 + len(quiet)),
-            source="Goldstein, Classical Mechanics (1980), section 1.1 (impulse)",
-        )
+        yield push(site, centre, width, quiet, _WINDOWS * (1 + len(quiet)))
+
+
+def push(site: Site, centre: float, width: float, quiet: tuple[str, ...], tried: int) -> Candidate:
+    """Return a push around a centre, absent in the `quiet` recordings."""
+    time, v = site.model.time, site.state
+    return Candidate(
+        "transient_force",
+        "external",
+        f"external:{v}",
+        (
+            ParameterSpec("J", _times_second(site.force_unit)),
+            ParameterSpec("t0", "s", centre - 3 * width, centre + 3 * width, centre, False),
+            ParameterSpec("dt", "s", width / 4.0, 4.0 * width, width, False),
+        ),
+        "Something that no column records pushed {site} once, with impulse J around t0.",
+        # 0.5642 = 1/sqrt(pi): the integral of the push over time is J.
+        terms=((v, f"+ 0.564189583547756*{{J}}/{{dt}}*exp(-(({time} - {{t0}})/{{dt}})**2)"),),
+        quiet=quiet,
+        tried=tried,
+        source="Goldstein, Classical Mechanics (1980), section 1.1 (impulse)",
+    )
 
 
 def _times_second(unit: str | None) -> str | None:

@@ -164,14 +164,14 @@ def drifts(site: Site) -> Iterator[Candidate]:
 
 
 def overflows(site: Site) -> Iterator[Candidate]:
-    """Yield the loss of what a level holds above an edge, -ko*Max(x - xo, 0), where no rate is.
+    """Yield the loss of what a level holds above an edge, -ko*Max(x - xo, 0), in models of levels.
 
     The excess is lost, or runs into another level.
     """
     model, x = site.model, site.state
     levels = [s for s in model.dynamic_states if model.kinematic_parent(s) is None]
     values = site.scale.get(x)
-    if x not in levels or values is None or not values[-1] > values[0] or model.inertia:
+    if len(levels) < len(model.dynamic_states) or values is None or not values[-1] > values[0]:
         return
     edge, spread = float(values[17]), float(values[-1] - values[0])
     lost = f"{{ko}}*Max({x} - {{xo}}, 0)"

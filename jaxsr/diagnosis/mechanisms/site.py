@@ -130,7 +130,7 @@ def sites_of(
     plain = []
     for state in model.dynamic_states:
         position = model.kinematic_parent(state)
-        turning = position is not None and model.units.get(position, "").strip() in ("rad", "deg")
+        turning = position is not None and _is_angle(model, position)
         plain.append(Site(model, state, position, turning, _force_unit(model, state), scale))
     return tuple(
         Site(
@@ -145,6 +145,15 @@ def sites_of(
         )
         for s in plain
     )
+
+
+def _is_angle(model: Model, position: str) -> bool:
+    """Whether a position is an angle: by its unit, which may be 1, or without one by a sine of it."""
+    unit = model.units.get(position)
+    if unit is not None:
+        return unit.strip() in ("rad", "deg", "1")
+    waves = [t for e in model.equation_terms.values() for t in e.walk() if t.op in ("sin", "cos")]
+    return any(position in wave.variables for wave in waves)
 
 
 def _force_unit(model: Model, state: str) -> str | None:
