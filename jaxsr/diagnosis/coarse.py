@@ -33,6 +33,8 @@ class Coarse:
     p : float
     variance_share : float
         Share of the residual's variance that rounding alone makes.
+    half : float
+        Half the interval of the step: how far readings lie off the grid, over their multiples.
     """
 
     output: str
@@ -40,6 +42,7 @@ class Coarse:
     log_likelihood: float
     p: float
     variance_share: float
+    half: float = 0.0
 
 
 def coarse_sensors(arena: Arena, entry: Entry) -> list[Coarse]:
@@ -66,8 +69,17 @@ def coarse_sensors(arena: Arena, entry: Entry) -> list[Coarse]:
         gain = _gain(residual, step) / correlation_length(own)
         p = float(scipy.stats.chi2.sf(2.0 * max(gain, 0.0), 1))
         share = float(min(step**2 / 12.0 / max(np.mean(residual**2), 1e-300), 1.0))
-        found.append(Coarse(name, step, gain, p, share))
+        readings = np.concatenate([p.outputs[:, k] for p in arena.prepared])
+        found.append(Coarse(name, step, gain, p, share, _half_width(readings, step)))
     return sorted(found, key=lambda c: -c.log_likelihood)
+
+
+def _half_width(readings: np.ndarray, step: float) -> float:
+    """Bound of a step's error: a reading n steps from another is n times as sharp a ruler."""
+    levels = np.unique(readings[np.isfinite(readings)])
+    count = np.round((levels - levels[0]) / step)
+    off = np.abs(levels - levels[0] - count * step)
+    return float(np.quantile(off, 0.98) / max(count[-1], 1.0) + 1e-9 * step)
 
 
 def _gain(residual: np.ndarray, step: float) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
-from jaxsr.diagnosis.contenders import Start, contenders, leading_sets
+from jaxsr.diagnosis.contenders import contenders, leading_sets
 from jaxsr.diagnosis.contest import (
     CONTEST_TOLERANCE,
     ITERATIONS,
@@ -20,6 +20,7 @@ from jaxsr.diagnosis.contest import (
     enter,
     neutral_values,
 )
+from jaxsr.diagnosis.corners import out_of_corners
 from jaxsr.diagnosis.decide import (
     Detection,
     detect,
@@ -30,9 +31,9 @@ from jaxsr.diagnosis.decide import (
     without_duplicates,
 )
 from jaxsr.diagnosis.document import UNEXPLAINED, Ingredients, assemble
+from jaxsr.diagnosis.horizon import first_usable, headline_horizon, usable_starts
 from jaxsr.diagnosis.integration import choose_stepping, with_smooth
 from jaxsr.diagnosis.pushes import with_pushes
-from jaxsr.diagnosis.reduced import lean, reduce
 from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
@@ -40,19 +41,11 @@ from jaxsr.diagnosis.setup import Screened, prepare, screen_all
 from jaxsr.diagnosis.stepwise import exchange, grow
 from jaxsr.diagnosis.unnamed import propose_unnamed
 from jaxsr.models import Simulator
-from jaxsr.models.least_squares import Fit
-from jaxsr.models.rollout import Stepping
-from jaxsr.models.segments import Prepared, cut
-from jaxsr.models.shooting import simulate
+from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
 
-MAX_SAMPLES = 1000
-"""Longest segment of the contest, in samples."""
-MANY_SEGMENTS = 4
-"""Segments from which the work is shared."""
 LIMITED = 10.0
 """Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
-SMALL, SATURATED = 0.1, 1.3
 PATIENCE = 1.0 / 12.0
 """Share of the time budget after which the estimation of one set stops where it is."""
 NULL_ITERATIONS = 120
@@ -239,11 +232,9 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     stepping = with_smooth(stepping, case.simulator, case.prepared, base)
     deviation = np.nanstd(np.concatenate([p.outputs for p in case.prepared]), axis=0)
     scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
-    starts = _usable_starts(case, super_model, stepping, scale, simulator, starts)
-    headline, lengths = headline_horizon(
-        case, super_model, stepping, scale, simulator, starts[0][1]
-    )
-    arena = _first_usable(case, super_model, stepping, lengths, scale, simulator, starts[0][1])
+    starts = usable_starts(case, super_model, stepping, scale, simulator, starts)
+    headline, lengths = headline_horizon(case, super_model, stepping, scale, simulator, starts)
+    arena = first_usable(case, super_model, stepping, lengths, scale, simulator, starts[0][1])
     arena = replace(arena, patience=PATIENCE * case.budget.seconds)
     case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
 
@@ -270,58 +261,6 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     return arena, entries, headline
 
 
-def _usable_starts(
-    case: Case,
-    super_model: SuperModel,
-    stepping: Stepping,
-    scale: np.ndarray,
-    simulator: Simulator,
-    starts: list[Start],
-) -> list[Start]:
-    """Start from the given free parameters where those of the weak view simulate worse.
-
-    Without the missing physics the weak view can ask for impossible values, such as a mass
-    matrix that is not positive.
-    """
-    shortest = horizons(case.prepared)[0]
-    arena = build_arena(super_model, case.prepared, stepping, shortest, scale, simulator)
-    base, neutral = super_model.base_index(), neutral_values(super_model)
-    better: list[Start] = []
-    for members, start in starts:
-        given = start.copy()
-        given[base] = neutral[base]
-        costs = []
-        for theta in (start, given):
-            own = reduce(arena.problem, super_model, members)
-            y = simulate(own.problem, theta[own.parameters], own.problem.segments.guess)
-            with np.errstate(all="ignore"):
-                cost = float(np.sum(arena.problem.residual(y) ** 2))
-            costs.append(cost if np.isfinite(cost) else np.inf)
-        better.append((members, start if costs[0] <= costs[1] else given))
-    # Re-calibrated over the shortest horizon, the given structure tells how its errors grow.
-    calibrated = enter(arena, (), better[0][1]).fit
-    if calibrated.usable:
-        better[0] = ((), calibrated.theta)
-    return better
-
-
-def _first_usable(
-    case: Case,
-    super_model: SuperModel,
-    stepping: Stepping,
-    lengths: list[float],
-    scale: np.ndarray,
-    simulator: Simulator,
-    start: np.ndarray,
-) -> Arena:
-    """Take the longest segments over which the re-calibrated model can be simulated."""
-    for seconds in lengths:
-        arena = build_arena(super_model, case.prepared, stepping, seconds, scale, simulator)
-        if enter(arena, (), start, max_iterations=4).fit.usable:
-            break
-    return arena
-
-
 def _rescaled(
     arena: Arena, entries: list[Entry], stop: Callable[[], bool]
 ) -> tuple[Arena, list[Entry]]:
@@ -343,48 +282,6 @@ def _rescaled(
 
 def _label(super_model: SuperModel, members: tuple[int, ...]) -> str:
     return " + ".join(super_model.candidates[i].label for i in members) or "re-calibration"
-
-
-def headline_horizon(
-    case: Case,
-    super_model: SuperModel,
-    stepping: Stepping,
-    scale: np.ndarray,
-    simulator: Simulator,
-    start: np.ndarray,
-) -> tuple[float, list[float]]:
-    """Choose the horizon the verdict rests on, and segment lengths for the contest, in seconds.
-
-    The longest horizon up to which the re-calibrated model's error stays small, or no longer
-    grows: errors of a drifting, unstable or chaotic system grow with the horizon, and judging
-    it by its full length compares how errors happen to add up. Starts are estimated on the whole
-    segment, so that noise of the first readings does not count as an error that grows.
-    """
-    options = horizons(case.prepared)
-    step = float(np.median([p.recording.sample_time for p in case.prepared]))
-    fitting = [h for h in options if h / step <= MAX_SAMPLES] or options[:1]
-    headline, previous, theta = options[0], None, start
-    for horizon in options:
-        if horizon in fitting:
-            arena = build_arena(super_model, case.prepared, stepping, horizon, scale, simulator)
-            fitted = enter(arena, (), theta, max_iterations=8).fit
-            theta = fitted.theta if fitted.usable else theta
-            score = _relative_error(arena, fitted) if fitted.usable else np.inf
-        else:
-            whole = lean(super_model, simulator, stepping, ())
-            score = whole.free_run(case.prepared, theta, horizon).nrmse
-        if previous is not None and not (score <= SMALL or score <= SATURATED * previous):
-            break
-        headline, previous = horizon, score
-    fitting = [h for h in fitting if h <= headline]
-    many = [h for h in fitting if len(cut(case.prepared, h)) >= MANY_SEGMENTS]
-    return headline, sorted(many or fitting, reverse=True)
-
-
-def _relative_error(arena: Arena, fitted: Fit) -> float:
-    """Root mean square residual over the outputs' standard deviations."""
-    used = max(float(arena.problem.segments.weights.sum()), 1.0)
-    return 0.01 * float(np.sqrt(fitted.cost / used))
 
 
 def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> list[Entry]:
@@ -409,6 +306,9 @@ def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> lis
         for j in arena.super_model.index(number):
             start[j] = neutral[j]
         entry = enter(arena, rest, start, chosen.fit.path, stop, near=True)
+        if rest in have and have[rest].fit.cost < entry.fit.cost:
+            entry = have[rest]
+        entry, _ = out_of_corners(arena, entry, stop)
         if rest not in have or entry.fit.cost < (1.0 - CONTEST_TOLERANCE) * have[rest].fit.cost:
             better.append(entry)
     return better

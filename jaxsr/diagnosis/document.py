@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,14 @@ import numpy as np
 
 from jaxsr._result import Verdict
 from jaxsr.diagnosis.contest import Arena, Entry, enter, gain, neutral_values
-from jaxsr.diagnosis.decide import TIE, Alternative, Detection, alternatives, odds
+from jaxsr.diagnosis.decide import (
+    TIE,
+    Alternative,
+    Detection,
+    alternatives,
+    most_credible,
+    odds,
+)
 from jaxsr.diagnosis.evidence import build_evidence, force_errors
 from jaxsr.diagnosis.explain import (
     calibration_rows,
@@ -110,24 +117,37 @@ def judge(parts: Ingredients) -> Judged:
     )
     recalibrated = refine(ground, parts.null, thorough=not parts.chosen.members)
     if not parts.chosen.members:
-        return _without_finding(parts, recalibrated)
-    numbers = parts.chosen.members
+        judged = _without_finding(parts, recalibrated)
+        leading = [e for e in parts.entries if e.members and e.fit.cost < parts.null.fit.cost]
+        if judged.verdict is Verdict.UNDECIDED and leading:
+            # Nothing is believed; what comes nearest is named.
+            leader = most_credible(arena.super_model, leading)
+            rows, rivals, _ = _rows(parts, leader, refine(ground, leader, thorough=False))
+            judged = replace(judged, findings=rows, rivals=rivals)
+        return judged
     best = refine(ground, parts.chosen)
-    rows, rivals = [], []
-    for k, number in enumerate(numbers):
-        probability, others = alternatives(
-            arena.super_model, parts.chosen, number, parts.entries, parts.rng
-        )
-        share = _share(parts, number)
-        rows.append(finding_row(parts, best, k, number, probability, others, share))
-        rivals.append((number, others))
-    order = sorted(range(len(rows)), key=lambda k: -rows[k]["share"])
-    rows = [rows[k] for k in order]
+    rows, rivals, order = _rows(parts, parts.chosen, best)
     verdict = _verdict(parts, order, rivals)
     if verdict is not Verdict.MEASUREMENT and not _simulates_better(parts, recalibrated, best):
         # Short runs of late or clipped readings start from what those do not tell.
         verdict = Verdict.UNDECIDED
     return Judged(recalibrated, best, verdict, rows, rivals, True)
+
+
+def _rows(
+    parts: Ingredients, entry: Entry, estimate: Estimate
+) -> tuple[list[dict[str, Any]], list[tuple[int, list[Alternative]]], list[int]]:
+    """Findings of an entry by falling share, what could replace each, and the order by share."""
+    rows, rivals = [], []
+    for k, number in enumerate(entry.members):
+        probability, others = alternatives(
+            parts.arena.super_model, entry, number, parts.entries, parts.rng
+        )
+        share = _share(parts, entry, number)
+        rows.append(finding_row(parts, estimate, k, number, probability, others, share))
+        rivals.append((number, others))
+    order = sorted(range(len(rows)), key=lambda k: -rows[k]["share"])
+    return [rows[k] for k in order], rivals, order
 
 
 def _verdict(parts: Ingredients, order: list[int], rivals: list) -> Verdict:
@@ -195,8 +215,6 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
 
 def _frozen(arena: Arena) -> Arena:
     """An arena in which nothing but the starts is estimated."""
-    from dataclasses import replace
-
     given = replace(
         arena.super_model.given,
         parameters={
@@ -206,12 +224,12 @@ def _frozen(arena: Arena) -> Arena:
     return replace(arena, super_model=replace(arena.super_model, given=given))
 
 
-def _share(parts: Ingredients, number: int) -> float:
+def _share(parts: Ingredients, entry: Entry, number: int) -> float:
     """Share of the explained mismatch that is lost without one member."""
-    rest = tuple(i for i in parts.chosen.members if i != number)
+    rest = tuple(i for i in entry.members if i != number)
     without = [e.fit.cost for e in parts.entries if e.members == rest]
     given = enter(_frozen(parts.arena), (), neutral_values(parts.arena.super_model)).fit.cost
-    explained_cost = parts.chosen.fit.cost
+    explained_cost = entry.fit.cost
     if not without or not np.isfinite(given):
         return 1.0
     total = max(given - explained_cost, 1e-300)

@@ -136,7 +136,11 @@ def rounding_rows(
                 "edit": edit.as_json(),
                 "term": edit.changes[f"readings.{coarse.output}"],
                 "parameters": {
-                    name: {"value": coarse.step, "ci95": [coarse.step] * 2, "unit": unit}
+                    name: {
+                        "value": coarse.step,
+                        "ci95": [coarse.step - coarse.half, coarse.step + coarse.half],
+                        "unit": unit,
+                    }
                 },
                 "where": where(parts, ""),
                 "share": coarse.variance_share,

@@ -14,6 +14,7 @@ from jaxsr.diagnosis.mechanisms.external import CONCENTRATED, LONGEST, push
 from jaxsr.diagnosis.mechanisms.site import Site, sites_of
 from jaxsr.diagnosis.reduced import lean, reduce
 from jaxsr.models import Simulator
+from jaxsr.models.least_squares import Fit
 from jaxsr.models.lifting import liftable, one_step, readings_along
 
 SURE = 16.0
@@ -203,7 +204,7 @@ class _Part:
     pull: np.ndarray
 
     @staticmethod
-    def of(fit, s: int) -> _Part:
+    def of(fit: Fit, s: int) -> _Part:
         starts = fit.by_start[..., s].reshape(fit.by_start.shape[0], -1)
         thetas = fit.jacobian[..., s].reshape(fit.jacobian.shape[0], -1)
         inverse = np.linalg.pinv(starts @ starts.T, rcond=1e-12, hermitian=True)

@@ -16,6 +16,7 @@ from jaxsr.diagnosis.contest import (
     enter,
     parameter_bounds,
 )
+from jaxsr.diagnosis.corners import out_of_corners
 from jaxsr.diagnosis.reduced import Lean, lean
 from jaxsr.diagnosis.uncertainty import half_widths
 from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
@@ -145,6 +146,7 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     and the spread of the three widens the intervals. All this only if `thorough`.
     """
     arena = ground.arena
+    entry, corners = out_of_corners(arena, entry)
     theta, numerical = _without_smoothing(arena, entry)
     half = np.zeros_like(theta)
     half[entry.fit.active] = half_widths(arena, entry.fit)
@@ -154,7 +156,9 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
         options += [o for o in others if _acts(arena.super_model, entry.members, o)]
     best = _least_error(ground, entry.members, options)
     spread = np.std(np.stack(options), axis=0, ddof=1) if len(options) > 1 else 0.0
-    half = np.where(half > 0, np.sqrt(half**2 + numerical**2 + (2.0 * spread) ** 2), 0.0)
+    half = np.where(
+        half > 0, np.sqrt(half**2 + numerical**2 + corners**2 + (2.0 * spread) ** 2), 0.0
+    )
     candidates = [arena.super_model.candidates[i] for i in entry.members]
     named = named_super_model(arena.super_model.given, candidates)
     return Estimate(arena, entry, best, half, named)

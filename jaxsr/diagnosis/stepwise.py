@@ -95,7 +95,7 @@ def exchange(
         known = {text for text in stand if text and text != label}
         if len(known) >= RIVALS or exhausted():
             continue
-        quick = _tried(arena, rest, found, exhausted, lambda share, text: None)
+        quick = _tried(arena, rest, found, exhausted, None)
         for trial in _promising(arena.super_model, rest, quick, RIVALS, worth=0.0):
             if exhausted():
                 break

@@ -148,7 +148,7 @@ def sites_of(
 
 
 def _is_angle(model: Model, position: str) -> bool:
-    """Whether a position is an angle: by its unit, which may be 1, or without one by a sine of it."""
+    """Whether a position is an angle: by its unit, which may be 1, or else by a sine of it."""
     unit = model.units.get(position)
     if unit is not None:
         return unit.strip() in ("rad", "deg", "1")
