@@ -48,6 +48,8 @@ LIMITED = 10.0
 """Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
 PATIENCE = 1.0 / 12.0
 """Share of the time budget after which the estimation of one set stops where it is."""
+MOST_PATIENCE = 10.0
+"""The same in seconds: what takes longer is caught in a law that jumps."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
 ROUNDS = 4
@@ -235,7 +237,7 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     starts = usable_starts(case, super_model, stepping, scale, simulator, starts)
     headline, lengths = headline_horizon(case, super_model, stepping, scale, simulator, starts)
     arena = first_usable(case, super_model, stepping, lengths, scale, simulator, starts[0][1])
-    arena = replace(arena, patience=PATIENCE * case.budget.seconds)
+    arena = replace(arena, patience=min(PATIENCE * case.budget.seconds, MOST_PATIENCE))
     case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
 
     def stop() -> bool:

@@ -21,8 +21,8 @@ its path has to be found first."""
 FULL = (8, 5, 4)
 """Mechanisms estimated in full, by the size of the set."""
 PARENTS = 2
-RIVALS = 4
-"""Mechanisms estimated in full in the place of each of the chosen."""
+RIVALS, RIVAL_PATIENCE = 4, 3.0
+"""Mechanisms estimated in the place of each of the chosen, and the seconds that each may take."""
 WORTH = 0.3
 """Share of the best quick gain from which a mechanism is estimated in full."""
 VARIANT = 0.7
@@ -86,6 +86,7 @@ def exchange(
     out only by taking it away. What does not win is what else could have been meant.
     """
     found = {e.members: e for e in entries}
+    arena = replace(arena, patience=min(arena.patience, RIVAL_PATIENCE))
     for number in chosen.members:
         rest = found.get(tuple(i for i in chosen.members if i != number))
         if rest is None or not rest.fit.usable:
