@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 from jaxsr.diagnosis.coarse import _gain, rounded_reading
 from jaxsr.diagnosis.contest import Entry
 from jaxsr.diagnosis.decide import SIGNIFICANCE, detect, detect_in_noise, most_credible
+from jaxsr.diagnosis.refine import colour
 from jaxsr.models import Simulator, apply_edit, parse_model
 from jaxsr.models.least_squares import Fit
 
@@ -115,3 +116,19 @@ def test_the_stated_rate_of_false_alarms_is_that_of_the_threshold(test):
     found = test(*fitted(rng.normal(size=ROWS * SEGMENTS), SMOOTH[:, :1]), 25)
     assert found.rate == pytest.approx(25 * found.threshold)
     assert found.rate <= 10.0 * SIGNIFICANCE == pytest.approx(1e-2)
+
+
+@pytest.mark.parametrize("rho", [0.5, 0.7, 0.85])
+def test_the_colour_of_noise_is_its_lag_one_correlation(rho):
+    rng = np.random.default_rng(6)
+    white = rng.normal(size=(4000 + 200, 20))
+    noise = np.asarray(lfilter([1.0], [1.0, -rho], white, axis=0))[200:]
+    assert abs(colour(noise) - rho) < 0.05
+
+
+def test_white_noise_and_what_is_left_of_a_motion_have_no_colour():
+    rng, t = np.random.default_rng(7), np.arange(4000.0)
+    white = rng.normal(size=(4000, 5))
+    motion = np.sin(np.multiply.outer(t, [0.02, 0.05, 0.08, 0.1, 0.03]))
+    for residual in (white, motion, motion + 0.3 * white, 0.5 * motion + white):
+        assert colour(residual) == 0.0

@@ -111,9 +111,9 @@ def _scanned(
     segments, fit = arena.problem.segments, entry.fit
     weight = segments.weights / arena.problem.scale[:, None, None]
     parts = [_Part.of(fit, s) for s in range(segments.number)]
-    hessian = sum(p.hessian for p in parts)
+    hessian = np.sum([p.hessian for p in parts], axis=0)
     inverse = np.linalg.pinv(hessian, rcond=1e-10, hermitian=True)
-    pull = inverse @ sum(p.pull for p in parts)
+    pull = inverse @ np.sum([p.pull for p in parts], axis=0)
     longest = LONGEST * max(float(p.time[-1] - p.time[0]) for p in arena.prepared) / 2.0
     for s, part in enumerate(parts):
         count = int(segments.count[s])
@@ -205,8 +205,9 @@ class _Part:
 
     @staticmethod
     def of(fit: Fit, s: int) -> _Part:
-        starts = fit.by_start[..., s].reshape(fit.by_start.shape[0], -1)
-        thetas = fit.jacobian[..., s].reshape(fit.jacobian.shape[0], -1)
+        rows = fit.residual[..., s].size
+        starts = fit.by_start[..., s].reshape(len(fit.by_start), rows)
+        thetas = fit.jacobian[..., s].reshape(len(fit.jacobian), rows)
         inverse = np.linalg.pinv(starts @ starts.T, rcond=1e-12, hermitian=True)
         thetas = thetas - (thetas @ starts.T) @ inverse @ starts
         residual = fit.residual[..., s].ravel()
