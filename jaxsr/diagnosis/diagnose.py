@@ -54,6 +54,8 @@ NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
 ROUNDS = 4
 """Times that a decision is made anew because a smaller or another set did better than before."""
+MERGED = 3
+"""Single mechanisms that are estimated again from where a larger set ended."""
 REMOVED = 0.3
 """Share of the re-calibrated error up to which a mismatch counts as explained."""
 
@@ -161,10 +163,29 @@ def decide(
             break
         exchanged.add(chosen.members)
         entries = exchange(arena, chosen, entries, lambda: case.budget.exhausted)
+        entries = _merged(arena, chosen, entries, lambda: case.budget.exhausted)
     good, chosen, detection = _choose(case, arena, entries)
     # The chosen set without a member is reported whatever its estimates.
     good += [e for e in entries if set(e.members) < set(chosen.members) and e not in good]
     return arena, good, chosen, detection
+
+
+def _merged(
+    arena: Arena, chosen: Entry, entries: list[Entry], stop: Callable[[], bool]
+) -> list[Entry]:
+    """Estimate the best single mechanisms again from where a larger set ended.
+
+    One law that jumps, caught in a corner of its cost, must not lose to two that imitate it.
+    """
+    single = [e for e in entries if len(e.members) == 1 and e.fit.usable]
+    if len(chosen.members) < 2 or chosen.fit.path is None:
+        return entries
+    best = {}
+    for entry in sorted(single, key=lambda e: e.fit.cost)[:MERGED]:
+        near = enter(arena, entry.members, entry.fit.theta, chosen.fit.path, stop, near=True)
+        near, _ = out_of_corners(arena, min(entry, near, key=lambda e: e.fit.cost), stop)
+        best[entry.members] = near
+    return [best.get(e.members, e) for e in entries]
 
 
 def _choose(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry], Entry, Detection]:
@@ -266,9 +287,10 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
 def _rescaled(
     arena: Arena, entries: list[Entry], stop: Callable[[], bool]
 ) -> tuple[Arena, list[Entry]]:
-    """Weigh the outputs by the residual that the leading set leaves on each."""
+    """Weigh the outputs by the residual that the best set so far leaves on each."""
+    leader = min(entries, key=lambda e: e.fit.cost)
     count = arena.problem.segments.weights.sum((1, 2))
-    power = (entries[-1].fit.residual ** 2).sum((1, 2)) / np.maximum(count, 1.0)
+    power = (leader.fit.residual ** 2).sum((1, 2)) / np.maximum(count, 1.0)
     if not np.isfinite(power).all():
         return arena, entries
     factor = np.sqrt(power + 1e-12)
