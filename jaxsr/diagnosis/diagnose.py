@@ -290,7 +290,7 @@ def _rescaled(
     """Weigh the outputs by the residual that the best set so far leaves on each."""
     leader = min(entries, key=lambda e: e.fit.cost)
     count = arena.problem.segments.weights.sum((1, 2))
-    power = (leader.fit.residual ** 2).sum((1, 2)) / np.maximum(count, 1.0)
+    power = (leader.fit.residual**2).sum((1, 2)) / np.maximum(count, 1.0)
     if not np.isfinite(power).all():
         return arena, entries
     factor = np.sqrt(power + 1e-12)
