@@ -31,7 +31,7 @@ from jaxsr.diagnosis.decide import (
     without_duplicates,
 )
 from jaxsr.diagnosis.document import UNEXPLAINED, Ingredients, assemble
-from jaxsr.diagnosis.horizon import first_usable, headline_horizon, usable_starts
+from jaxsr.diagnosis.horizon import Outlook
 from jaxsr.diagnosis.integration import choose_stepping, with_smooth
 from jaxsr.diagnosis.pushes import with_pushes
 from jaxsr.diagnosis.refine import residual_to_noise
@@ -255,9 +255,10 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     stepping = with_smooth(stepping, case.simulator, case.prepared, base)
     deviation = np.nanstd(np.concatenate([p.outputs for p in case.prepared]), axis=0)
     scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
-    starts = usable_starts(case, super_model, stepping, scale, simulator, starts)
-    headline, lengths = headline_horizon(case, super_model, stepping, scale, simulator, starts)
-    arena = first_usable(case, super_model, stepping, lengths, scale, simulator, starts[0][1])
+    outlook = Outlook(super_model, case.prepared, stepping, scale, simulator)
+    starts = outlook.usable_starts(starts)
+    headline, lengths = outlook.headline(starts)
+    arena = outlook.first_usable(lengths, starts[0][1])
     arena = replace(arena, patience=min(PATIENCE * case.budget.seconds, MOST_PATIENCE))
     case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
 
