@@ -29,6 +29,8 @@ SMOOTHED_MECHANISMS = frozenset(
 )
 MODEL_LIMITED = 3.0
 """Ratio of residual to sensor noise above which the model, not the sensor, sets the error."""
+NOISE_ALONE = 2.5
+"""Ratio of residual to coloured noise up to which noise alone may be all that is left."""
 SMOOTH = 0.93
 """Correlation of neighbouring samples from which a residual is motion and not coloured noise."""
 
@@ -192,7 +194,10 @@ def residual_to_noise(arena: Arena, entry: Entry) -> float:
         rms = np.sqrt(np.sum(residual**2) / count)
         noise = np.median([noise_level(p.time, p.outputs[:, k]) for p in arena.prepared])
         rho = colour(residual)
-        ratios.append(rms / max(float(noise), 1e-300) * np.sqrt((1.0 - rho) / (1.0 + rho)))
+        ratio = rms / max(float(noise), 1e-300)
+        # More than such noise can leave is a misfit, whatever its correlation.
+        coloured = ratio * np.sqrt((1.0 - rho) / (1.0 + rho))
+        ratios.append(coloured if coloured < NOISE_ALONE else ratio)
     return float(max(ratios))
 
 
