@@ -5,9 +5,10 @@
 Noise of the sensor then reaches the input, and least squares on differentiated readings is
 biased. Compared over seeds on a planted drive: least squares, instruments (the reference
 filtered through the same differences), joint estimation in free run with the recorded input, and
-with the controller in the model and the reference as its input. Then EMPS, whose reference and
-gains are known: the same diagnosis with the recorded motor force, and with the loop closed in the
-model. Results: ``results/closed_loop.json``; --quick (3 seeds, no EMPS) writes nothing and ends
+with the controller in the model and the reference as its input (there it is continuous; the
+drive's is sampled, which biases more the fewer samples its loop gets). Then EMPS, whose reference
+and gains are known: the same diagnosis with the recorded motor force, and with the loop closed in
+the model. Results: ``results/closed_loop.json``; --quick (3 seeds, no EMPS) writes nothing and ends
 with status 1 if the joint estimates leave 2 %.
 """
 

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from jaxsr.diagnosis.coarse import _gain, rounded_reading
 from jaxsr.diagnosis.contest import Entry
 from jaxsr.diagnosis.decide import SIGNIFICANCE, detect, detect_in_noise, most_credible
-from jaxsr.diagnosis.refine import colour
+from jaxsr.diagnosis.refine import NOISE_ALONE, colour, residual_to_noise
 from jaxsr.models import Simulator, apply_edit, parse_model
 from jaxsr.models.least_squares import Fit
 
@@ -132,3 +132,21 @@ def test_white_noise_and_what_is_left_of_a_motion_have_no_colour():
     motion = np.sin(np.multiply.outer(t, [0.02, 0.05, 0.08, 0.1, 0.03]))
     for residual in (white, motion, motion + 0.3 * white, 0.5 * motion + white):
         assert colour(residual) == 0.0
+
+
+@pytest.mark.parametrize(("size", "seen"), [(1.0, 1.0), (8.0, 8.0)])
+def test_coloured_noise_explains_a_residual_of_its_own_size_alone(size, seen):
+    """A residual of the noise's colour but eight times as large is a misfit, uncorrected."""
+    rng, rho = np.random.default_rng(8), 0.8
+    t = np.arange(8000.0)
+    white = rng.normal(size=t.size + 200)
+    noise = np.asarray(lfilter([1.0], [1.0, -rho], white))[200:]
+    item = SimpleNamespace(time=t, outputs=(50.0 * np.sin(0.01 * t) + noise)[:, None])
+    arena: Any = SimpleNamespace(problem=SimpleNamespace(scale=np.ones(1)), prepared=[item])
+    fit = SimpleNamespace(residual=size * noise.reshape(20, 400).T[None])
+    ratio = residual_to_noise(arena, SimpleNamespace(fit=fit))  # type: ignore[arg-type]
+    if size == 1.0:
+        assert ratio == pytest.approx(seen, abs=0.2)
+    else:
+        # High differences see a third of this noise.
+        assert ratio > NOISE_ALONE and ratio == pytest.approx(3.0 * seen, rel=0.2)

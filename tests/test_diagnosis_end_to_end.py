@@ -82,6 +82,10 @@ def test_planted_coulomb_friction_is_found_and_its_interval_covers():
     assert high - low < 0.8
     # Re-calibration absorbs much of the friction in Fv: the share is of what is left.
     assert finding["share"] > 0.1 and finding["probability"] > 0.5
+    others = [(row["mechanism"], row["site"]) for row in finding["alternatives"]]
+    assert others and len({*others, ("coulomb_friction", "equation:v")}) == len(others) + 1
+    total = finding["probability"] + sum(row["probability"] for row in finding["alternatives"])
+    assert total <= 1.0 + 1e-9
     for role in ("train", "held_out"):
         at = found.fit["horizons_s"].index(found.fit["headline_s"])
         assert found.fit[role]["explained"][at] < 0.5 * found.fit[role]["recalibrated"][at]

@@ -42,7 +42,7 @@ class Coarse:
     log_likelihood: float
     p: float
     variance_share: float
-    half: float = 0.0
+    half: float
 
 
 def coarse_sensors(arena: Arena, entry: Entry) -> list[Coarse]:
