@@ -8,8 +8,10 @@ from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
+from jaxsr.diagnosis.located import with_located
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.pushes import _scanned, push_candidates, with_pushes
+from jaxsr.diagnosis.pushes import _scanned, push_candidates
+from jaxsr.diagnosis.responses import Responses
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
@@ -65,10 +67,14 @@ def arena_of(seed: int, impulse: float) -> tuple[Arena, Entry]:
     return arena, enter(arena, (), neutral_values(super_model))
 
 
+def responses_of(arena: Arena, entry: Entry) -> Responses:
+    return Responses.of(arena, entry, sites_of(arena.super_model.given, {}))
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_push_on_an_unseen_mass_is_located_in_its_recording(seed):
     arena, null = arena_of(seed, 0.1)
-    found = push_candidates(arena, null)
+    found = push_candidates(arena, null, responses_of(arena, null))
     (own,) = [c for c in found if c.site == "external:vb"]
     assert abs(own.parameters[1].neutral - CENTRE) < 0.4
     assert {c.quiet for c in found} == {("r0.csv", "r2.csv")}
@@ -78,9 +84,8 @@ def test_a_push_on_an_unseen_mass_is_located_in_its_recording(seed):
 def test_the_gain_foreseen_is_the_gain_of_the_estimate():
     """The model is linear: the cost falls with J exactly as the projection says."""
     arena, null = arena_of(4, 0.1)
-    sites = sites_of(arena.super_model.given, {})
-    best = max((p for p, _ in _scanned(arena, null, sites)), key=lambda p: p.gain)
-    new, entries = with_pushes(arena, [null])
+    best = max((p for p, _ in _scanned(arena, responses_of(arena, null))), key=lambda p: p.gain)
+    new, entries = with_located(arena, [null])
     order = list(new.super_model.model.parameters)
     names = new.super_model.names[0]
     theta = entries[0].fit.theta.copy()
@@ -95,4 +100,4 @@ def test_noise_alone_shows_no_push():
     """A proposal needs chi-squared 16 + 2 log(windows): less than once in 10,000 recordings."""
     for seed in range(15):
         arena, null = arena_of(100 + seed, 0.0)
-        assert push_candidates(arena, null) == []
+        assert push_candidates(arena, null, responses_of(arena, null)) == []

@@ -33,7 +33,7 @@ from jaxsr.diagnosis.decide import (
 from jaxsr.diagnosis.document import UNEXPLAINED, Ingredients, assemble
 from jaxsr.diagnosis.horizon import Outlook
 from jaxsr.diagnosis.integration import choose_stepping, with_smooth
-from jaxsr.diagnosis.pushes import with_pushes
+from jaxsr.diagnosis.located import with_located
 from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
@@ -280,7 +280,7 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     if len(starts) == 1:
         arena, entries = _rescaled(arena, entries, stop)
     if entries[0].fit.usable:
-        arena, entries = with_pushes(arena, entries)
+        arena, entries = with_located(arena, entries)
         entries = grow(arena, entries, stop, case.progress.update)
     return arena, entries, headline
 

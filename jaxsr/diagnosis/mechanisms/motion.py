@@ -5,7 +5,7 @@ The inner constants of mechanisms (frequencies, periods, places in time) are see
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +17,7 @@ noise reaches ln(1000)/ln(2) = 10."""
 NEIGHBOURS = 61
 """Points of the grid, four to a resolved line, over which the median is taken."""
 MOST_OF_IT = 0.3
-"""Share of the residual's power that makes a broad peak along the path a line as well."""
+"""Share of the residual's power that makes a broad peak a line as well."""
 MOST_FREQUENCIES = 1500
 HARMONICS = 7
 Columns = Callable[[float], np.ndarray]
@@ -114,7 +114,8 @@ class Motion:
         # From two periods in the record on: a slower one is a drift.
         grid = np.linspace(4.0 * np.pi / span, top, _count(span * top / np.pi))
         power = np.abs(np.exp(-1j * np.outer(grid, self.centre)) @ (y - y.mean())) ** 2
-        power = np.where(self._driven(grid, span), _floor(power), power)
+        driven = driven_lines(grid, span, self.centre, self.inputs.values())
+        power = np.where(driven, floor_of(power), power)
         t = self.signals["t"]
 
         def pair(w: float) -> np.ndarray:
@@ -134,7 +135,7 @@ class Motion:
     ) -> list[Line]:
         inner = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
         # What re-calibration leaves is coloured: a line stands out from its neighbours.
-        floor = _floor(power)
+        floor = floor_of(power)
         least = prominent * np.maximum(floor[inner], 1e-12 * power.max())
         inner = inner[(power[inner] > least) | (power[inner] > enough)]
         found = []
@@ -146,26 +147,29 @@ class Motion:
             found.append(Line(float(near[best]), float(np.arctan2(b, a)), share))
         return [line for line in found if line.share > 0.01]
 
-    def _driven(self, grid: np.ndarray, span: float) -> np.ndarray:
-        """Frequencies of an input's own lines; of one pure tone, also its harmonics.
 
-        A nonlinearity turns one tone into its harmonics, and errors of the weak view leave a
-        little of every tone.
-        """
-        mask, width = np.zeros(grid.size, bool), 3.0 * np.pi / span
-        for u in self.inputs.values():
-            power = np.abs(np.exp(-1j * np.outer(grid, self.centre)) @ (u - u.mean())) ** 2
-            top = power.max(initial=0.0)
-            lines = np.flatnonzero((power > PROMINENT * _floor(power)) & (power > 1e-2 * top))
-            near = np.abs(grid - grid[np.argmax(power)]) < width
-            pure = power[near].sum() > 0.8 * power.sum() > 0.0
-            for tone in grid[lines]:
-                for k in range(1, HARMONICS + 1 if pure else 2):
-                    mask |= np.abs(grid - k * tone) < width
-        return mask
+def driven_lines(
+    grid: np.ndarray, span: float, time: np.ndarray, inputs: Iterable[np.ndarray]
+) -> np.ndarray:
+    """Return where on a grid of frequencies an input has a line; for a pure tone, its harmonics.
+
+    A nonlinearity turns one tone into its harmonics, and errors of the weak view leave a little
+    of every tone.
+    """
+    mask, width = np.zeros(grid.size, bool), 3.0 * np.pi / span
+    for u in inputs:
+        power = np.abs(np.exp(-1j * np.outer(grid, time)) @ (u - u.mean())) ** 2
+        top = power.max(initial=0.0)
+        lines = np.flatnonzero((power > PROMINENT * floor_of(power)) & (power > 1e-2 * top))
+        near = np.abs(grid - grid[np.argmax(power)]) < width
+        pure = power[near].sum() > 0.8 * power.sum() > 0.0
+        for tone in grid[lines]:
+            for k in range(1, HARMONICS + 1 if pure else 2):
+                mask |= np.abs(grid - k * tone) < width
+    return mask
 
 
-def _floor(power: np.ndarray) -> np.ndarray:
+def floor_of(power: np.ndarray) -> np.ndarray:
     """Median of the neighbours on the grid."""
     return median_filter(power, min(NEIGHBOURS, power.size), mode="nearest")
 

@@ -18,43 +18,59 @@ _PHASE = 10.0
 
 def periodic(site: Site) -> Iterator[Candidate]:
     """Yield forces in time, along the path, and a spring whose stiffness swings."""
-    q, v = site.position, site.state
-    time = site.model.time
-
-    def make(name: str, term: str, sentence: str, source: str, *specs: ParameterSpec) -> Candidate:
-        return Candidate(
-            name, "periodic", site.name, specs, sentence, terms=((v, term),), source=source
-        )
-
     for line in _pushes(site):
-        yield make(
-            "harmonic_force",
-            f"+ {{A}}*sin({{w}}*{time} + {{phi}})",
-            "A force of constant frequency that no column records acts along {site}.",
-            "den Hartog, Mechanical Vibrations (1956), section 2.8",
-            ParameterSpec("A", site.force_unit),
-            *_shape("w", "rad/s", line),
-        )
-    if q is None:
+        yield harmonic(site, line)
+    if site.position is None:
         return
     for line in _ripples(site):
-        yield make(
-            "position_ripple",
-            f"+ {{A}}*sin({{n}}*{q} + {{phi}})",
-            "A force that repeats along the path (cogging, eccentricity) acts along {site}.",
-            "Holtz & Springob, IEEE Trans. Ind. Electron. 43 (1996)",
-            ParameterSpec("A", site.force_unit),
-            *_shape("n", inverse_unit(site.model.units.get(q)), line),
-        )
+        yield ripple(site, line)
     for line in _swings(site):
-        yield make(
-            "parametric_excitation",
-            f"- {{kp}}*{q}*cos({{w}}*{time} + {{phi}})",
-            "The stiffness along {site} swings with time.",
-            "Nayfeh & Mook, Nonlinear Oscillations (1979), chapter 5",
-            ParameterSpec("kp", site.per(q)),
-            *_shape("w", "rad/s", line),
-        )
+        yield swing(site, line)
+
+
+def harmonic(site: Site, line: Line, tried: int = 1) -> Candidate:
+    """Return a force of constant frequency."""
+    return Candidate(
+        "harmonic_force",
+        "periodic",
+        site.name,
+        (ParameterSpec("A", site.force_unit), *_shape("w", "rad/s", line)),
+        "A force of constant frequency that no column records acts along {site}.",
+        terms=((site.state, f"+ {{A}}*sin({{w}}*{site.model.time} + {{phi}})"),),
+        tried=tried,
+        source="den Hartog, Mechanical Vibrations (1956), section 2.8",
+    )
+
+
+def ripple(site: Site, line: Line, tried: int = 1) -> Candidate:
+    """Return a force that repeats along the path."""
+    q = str(site.position)
+    unit = inverse_unit(site.model.units.get(q))
+    return Candidate(
+        "position_ripple",
+        "periodic",
+        site.name,
+        (ParameterSpec("A", site.force_unit), *_shape("n", unit, line)),
+        "A force that repeats along the path (cogging, eccentricity) acts along {site}.",
+        terms=((site.state, f"+ {{A}}*sin({{n}}*{q} + {{phi}})"),),
+        tried=tried,
+        source="Holtz & Springob, IEEE Trans. Ind. Electron. 43 (1996)",
+    )
+
+
+def swing(site: Site, line: Line, tried: int = 1) -> Candidate:
+    """Return a spring whose stiffness swings with time."""
+    q = str(site.position)
+    return Candidate(
+        "parametric_excitation",
+        "periodic",
+        site.name,
+        (ParameterSpec("kp", site.per(q)), *_shape("w", "rad/s", line)),
+        "The stiffness along {site} swings with time.",
+        terms=((site.state, f"- {{kp}}*{q}*cos({{w}}*{site.model.time} + {{phi}})"),),
+        tried=tried,
+        source="Nayfeh & Mook, Nonlinear Oscillations (1979), chapter 5",
+    )
 
 
 def _shape(name: str, unit: str | None, line: Line) -> tuple[ParameterSpec, ParameterSpec]:

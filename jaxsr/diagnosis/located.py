@@ -1,0 +1,50 @@
+"""Forces that free runs locate better than the weak view: pushes and waves join the contest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from jaxsr.diagnosis.candidates import Candidate, SuperModel
+from jaxsr.diagnosis.contest import Arena, Entry, build_arena, neutral_values
+from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.pushes import push_candidates
+from jaxsr.diagnosis.responses import Responses
+from jaxsr.diagnosis.waves import wave_candidates
+from jaxsr.models import Simulator
+from jaxsr.models.lifting import liftable
+
+
+def with_located(arena: Arena, entries: list[Entry]) -> tuple[Arena, list[Entry]]:
+    """Return the arena and its entries with candidates for forces that stand out in time."""
+    null = next(e for e in entries if not e.members)
+    if not liftable(arena.problem.simulator) or null.fit.path is None or not null.fit.usable:
+        return arena, entries
+    responses = Responses.of(arena, null, sites_of(arena.super_model.given, {}))
+    candidates = [
+        *push_candidates(arena, null, responses),
+        *wave_candidates(arena, null, responses),
+    ]
+    return _joined(arena, entries, candidates) if candidates else (arena, entries)
+
+
+def _joined(
+    arena: Arena, entries: list[Entry], candidates: list[Candidate]
+) -> tuple[Arena, list[Entry]]:
+    """Build the arena again with more candidates; the entries keep their estimates."""
+    old = arena.super_model
+    super_model = SuperModel.build(old.given, [*old.candidates, *candidates])
+    new = build_arena(
+        super_model,
+        arena.prepared,
+        arena.problem.stepping,
+        arena.seconds,
+        arena.problem.scale,
+        Simulator(super_model.model),
+    )
+    added = neutral_values(super_model)[len(old.model.parameters) :]
+    longer = [
+        replace(e, fit=replace(e.fit, theta=np.concatenate([e.fit.theta, added]))) for e in entries
+    ]
+    return replace(new, patience=arena.patience), longer
