@@ -220,6 +220,10 @@ def test_equivalent_causes_have_right_verdicts() -> None:
     assert right_verdicts(case(bias, springs=False)) == {"measurement"}
     assert right_verdicts(case(COULOMB, kind="collinear")) == {"structure", "undecided"}
     assert right_verdicts(case()) == {"nothing"}
+    scale = case(effect("sensor_gain", "output:x2", "measurement"), sensors=[{}, {}])
+    assert right_verdicts(scale) == {"measurement"}
+    scale["evidence"]["indistinct"] = ["wrong_value of f1"]
+    assert right_verdicts(scale) == {"measurement", "undecided"}
 
 
 def test_several_effects_are_counted_one_by_one() -> None:

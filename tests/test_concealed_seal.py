@@ -174,6 +174,15 @@ def test_what_calibration_absorbs_is_not_detectable() -> None:
     assert not evidence.detectable and evidence.absorbed
 
 
+def test_scales_that_imitate_each_other_are_known() -> None:
+    """A tank's level on another scale is a tank with another outlet; a swing has its own time."""
+    _, tanks = weighed("sensor_gain", "sensor", 0.2, 3, "tanks")
+    print(tanks)
+    assert tanks.detectable and "wrong_value of f1" in tanks.indistinct
+    _, pendulum = weighed("sensor_gain", "sensor", 0.2, 3, "double_pendulum")
+    assert pendulum.detectable and pendulum.indistinct == ()
+
+
 def test_effects_below_the_noise_are_made_undetectable(tmp_path: Path) -> None:
     ticket = Ticket(1, "below_noise", "coulomb_friction", "oscillator", 0, False, 0.008)
     seal_case(5, ticket, tmp_path, tiny=True)

@@ -318,7 +318,15 @@ def test_clipping_needs_readings_that_stand_still_at_the_limit():
         return {c.mechanism for c in sensor_candidates(model, {"y": values})}
 
     assert "clipping" not in names(y)
-    assert "clipping" in names(np.clip(y, -0.6 * y.max(), 0.6 * y.max()))
+    clipped = np.clip(y, -0.6 * y.max(), 0.6 * y.max())
+    assert "clipping" in names(clipped)
+    # A limit before the noise, and a limit that is reached but once.
+    noise = 1e-3 * y.max() * np.random.default_rng(4).normal(size=y.size)
+    assert "clipping" in names(clipped + noise) and "clipping" not in names(y + noise)
+    once = y + noise
+    top = int(np.argmax(np.abs(once)))
+    once[top - 2 : top + 3] = 1.1 * once[top]
+    assert "clipping" in names(once)
 
 
 def test_a_registered_mechanism_is_found_by_its_own_name():

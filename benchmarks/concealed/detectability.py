@@ -23,9 +23,11 @@ from benchmarks.concealed.fitting import (
 )
 from benchmarks.concealed.recording import Recorded
 from benchmarks.concealed.sensing import Sensor
+from benchmarks.concealed.sensing_effects import scaled_reading
 from benchmarks.concealed.systems import Array, System
 
 LEVEL = 1e-3
+SCALES = ("sensor_gain", "wrong_value")
 SEGMENT = 200
 """Samples of a segment of the fits, at least."""
 FRACTIONS = (100, 25, 5, 1)
@@ -51,6 +53,9 @@ class Evidence:
         Free-run NRMSE of held-out experiments at the horizons.
     innovation : float
         Rms innovation of the oracle, 1 where the noise is all that is left.
+    indistinct : tuple of str
+        Of a wrong scale (a sensor's gain, a constant's value): other wrong scales that a
+        likelihood-ratio test at the same level does not reject. Then ``undecided`` is right.
     """
 
     statistic: float
@@ -63,6 +68,7 @@ class Evidence:
     oracle: tuple[float, ...]
     innovation: float
     substeps: int
+    indistinct: tuple[str, ...] = ()
 
     def document(self) -> dict:
         """Return the fields as plain values."""
@@ -199,9 +205,35 @@ def weigh(setting: Setting) -> tuple[Evidence, dict[str, float]]:
         oracle=tuple(min(a, b) for a, b in zip(best, recalibrated, strict=True)),
         innovation=float(np.sqrt(oracle.cost / max(oracle.count, 1))),
         substeps=substeps,
+        indistinct=_indistinct(setting, untold, plain, null, oracle) if p < LEVEL else (),
     )
     named = zip(untold.names, null.theta, strict=True)
     return evidence, {n: float(x) for n, x in named if isinstance(n, str)}
+
+
+def _indistinct(
+    setting: Setting, untold: Task, parts: Pieces, null: Fitted, oracle: Fitted
+) -> tuple[str, ...]:
+    """Return other wrong scales that explain the data as well as the planted one."""
+    planted = setting.effects[0]
+    if len(setting.effects) > 1 or planted.mechanism not in SCALES:
+        return ()
+    rivals: dict[str, Task] = {}
+    for name in setting.system.constants:
+        if name not in untold.names and name != planted.replaces:
+            rivals[f"wrong_value of {name}"] = replace(untold, names=(*untold.names, name))
+    for i in range(len(setting.sensors)):
+        if planted.mechanism != "sensor_gain" or planted.index != i:
+            effect = scaled_reading(i)
+            names = (*untold.names, (0, "g"))
+            rivals[f"sensor_gain of {i}"] = replace(untold, effects=(effect,), names=names)
+    found, whiteners = [], setting.whiteners
+    for label, task in rivals.items():
+        start = np.append(null.theta, task.nominal[-1])
+        rival = fit(task, parts, whiteners, theta=start, iterations=30)
+        if rival.cost - oracle.cost < chi2.isf(LEVEL, 1):
+            found.append(label)
+    return tuple(found)
 
 
 def _dead_time(setting: Setting, parts: Pieces) -> None:

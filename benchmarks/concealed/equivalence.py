@@ -80,7 +80,8 @@ def right_verdicts(case: Mapping[str, Any]) -> frozenset[str]:
     Without an effect: nothing. Below detectability: nothing or undecided, and parameter where
     calibration absorbs the effect by moving the given values. Else the verdict of a planted
     effect or of an equivalent cause; undecided as well where the experiments were made so
-    that they cannot tell (collinear) or no name fits (unnamed).
+    that they cannot tell (collinear), no name fits (unnamed), or where the likelihood of another
+    wrong scale equals that of the planted one.
     """
     if not case["effects"]:
         return frozenset({"nothing"})
@@ -102,6 +103,6 @@ def right_verdicts(case: Mapping[str, Any]) -> frozenset[str]:
             )
             if any(equivalent(mechanism, s, effect, case) for s in sites):
                 right.add(verdict_of(mechanism))
-    if case["kind"] in ("collinear", "unnamed"):
+    if case["kind"] in ("collinear", "unnamed") or evidence.get("indistinct"):
         right.add("undecided")
     return frozenset(right)

@@ -8,6 +8,21 @@ from benchmarks.concealed.effects import Effect
 from benchmarks.concealed.units import TIME, Dims
 
 
+def scaled_reading(sensor: int, gain: float = 1.0) -> Effect:
+    """Return a wrong gain of a sensor."""
+    return Effect(
+        "sensor_gain",
+        "output",
+        sensor,
+        {"g": gain},
+        {},
+        ("g",),
+        linear=False,
+        about=1.0,
+        reading=lambda y, e: e["g"] * y,
+    )
+
+
 def sensing(
     rng: np.random.Generator,
     mechanism: str,
@@ -20,17 +35,7 @@ def sensing(
     side = float(rng.choice([-1.0, 1.0]))
     top = float(np.abs(clean).max())
     if mechanism == "sensor_gain":
-        return Effect(
-            mechanism,
-            "output",
-            sensor,
-            {"g": 1.0 + 0.05 * side},
-            {},
-            ("g",),
-            linear=False,
-            about=1.0,
-            reading=lambda y, e: e["g"] * y,
-        )
+        return scaled_reading(sensor, 1.0 + 0.05 * side)
     if mechanism == "sensor_bias":
         return Effect(
             mechanism,

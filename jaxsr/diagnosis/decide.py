@@ -18,6 +18,8 @@ PRIOR_SPREAD = 0.1
 """Standard deviation of log(value / given) for fixed constants and sensor scales."""
 IMPLAUSIBLE = 9.0
 """Squared number of prior standard deviations beyond which an entry is only a last resort."""
+RICHER = 0.01
+"""The same as `MIN_GAIN` for every further constant of a law that jumps."""
 TIE = 0.2
 """Probability from which an alternative with another verdict makes the case undecided."""
 
@@ -148,8 +150,10 @@ def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
     choices += float(sum(np.log(super_model.candidates[i].tried) for i in entry.members))
     price = entry.fit.active.size * np.log(n) + 2.0 * choices
     if any(super_model.candidates[i].sharp for i in entry.members):
-        # What rounding leaves of a jump is not worth another mechanism.
+        # What rounding leaves of a jump is worth neither another mechanism nor a richer law.
+        constants = sum(len(super_model.index(i)) for i in entry.members)
         price += n * MIN_GAIN * (len(entry.members) - 1)
+        price += n * RICHER * (constants - len(entry.members))
     price -= 2.0 * log_prior(super_model, entry)
     return float(n * np.log(entry.fit.cost + 1e-300) + price)
 

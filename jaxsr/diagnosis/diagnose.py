@@ -175,11 +175,16 @@ def _merged(
 ) -> list[Entry]:
     """Estimate the best single mechanisms again from where a larger set ended.
 
-    One law that jumps, caught in a corner of its cost, must not lose to two that imitate it.
+    One law that jumps, caught in a corner of its cost, must not lose to two that imitate it, or
+    to a richer one.
     """
     single = [e for e in entries if len(e.members) == 1 and e.fit.usable]
-    if len(chosen.members) < 2 or chosen.fit.path is None:
+    if not chosen.members or chosen.fit.path is None:
         return entries
+    if len(chosen.members) == 1:
+        simpler = [e for e in single if e.fit.active.size < chosen.fit.active.size]
+        every = arena.super_model.candidates
+        single = [e for e in simpler if every[e.members[0]].sharp]
     best = {}
     for entry in sorted(single, key=lambda e: e.fit.cost)[:MERGED]:
         near = enter(arena, entry.members, entry.fit.theta, chosen.fit.path, stop, near=True)

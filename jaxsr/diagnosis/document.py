@@ -19,6 +19,7 @@ from jaxsr.diagnosis.decide import (
     most_credible,
     odds,
 )
+from jaxsr.diagnosis.equivalence import equivalent
 from jaxsr.diagnosis.evidence import build_evidence, force_errors
 from jaxsr.diagnosis.explain import (
     calibration_rows,
@@ -161,7 +162,13 @@ def _verdict(parts: Ingredients, order: list[int], rivals: list) -> Verdict:
     candidates = parts.arena.super_model.candidates
     number, others = rivals[order[0]]
     own = candidates[number].verdict
-    doubt = sum(a.probability for a in others if candidates[a.number].verdict != own)
+    model = parts.arena.super_model.given
+    doubt = sum(
+        a.probability
+        for a in others
+        if candidates[a.number].verdict != own
+        and not equivalent(model, candidates[number], candidates[a.number])
+    )
     return Verdict.UNDECIDED if doubt > TIE else own
 
 

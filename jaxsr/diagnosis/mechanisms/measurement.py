@@ -12,6 +12,10 @@ from jaxsr.models import Model
 
 FLAT = 3
 """Equal neighbouring readings at the largest value that show a sensor at its limit."""
+NEVER = 1e-2
+"""Share of equal neighbours below which a sensor never stands still but at its limit."""
+BAND = 8.0
+"""Depth below the largest size, in standard deviations of the noise, in which to look."""
 
 
 def measurement(
@@ -51,17 +55,32 @@ def measurement(
 
 
 def _limit(values: np.ndarray) -> float | None:
-    """Return the largest size read, where it is read several samples in a row, more than once.
+    """Return the size at which readings stand still, exactly or up to noise, more than once.
 
-    A free turning point of the motion passes its largest value but for one sample; a sensor that
-    stands at rest there does so once.
+    A free turning point of the motion passes its largest value at once, or in a parabola that is
+    wider than the noise; a sensor that stands at rest there does so once, and elsewhere too.
     """
-    size = np.abs(values[np.isfinite(values)])
-    if size.size == 0 or not np.ptp(size) > 0.0:
+    values = values[np.isfinite(values)]
+    size, spread = np.abs(values), float(np.ptp(np.abs(values))) if values.size else 0.0
+    if values.size < 8 or not spread > 0.0:
         return None
-    at = np.concatenate([[False], size > size.max() - 1e-9 * np.ptp(size), [False]]).astype(int)
+    flat = sum(run.size >= FLAT for run in _near_top(size, 1e-9 * spread))
+    below = size[1:] < size.max() - 1e-9 * spread
+    standing = float(np.mean(np.diff(values)[below] == 0.0)) if below.any() else 1.0
+    if flat >= 2 or (flat == 1 and standing < NEVER):
+        return float(size.max())
+    # Third differences of white noise have 20 times its variance.
+    noise = float(np.median(np.abs(np.diff(values, 3)))) / (0.6745 * np.sqrt(20.0))
+    runs = _near_top(size, BAND * noise)
+    still = [run for run in runs if run.size >= 2 * FLAT and run.std() < 1.5 * noise]
+    return float(max(run.mean() for run in still)) if len(still) >= 2 else None
+
+
+def _near_top(size: np.ndarray, depth: float) -> list[np.ndarray]:
+    """Return runs of neighbouring readings less than `depth` below the largest."""
+    at = np.concatenate([[False], size > size.max() - depth, [False]]).astype(int)
     starts, ends = np.flatnonzero(np.diff(at) == 1), np.flatnonzero(np.diff(at) == -1)
-    return float(size.max()) if np.sum(ends - starts >= FLAT) >= 2 else None
+    return [size[a:b] for a, b in zip(starts, ends, strict=True)]
 
 
 def wrong_values(model: Model) -> Iterator[Candidate]:
