@@ -133,7 +133,9 @@ def test_seeds() -> None:
         seed_of("x")
 
 
-def weighed(mechanism: str, kind: str, size: float, seed: int, system: str = "oscillator", fixed=()):
+def weighed(
+    mechanism: str, kind: str, size: float, seed: int, system: str = "oscillator", fixed=()
+):
     ticket = Ticket(1, kind, mechanism, system, 0, False, size)
     planted = plant(np.random.default_rng(seed), ticket, tiny=True)
     limits = {n: (0.3 * x, 3.0 * x) for n, x in planted.p.items() if n not in fixed}

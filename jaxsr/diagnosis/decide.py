@@ -16,9 +16,11 @@ SIGNIFICANCE = 1e-3
 """False-alarm rate per comparison with re-calibration; divided by the candidates screened."""
 PRIOR_SPREAD = 0.1
 """Standard deviation of log(value / given) for fixed constants and sensor scales."""
+CLOCK_SPREAD = 0.01
+"""The same of a clock's rate error."""
 IMPLAUSIBLE = 9.0
 """Squared number of prior standard deviations beyond which an entry is only a last resort."""
-RICHER = 0.01
+RICHER = 0.005
 """The same as `MIN_GAIN` for every further constant of a law that jumps."""
 TIE = 0.2
 """Probability from which an alternative with another verdict makes the case undecided."""
@@ -68,11 +70,14 @@ def log_prior(super_model: SuperModel, entry: Entry) -> float:
 
     Constants that a modeller fixed and scales of sensors are rarely wrong by more than a few
     tens of percent: log(value / given) is taken as normal with a standard deviation of
-    `PRIOR_SPREAD`.
+    `PRIOR_SPREAD`; the rate of a clock with one of `CLOCK_SPREAD`.
     """
     total = 0.0
     for number in entry.members:
         candidate = super_model.candidates[number]
+        if candidate.mechanism == "clock_skew":
+            skew = super_model.own_values(number, entry.fit.theta)["s"]
+            total -= 0.5 * (skew / CLOCK_SPREAD) ** 2
         if candidate.mechanism not in ("wrong_value", "sensor_gain", "input_gain"):
             continue
         spec = candidate.parameters[0]

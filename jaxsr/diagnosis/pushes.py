@@ -67,6 +67,7 @@ def push_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
             p.width,
             tuple(n for n in names if n != names[p.recording]),
             every.size,
+            _longest(arena),
         )
         for p in list(chosen.values())[:MOST]
     ]
@@ -75,7 +76,7 @@ def push_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
 def _scanned(arena: Arena, responses: Responses) -> Iterator[tuple[_Push, np.ndarray]]:
     """Yield the best push of every equation, segment and width, and the gains of all windows."""
     segments = responses.segments
-    longest = LONGEST * max(float(p.time[-1] - p.time[0]) for p in arena.prepared) / 2.0
+    longest = 0.5 * _longest(arena)
     for s in range(segments.number):
         count = int(segments.count[s])
         time = segments.time[:count, s]
@@ -96,6 +97,11 @@ def _scanned(arena: Arena, responses: Responses) -> Iterator[tuple[_Push, np.nda
                     site, int(segments.recording[s]), float(centres[k]), width, float(gains[k])
                 )
                 yield best, gains
+
+
+def _longest(arena: Arena) -> float:
+    """Longest push in seconds."""
+    return LONGEST * max(float(p.time[-1] - p.time[0]) for p in arena.prepared)
 
 
 def _gains(responses: Responses, site: int, segment: int, shape: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,12 +30,18 @@ Window = tuple[float, float, tuple[str, ...]]
 def external(site: Site) -> Iterator[Candidate]:
     """Yield a push of Gaussian shape, where the residual is concentrated in time."""
     for centre, width, quiet in _windows(site):
-        yield push(site, centre, width, quiet, _WINDOWS * (1 + len(quiet)))
+        yield push(site, centre, width, quiet, _WINDOWS * (1 + len(quiet)), _longest(site))
 
 
-def push(site: Site, centre: float, width: float, quiet: tuple[str, ...], tried: int) -> Candidate:
-    """Return a push around a centre, absent in the `quiet` recordings."""
+def push(
+    site: Site, centre: float, width: float, quiet: tuple[str, ...], tried: int, longest: float
+) -> Candidate:
+    """Return a push around a centre, absent in the `quiet` recordings.
+
+    What acts for longer than `longest` seconds is no push.
+    """
     time, v = site.model.time, site.state
+    most = max(min(4.0 * width, longest), 1.5 * width)
     return Candidate(
         "transient_force",
         "external",
@@ -42,7 +49,7 @@ def push(site: Site, centre: float, width: float, quiet: tuple[str, ...], tried:
         (
             ParameterSpec("J", _times_second(site.force_unit)),
             ParameterSpec("t0", "s", centre - 3 * width, centre + 3 * width, centre, False),
-            ParameterSpec("dt", "s", width / 4.0, 4.0 * width, width, False),
+            ParameterSpec("dt", "s", width / 4.0, most, width, False),
         ),
         "Something that no column records pushed {site} once, with impulse J around t0.",
         # 0.5642 = 1/sqrt(pi): the integral of the push over time is J.
@@ -51,6 +58,14 @@ def push(site: Site, centre: float, width: float, quiet: tuple[str, ...], tried:
         tried=tried,
         source="Goldstein, Classical Mechanics (1980), section 1.1 (impulse)",
     )
+
+
+def _longest(site: Site) -> float:
+    """Longest push in seconds."""
+    if site.motion is None:
+        return np.inf
+    edges, time = site.motion.edges, site.motion.signals["t"]
+    return LONGEST * max(float(np.ptp(time[a:b])) for a, b in pairwise(edges))
 
 
 def _times_second(unit: str | None) -> str | None:
@@ -86,6 +101,8 @@ def _strongest(site: Site, motion: Motion, number: int) -> tuple[float, float, f
     span = float(time[-1] - time[0])
     shortest = 4.0 * motion.spacing
     best = (0.0, 0.0, 0.0, 0.0)
+    if shortest > LONGEST * span:
+        return best
     for width in np.geomspace(shortest, max(LONGEST * span / 2.0, shortest), 4):
         centres = np.arange(time[0] + width, time[-1], max(width, span / 200.0))
         if centres.size < 3:
