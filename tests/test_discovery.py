@@ -179,7 +179,8 @@ def test_paths_are_read_and_missing_samples_left_out(tmp_path):
         ({"states": ["q"], "derivatives": ["dq", "dv"]}, "2 derivatives for 1"),
         ({"states": ["q"], "order": 3}, "order"),
         ({"states": ["q"], "inputs": ["q"]}, "two roles"),
-        ({"states": ["q"], "modes": "2"}, "modes"),
+        ({"states": ["q"], "modes": "many"}, "modes"),
+        ({"states": ["q"], "modes": 0}, "modes"),
         ({"states": ["q q"]}, "identifier"),
     ],
 )

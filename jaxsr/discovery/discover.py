@@ -16,6 +16,7 @@ from jaxsr.discovery.equation import Equation, cut_short
 from jaxsr.discovery.experiments import Experiments, Source, read_experiments, read_source
 from jaxsr.discovery.find import Checkpoint, Task, find_equation
 from jaxsr.discovery.found import found_model
+from jaxsr.discovery.hybrid import find_modes
 from jaxsr.discovery.known import (
     Prior,
     admission,
@@ -35,7 +36,9 @@ from jaxsr.evolution import SearchConfig, SearchInfo
 from jaxsr.expressions.primitives import INTEGRALS
 from jaxsr.models.model import Model
 
-_SEARCH = 0.6  # share of the time for the search; the rest is for roll-outs
+_SEARCH = 0.6  # share of the time for the search; the rest is for modes and roll-outs
+_MODES = 0.6  # share of that rest for modes
+_MOST_MODES = 9
 
 
 def discover(
@@ -106,7 +109,9 @@ def discover(
         length and a velocity. Constants may carry any unit, ``sin(2.0*x)`` has a meaning. By
         default they are where every state and input has a unit.
     modes : "auto" or int
-        1 or "auto": one law throughout.
+        Number of modes, each with a law and a guard of its own; 1: one law throughout. "auto"
+        finds it from the data: one law, unless it leaves more than noise and modes leave far less
+        on samples held back.
     checkpoint : path, optional
         Folder for one file per state, written every so often and when a search ends. The same
         call again goes on from there and ends as if it had never stopped; files of other data or
@@ -138,8 +143,7 @@ def discover(
     fourth, for an integral needs all samples before; the model gets a state for each integral,
     and roll-outs have no part in the choice.
     """
-    if str(modes) not in ("auto", "1"):
-        raise InputError(f"modes must be 'auto' or 1, got {modes}", "modes")
+    count = number_of_modes(modes)
     if not recordings:
         raise InputError("no recordings given", "discover")
     began, limit, show = clock.monotonic(), as_budget(budget), progress or Silent()
@@ -157,7 +161,15 @@ def discover(
     tasks = _tasks(part, Prior(given, guessed, signed, admits), config, kept)
     experiments = read_experiments(recordings, validation, part, time=time, whole=integrals)
     equations = _searched(tasks, experiments, seed, limit, show)
-    if not integrals:
+    hybrid = None
+    if count != 1 and not integrals:
+        show.stage("modes")
+        rng = np.random.default_rng([seed, len(part.states)])
+        share = limit.share(_MODES)
+        hybrid = find_modes(rng, equations, tasks, experiments, share, count)
+    if hybrid is not None:
+        equations = list(hybrid.equations)
+    elif not integrals:
         show.stage("roll-outs")
         equations = _settled(equations, tasks, experiments, limit)
     equations = [equation.trimmed() for equation in equations]
@@ -173,7 +185,25 @@ def discover(
         "estimated_derivatives": sorted(experiments.rows.estimated),
         "data_sha256": {r.name: r.sha256 for r in experiments.recordings if r.sha256},
     }
-    return Discovery(tuple(equations), model, provenance, experiments.rows)
+    return Discovery(tuple(equations), model, provenance, experiments.rows, hybrid)
+
+
+def number_of_modes(modes: str | int) -> int | None:
+    """Return the number of modes asked for; None: found from the data.
+
+    Raises
+    ------
+    InputError
+        It is neither "auto" nor a whole number above 0.
+    """
+    text = str(modes)
+    if text == "auto":
+        return None
+    if not (text.isascii() and text.isdigit() and 0 < int(text) <= _MOST_MODES):
+        raise InputError(
+            f"modes must be 'auto' or a number from 1 to {_MOST_MODES}, got {modes}", "modes"
+        )
+    return int(text)
 
 
 def _tasks(

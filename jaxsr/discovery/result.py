@@ -15,6 +15,7 @@ import jaxsr
 from jaxsr._files import atomic_directory, dump_json
 from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation, weighted_sum
+from jaxsr.discovery.hybrid import Hybrid, Mode
 from jaxsr.discovery.samples import Samples
 from jaxsr.expressions import to_jax, to_numpy, to_sympy, to_text
 from jaxsr.expressions.editing import ONE
@@ -42,12 +43,20 @@ class Discovery:
         The same as a model file; its outputs are the states that were recorded.
     provenance : dict
         Seed, seconds, why the search ended, checksums.
+    hybrid : Hybrid or None
+        Modes, guards and switching, where the system has several modes.
     """
 
     equations: tuple[Equation, ...]
     model: Model
     provenance: Mapping[str, Any]
     samples: Samples = field(repr=False)
+    hybrid: Hybrid | None = field(default=None, repr=False)
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """Return the modes, the most frequent first; none where one law holds throughout."""
+        return self.hybrid.modes if self.hybrid is not None else ()
 
     @property
     def pareto(self) -> pd.DataFrame:
@@ -150,10 +159,20 @@ class Discovery:
             "schema": "jaxsr.discovery/1",
             "equations": [_equation_dict(equation) for equation in self.equations],
             "pareto": fronts,
-            "modes": [],
-            "switching": {},
+            **self._hybrid_dict(),
             "provenance": {"version": jaxsr.__version__, **self.provenance},
         }
+
+    def _hybrid_dict(self) -> dict[str, Any]:
+        """Return modes, and for each recording rows [from, to, mode]; empty with one mode."""
+        if self.hybrid is None:
+            return {"modes": [], "switching": {}}
+        modes = [
+            {"guard": str(mode), "equations": [_equation_dict(e) for e in mode.equations]}
+            for mode in self.modes
+        ]
+        rows = {n: [list(row) for row in part] for n, part in self.hybrid.switching.items()}
+        return {"modes": modes, "switching": rows}
 
     def save(self, directory: str | Path) -> None:
         """Write ``discovery.json``, ``model.toml``, ``report.html`` and figures, all or none."""

@@ -1,0 +1,251 @@
+"""Grow a tree of modes: split where one law fails, find a submodel on either side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from jaxsr._progress import Budget
+from jaxsr.discovery.equation import Equation
+from jaxsr.discovery.find import Task
+from jaxsr.discovery.hybrid.clusters import choose_coordinates
+from jaxsr.discovery.hybrid.guards import Guard, guard_values, guard_variables, inside, plain
+from jaxsr.discovery.hybrid.memory import (
+    FunctionMemory,
+    independent_columns,
+    scanned_terms,
+    usual_terms,
+)
+from jaxsr.discovery.hybrid.scan import Split, best_splits
+from jaxsr.discovery.hybrid.submodels import Limits, find_submodel
+from jaxsr.discovery.hybrid.tree import Node, clear_of, refined_threshold
+from jaxsr.discovery.samples import Roles, Samples, thinned
+from jaxsr.expressions.editing import ONE
+from jaxsr.expressions.term import Term
+
+_SCANNED = 3000  # samples on which thresholds are tried
+_SOFT = 1e-4  # error relative to the rms below which samples count alike when scanned
+_TERMS = 30  # columns of a scan
+_TIED = 0.05  # of a log mean square: guards that do equally well
+
+
+@dataclass(frozen=True, slots=True)
+class HybridConfig:
+    """Settings of the discovery of modes.
+
+    Attributes
+    ----------
+    most : int
+        Most modes.
+    least : int
+        Fewest samples of a mode.
+    gain : float
+        Factor by which a split must lower the mean square of linear fits to be looked into.
+    better : float
+        Factor by which modes must lower the mean square on samples held back.
+    much_better : float
+        The same, where a submodel leaves more than noise.
+    limits : Limits
+        Of the searches for submodels.
+    """
+
+    most: int = 4
+    least: int = 12
+    gain: float = 4.0
+    better: float = 4.0
+    much_better: float = 100.0
+    limits: Limits = field(default_factory=Limits)
+
+
+@dataclass(frozen=True, eq=False)
+class Grower:
+    """What growing a tree needs.
+
+    Attributes
+    ----------
+    rng : Generator
+    tasks : mapping of str to Task
+        Of the states whose law switches.
+    part : Roles
+    kinds : sequence of sequence of str
+        States of one unit.
+    memory : FunctionMemory
+    train, judge : Samples
+    budget : Budget
+    config : HybridConfig
+    count : int or None
+        Number of modes where it is given.
+    """
+
+    rng: np.random.Generator
+    tasks: Mapping[str, Task]
+    part: Roles
+    kinds: Sequence[Sequence[str]]
+    memory: FunctionMemory
+    train: Samples
+    judge: Samples
+    budget: Budget
+    config: HybridConfig
+    count: int | None = None
+
+    def grown(self, laws: Mapping[str, Equation]) -> Node:
+        """Return the tree; a single leaf where no split is worth it."""
+        root = Node((), laws, False, rows=len(self.train))
+        while not self.budget.exhausted:
+            leaves = list(root.leaves())
+            if len(leaves) >= (self.count or self.config.most):
+                break
+            open_ = [leaf for leaf in leaves if not leaf.explained and leaf is not None]
+            tried = [(self._split(leaf), leaf) for leaf in open_]
+            found = [(s, leaf) for s, leaf in tried if s is not None]
+            if not found:
+                break
+            (guard, _), leaf = max(found, key=lambda item: item[0][1] * item[1].rows)
+            node = self._parted(leaf, guard)
+            if node is None:
+                break
+            root = _exchanged(root, leaf, node)
+        return root
+
+    def _rows(self, samples: Samples, region: Sequence[Guard]) -> Samples:
+        return samples.take(np.flatnonzero(inside(tuple(region), samples.variables)))
+
+    def _split(self, leaf: Node) -> tuple[Guard, float] | None:
+        """Return the guard that divides a leaf best and its gain, if it is worth it."""
+        rows = self._rows(self.train, leaf.region)
+        rows = rows.take(thinned(np.arange(len(rows)), _SCANNED))
+        variables = guard_variables(self.part, self.kinds, rows.variables)
+        values = [guard_values(term, rows.variables) for term in variables]
+        targets = np.column_stack([self._target(state, rows) for state in self.tasks])
+        best: tuple[float, Split] | None = None
+        for terms in (self._terms(), [ONE, *map(Term.variable, self._names())]):
+            kept, columns = independent_columns(terms, rows.variables, _TERMS)
+            if not kept:
+                continue
+            scaled = columns * self._weights(rows)[:, None]
+            least = max(self.config.least, 2 * len(kept))
+            for split in best_splits(scaled, targets, values, least):
+                if split.gain < np.log(self.config.gain) and self.count is None:
+                    continue
+                price = 2.0 * len(kept) * np.log(len(rows)) / len(rows)
+                level = split.level + price + _TIED * min(1.0, 0.2 * variables[split.guard].size)
+                if best is None or level < best[0]:
+                    best = level, split
+        if best is None:
+            return None
+        split = best[1]
+        return Guard(variables[split.guard], split.threshold), split.gain
+
+    def _names(self) -> tuple[str, ...]:
+        return (*self.part.states, *self.part.inputs)
+
+    def _terms(self) -> list[Term]:
+        usual = usual_terms(self.part.states, self.part.inputs)
+        return [*usual, *scanned_terms(self.memory, self.part.states, self.part.time)]
+
+    def _weights(self, rows: Samples) -> np.ndarray:
+        """Return weights of samples: those with large errors of the derivative count less."""
+        errors = np.zeros(len(rows))
+        for state in self.tasks:
+            scale = float(np.sqrt(np.mean(rows.targets[state] ** 2))) or 1.0
+            own = rows.errors.get(state)
+            errors += (own / scale) ** 2 if own is not None else 0.0
+        weights = 1.0 / np.sqrt(errors + _SOFT**2)
+        return weights / np.sqrt(np.mean(weights**2))
+
+    def _target(self, state: str, rows: Samples) -> np.ndarray:
+        return self._weights(rows) * self.tasks[state].remainder(rows)
+
+    def _parted(self, leaf: Node, guard: Guard) -> Node | None:
+        """Return the leaf with a guard and submodels on either side."""
+        whole = self._rows(self.train, leaf.region)
+        held = self._rows(self.judge, leaf.region)
+        sides = []
+        for rows, seen, own in zip(
+            clear_of(guard, whole), clear_of(guard, held), (guard.other, guard), strict=True
+        ):
+            part, judge = whole.take(rows), held.take(seen)
+            if len(part) < self.config.least // 2:
+                return None
+            laws, explained = self._laws(part, judge)
+            region = plain((*leaf.region, own))
+            sides.append(Node(region, laws, explained, rows=len(part)))
+        threshold = self._threshold(guard, whole, sides)
+        guard = replace(guard, threshold=threshold)
+        below, above = (
+            replace(side, region=plain((*leaf.region, own)))
+            for side, own in zip(sides, (guard.other, guard), strict=True)
+        )
+        return replace(leaf, guard=guard, below=below, above=above)
+
+    def _laws(self, part: Samples, judge: Samples) -> tuple[dict[str, Equation], bool]:
+        laws, every = {}, True
+        for state, task in self.tasks.items():
+            if len(judge) < 8:
+                judge = part
+            pure = self._pure(state, part)
+            laws[state], explained = find_submodel(
+                self.rng, task, self.memory, part, judge, pure, self.config.limits, self.budget
+            )
+            every = every and explained
+        return laws, every
+
+    def _pure(self, state: str, part: Samples) -> list[np.ndarray]:
+        """Return clusters of a region to search in, those with the most motion first.
+
+        Coordinates are those in which local fits leave least. Clusters in which every state that
+        changes sign in the region keeps it come first: laws of sizes and signs are plainest there.
+        """
+        count = int(np.clip(len(part) // 4, 30, 150))
+        if count >= len(part):
+            return [np.arange(len(part))]
+        _, columns = independent_columns(self._terms(), part.variables, min(15, count // 4))
+        target = self._target(state, part)[:, None]
+        clusters, _errors = choose_coordinates(
+            part.variables, part.group, self.choices(), count, (columns, target)
+        )
+        spread = np.std(part.targets[state][clusters.members], axis=1)
+        names = [n for n in self.part.states if np.min(part.variables[n]) < 0.0]
+        signed = np.zeros(len(clusters))
+        for name in names:
+            v = part.variables[name][clusters.members]
+            signed += np.all(v > 0.0, axis=1) | np.all(v < 0.0, axis=1)
+        order = np.lexsort((-spread, -signed))
+        chosen: list[np.ndarray] = []
+        for k in order.tolist():
+            rows = np.sort(clusters.members[k])
+            if all(len(np.intersect1d(rows, old)) < 0.5 * count for old in chosen):
+                chosen.append(rows)
+            if len(chosen) == self.config.limits.clusters:
+                break
+        return chosen
+
+    def choices(self) -> list[tuple[str, ...]]:
+        """Return the data-driven coordinates to choose from."""
+        return [self.part.states, *(tuple(kind) for kind in self.kinds)]
+
+    def _threshold(self, guard: Guard, whole: Samples, sides: Sequence[Node]) -> float:
+        values = guard_values(guard.variable, whole.variables)
+        errors = np.zeros((2, len(whole)))
+        for state in self.tasks:
+            scale = float(np.mean(whole.targets[state] ** 2)) or 1.0
+            for k, side in enumerate(sides):
+                left = whole.targets[state] - side.laws[state].predict(whole)
+                errors[k] += left**2 / scale
+        below, above = np.sqrt(errors)
+        weights = self._weights(whole)
+        reach = max(5, len(whole) // 10)
+        return refined_threshold(values, weights * below, weights * above, guard.threshold, reach)
+
+
+def _exchanged(root: Node, old: Node, new: Node) -> Node:
+    """Return the tree with one node in place of another."""
+    if root is old:
+        return new
+    if root.below is None or root.above is None:
+        return root
+    return replace(
+        root, below=_exchanged(root.below, old, new), above=_exchanged(root.above, old, new)
+    )

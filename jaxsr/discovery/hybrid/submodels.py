@@ -1,0 +1,168 @@
+"""Submodels: one law for the samples of one mode, known terms first, a new search where they fail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr._progress import Budget
+from jaxsr.discovery.choose import choose
+from jaxsr.discovery.equation import Equation
+from jaxsr.discovery.find import Task, final_estimate, find_equation
+from jaxsr.discovery.hybrid.memory import FunctionMemory, independent_columns
+from jaxsr.discovery.rounding import rounded
+from jaxsr.discovery.samples import Samples
+from jaxsr.evolution import SearchConfig
+from jaxsr.expressions.editing import edit
+from jaxsr.expressions.term import Term
+from jaxsr.regression import RegressionProblem
+
+_EXACT = 1e-12  # mean square relative to the target's, as in a discovery of one mode
+_MOST = 40  # terms of the memory that one fit begins with
+_LARGEST = 8  # terms of a submodel out of the memory
+_NEGLIGIBLE = 1e-5  # rms of a term relative to the target's
+_NOISY = 1.5  # mean square over the noise's up to which noise is all that is left
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How long a submodel is searched.
+
+    Attributes
+    ----------
+    generations, restarts : int
+        Of one search.
+    clusters : int
+        Pure clusters searched before all rows are.
+    seconds : float
+        Most seconds of a search of a cluster, beside the generations.
+    """
+
+    generations: int = 12
+    restarts: int = 0
+    clusters: int = 3
+
+    def of(self, config: SearchConfig) -> SearchConfig:
+        """Return the settings of a short search."""
+        return replace(
+            config,
+            generations=min(config.generations, self.generations),
+            restarts=min(config.restarts, self.restarts),
+        )
+
+
+def is_explained(problem: RegressionProblem, loss: float) -> bool:
+    """Tell whether a relative loss leaves nothing but noise and the errors of the target."""
+    return loss <= max(4.0 * problem.floor, _EXACT, _NOISY * problem.noise)
+
+
+def from_memory(
+    task: Task, memory: FunctionMemory, train: Samples, judge: Samples
+) -> tuple[Equation, bool]:
+    """Return the best submodel out of remembered terms, and whether it explains its samples.
+
+    All remembered terms are fitted together and dropped one by one, the least useful first; the
+    sets met on the way have their inner constants refined and are judged on other samples.
+    """
+    problem = task.problem(train)
+    most = max(2, min(_MOST, len(train) // 3))
+    terms, _ = independent_columns(memory, train.variables, most)
+    usable = [t for t, k in zip(terms, problem.index(terms), strict=True) if k >= 0]
+    path = [tuple(s) for s, _ in problem.eliminate(usable, _LARGEST)]
+    path = [s for s in path if s]
+    refined = [s for s, _ in problem.refine_many(path)] if path else []
+    equation = best_of(task, [*path, *refined, *_plainer(problem, refined)], train, judge)
+    return equation, is_explained(problem, relative_loss(problem, equation))
+
+
+def _plainer(problem: RegressionProblem, sets: Sequence[Sequence[Term]]) -> list[Sequence[Term]]:
+    """Return the sets without their negligible terms, constants refined and rounded again."""
+    out: dict[frozenset[Term], Sequence[Term]] = {}
+    least = _NEGLIGIBLE * float(np.linalg.norm(problem.y))
+    for terms in sets:
+        fit = problem.fit(terms)
+        if not fit.terms:
+            continue
+        parts = np.linalg.norm(problem.columns(fit.terms) * fit.coefficients, axis=0)
+        kept = [t for t, size in zip(fit.terms, parts, strict=True) if size > least]
+        if kept and (len(kept) < len(terms) or fit.loss <= _EXACT):
+            kept, _ = problem.refine(kept)
+            out.setdefault(frozenset(kept), edit(rounded(problem, kept)))
+    return list(out.values())
+
+
+def relative_loss(problem: RegressionProblem, equation: Equation) -> float:
+    """Return the sum of squares that an equation's terms leave, relative to the target's."""
+    if not equation.terms:
+        return 1.0
+    total = problem.total or 1.0
+    return problem.fit([t.term for t in equation.terms]).loss * problem.rows / total
+
+
+def best_of(task: Task, sets: Sequence[Sequence[Term]], train: Samples, judge: Samples) -> Equation:
+    """Return the set of terms that a discovery would choose, estimated on the training rows."""
+    problem = task.problem(train)
+    distinct = list({frozenset(s): tuple(s) for s in reversed([(), *sets])}.values())
+    usable = [s for s in distinct if not s or -1 not in problem.index(s)]
+    candidates, pick = choose(problem, usable, task.problem(judge if len(judge) else train))
+    chosen = candidates[pick]
+    final = final_estimate(task, chosen.fit.terms, train)
+    return replace(
+        final,
+        train_mse=chosen.train_mse,
+        validation_mse=chosen.validation_mse,
+        front=tuple(candidates),
+        pick=pick,
+        noise_mse=problem.noise * float(np.mean(problem.y**2)),
+    )
+
+
+def find_submodel(
+    rng: np.random.Generator,
+    task: Task,
+    memory: FunctionMemory,
+    train: Samples,
+    judge: Samples,
+    pure: Sequence[np.ndarray],
+    limits: Limits,
+    budget: Budget,
+) -> tuple[Equation, bool]:
+    """Return the submodel of a region, and whether it explains it (section 5, steps a and b).
+
+    Parameters
+    ----------
+    rng : Generator
+    task : Task
+    memory : FunctionMemory
+        Offered first; learns from every search.
+    train, judge : Samples
+        Of the region.
+    pure : sequence of ndarray of int
+        Clusters inside the region, as rows of ``train``; the most promising first.
+    limits : Limits
+    budget : Budget
+    """
+    equation, explained = from_memory(task, memory, train, judge)
+    short = replace(task, config=limits.of(task.config), checkpoint=None)
+    for rows in pure[: limits.clusters]:
+        if explained or budget.exhausted:
+            return equation, explained
+        part = train.take(rows)
+        known = tuple(t.term for t in equation.terms)
+        guided = replace(short, guesses=(*task.guesses, known) if known else task.guesses)
+        local = find_equation(rng, guided, part, part, part, budget=budget)
+        memory.learn((t.term for t in local.terms), part.variables)
+        equation, explained = from_memory(task, memory, train, judge)
+    if explained or budget.exhausted:
+        return equation, explained
+    known = tuple(t.term for t in equation.terms)
+    guided = replace(short, guesses=(*task.guesses, known) if known else task.guesses)
+    whole = find_equation(rng, guided, train, judge if len(judge) else train, train, budget=budget)
+    memory.add(t.term for t in whole.terms)
+    sets = [[t.term for t in equation.terms], [t.term for t in whole.terms]]
+    sets += [c.fit.terms for e in (equation, whole) for c in e.front]
+    equation = best_of(task, sets, train, judge)
+    problem = task.problem(train)
+    return equation, is_explained(problem, relative_loss(problem, equation))
