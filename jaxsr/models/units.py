@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from jaxsr._result import InputError
 from jaxsr.expressions import Term, to_text
 from jaxsr.expressions.dimensions import dimensionality as dimension
+from jaxsr.expressions.term import BOOLEAN
 
 if TYPE_CHECKING:
     from jaxsr.models.model import Model
@@ -76,6 +77,8 @@ def unit_of(
         return None if argument else dimension("")
     if term.is_variable:
         return known.get(term.name)
+    if term.op == BOOLEAN:
+        return dimension("")
     inside = argument or term.op in _SCALE_FREE
     parts = [unit_of(arg, known, where, inside) for arg in term.args]
     if term.op in ("add", "sub", "max", "min", "lt", "le", "gt", "ge", "eq", "ne"):

@@ -1,4 +1,4 @@
-"""Clusters: the K nearest neighbours of every time point in data-driven coordinates (section 5.1)."""
+"""Clusters: the K nearest neighbours of every time point (section 5.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Submodels: one law for the samples of one mode, known terms first, a new search where they fail."""
+"""Submodels: one law for the samples of a mode, known terms first, then a new search."""
 
 from __future__ import annotations
 
