@@ -16,7 +16,7 @@ from jaxsr.discovery.equation import Equation, cut_short
 from jaxsr.discovery.experiments import Experiments, Source, read_experiments, read_source
 from jaxsr.discovery.find import Checkpoint, Task, find_equation
 from jaxsr.discovery.found import found_model
-from jaxsr.discovery.hybrid import find_modes
+from jaxsr.discovery.hybrid import Hybrid, ModeFinder
 from jaxsr.discovery.known import (
     Prior,
     admission,
@@ -37,6 +37,7 @@ from jaxsr.expressions.primitives import INTEGRALS
 from jaxsr.models.model import Model
 
 _SEARCH = 0.6  # share of the time for the search; the rest is for modes and roll-outs
+_LOOK = 0.3  # share of the time for a first look at modes
 _MODES = 0.6  # share of that rest for modes
 _MOST_MODES = 9
 
@@ -160,16 +161,12 @@ def discover(
     kept = Checkpoint(Path(checkpoint), every) if checkpoint is not None else None
     tasks = _tasks(part, Prior(given, guessed, signed, admits), config, kept)
     experiments = read_experiments(recordings, validation, part, time=time, whole=integrals)
-    equations = _searched(tasks, experiments, seed, limit, show)
-    hybrid = None
+    finder = None
     if count != 1 and not integrals:
-        show.stage("modes")
         rng = np.random.default_rng([seed, len(part.states)])
-        share = limit.share(_MODES)
-        hybrid = find_modes(rng, equations, tasks, experiments, share, count)
-    if hybrid is not None:
-        equations = list(hybrid.equations)
-    elif not integrals:
+        finder = ModeFinder(rng, tasks, experiments, count)
+    equations, hybrid = _laws(tasks, experiments, finder, seed, limit, show)
+    if hybrid is None and not integrals:
         show.stage("roll-outs")
         equations = _settled(equations, tasks, experiments, limit)
     equations = [equation.trimmed() for equation in equations]
@@ -224,6 +221,30 @@ def _tasks(
         )
         for state in part.states
     }
+
+
+def _laws(
+    tasks: Mapping[str, Task],
+    experiments: Experiments,
+    finder: ModeFinder | None,
+    seed: int,
+    limit: Budget,
+    show: Progress,
+) -> tuple[list[Equation], Hybrid | None]:
+    """Return the equations, and the modes that they have where one law is not enough."""
+    if finder is None:
+        return _searched(tasks, experiments, seed, limit, show), None
+    show.stage("modes")
+    looked = finder.look(limit.share(_LOOK))
+    others = {s: task for s, task in tasks.items() if not looked.sure or s not in looked.laws}
+    found = {e.state: e for e in _searched(others, experiments, seed, limit, show)}
+    equations = [found.get(s) or looked.laws[s] for s in tasks]
+    show.stage("modes")
+    if looked.sure:
+        hybrid = finder.modes(looked, equations)
+    else:
+        hybrid = finder.find(looked, equations, limit.share(_MODES))
+    return (equations, None) if hybrid is None else (list(hybrid.equations), hybrid)
 
 
 def _searched(

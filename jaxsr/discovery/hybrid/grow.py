@@ -114,7 +114,15 @@ class Grower:
 
     def _split(self, leaf: Node) -> tuple[Guard, float] | None:
         """Return the guard that divides a leaf best and its gain, if it is worth it."""
-        rows = self._rows(self.train, leaf.region)
+        found = self.scanned(leaf.region)
+        if found is None:
+            return None
+        variable, split = found
+        return Guard(variable, split.threshold), split.gain
+
+    def scanned(self, region: Sequence[Guard]) -> tuple[Term, Split] | None:
+        """Return the guard variable and threshold that divide a region best."""
+        rows = self._rows(self.train, region)
         rows = rows.take(thinned(np.arange(len(rows)), _SCANNED))
         variables = guard_variables(self.part, self.kinds, rows.variables)
         values = [guard_values(term, rows.variables) for term in variables]
@@ -135,14 +143,13 @@ class Grower:
                     best = level, split
         if best is None:
             return None
-        split = best[1]
-        return Guard(variables[split.guard], split.threshold), split.gain
+        return variables[best[1].guard], best[1]
 
     def _names(self) -> tuple[str, ...]:
         return (*self.part.states, *self.part.inputs)
 
     def _terms(self) -> list[Term]:
-        usual = usual_terms(self.part.states, self.part.inputs)
+        usual = usual_terms(self.part.states, self.part.inputs, self.kinds)
         return [*usual, *scanned_terms(self.memory, self.part.states, self.part.time)]
 
     def _weights(self, rows: Samples) -> np.ndarray:

@@ -14,6 +14,7 @@ from jaxsr.evaluation import ColumnCache
 from jaxsr.expressions.editing import ONE, edit
 from jaxsr.expressions.term import Term
 
+_PAIRED = 4  # states of a kind whose differences are looked at
 _TINY = 4  # nodes of a term of states that a scan uses
 _QUOTIENTS = frozenset({"div", "exp", "log"})
 _SMALL = 5  # terms of a candidate whose terms are worth to be remembered
@@ -98,8 +99,13 @@ def scanned_terms(memory: Iterable[Term], states: Sequence[str], time: str) -> l
     return out
 
 
-def usual_terms(states: Sequence[str], inputs: Sequence[str]) -> list[Term]:
-    """Return what local laws are made of: low powers, products, sizes and signs."""
+def usual_terms(
+    states: Sequence[str], inputs: Sequence[str], kinds: Sequence[Sequence[str]] = ()
+) -> list[Term]:
+    """Return what local laws are made of: low powers, products, sizes and signs.
+
+    Of two states of one kind also the sign of their difference, which tells the sides of a gap.
+    """
     variables = [Term.variable(name) for name in (*states, *inputs)]
     moving = [Term.variable(name) for name in states]
     out = [ONE, *variables]
@@ -108,6 +114,9 @@ def usual_terms(states: Sequence[str], inputs: Sequence[str]) -> list[Term]:
         out += [Term.apply("mul", x, x), Term.apply("mul", size, x), size]
         out += [Term.apply("sign", x), Term.apply("pow", x, Term.constant(3.0))]
     out += [Term.apply("mul", a, b) for a, b in itertools.combinations(variables, 2)]
+    for names in kinds:
+        pairs = itertools.combinations([Term.variable(n) for n in names[:_PAIRED]], 2)
+        out += [Term.apply("sign", Term.apply("sub", a, b)) for a, b in pairs]
     return [edit([term])[0] for term in out]
 
 

@@ -1,153 +1,239 @@
-"""Modes of a system: found where one law leaves more than noise, and kept if they pay."""
+"""Modes of a system: found where one law leaves more than noise, and kept if they pay.
+
+A first look needs no law: where linear fits on both sides of a guard leave far less than one, and
+the place of the guard is sharp, submodels are searched at once, for a law that does not exist is
+the longest search of all. Otherwise modes are looked for after the search for one law, where that
+leaves more than noise.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from jaxsr._progress import Budget
 from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.experiments import Experiments
-from jaxsr.discovery.find import Task, final_estimate
+from jaxsr.discovery.find import Task, find_equation
+from jaxsr.discovery.hybrid.assemble import Hybrid, assembled, pointwise
 from jaxsr.discovery.hybrid.grow import Grower, HybridConfig
-from jaxsr.discovery.hybrid.guards import Region, region_term
-from jaxsr.discovery.hybrid.memory import FunctionMemory, front_terms, harmonics
-from jaxsr.discovery.hybrid.piecewise import Mode, piecewise_equation
-from jaxsr.discovery.hybrid.submodels import is_explained, relative_loss
-from jaxsr.discovery.hybrid.switching import Row, labels, next_to_switch, sequence
+from jaxsr.discovery.hybrid.memory import FunctionMemory, front_terms, harmonics, usual_terms
 from jaxsr.discovery.hybrid.tree import Node
+from jaxsr.discovery.recognise import recognised
 from jaxsr.discovery.samples import Roles, Samples
+from jaxsr.expressions.term import Term
 
 _NOISE = 2.0  # mean square over the noise's up to which one law is enough
-_STENCIL = 4  # samples on either side that a difference of order 8 joins
-_SAME = 1.1  # rise of the mean square up to which two regions have one law
+_SHARP = 1.0  # rise of the log mean square where a guard is moved: less may be a smooth law
+_KINKS = frozenset({"abs", "sign", "max", "min", "heaviside"})
 
 
 @dataclass(frozen=True, eq=False)
-class Hybrid:
-    """Modes of a system.
+class Looked:
+    """What a first look found: a tree, and the laws of one mode that it is compared with.
 
     Attributes
     ----------
-    modes : tuple of Mode
-        The most frequent first.
-    regions : tuple of tuple of Region
-        Of each mode.
-    equations : tuple of Equation
-        Piecewise over the modes, one for each state.
-    switching : dict of str to list of (float, float, int)
-        By recording rows (from, to, mode), in seconds.
-    switched : tuple of str
-        States whose law differs between modes.
-    notes : dict
-        For the provenance.
+    root : Node or None
+        None where nothing speaks for modes.
+    laws : dict of str to Equation
+        From short searches.
+    sure : bool
+        Whether the modes explain everything and one law does not: no longer search is needed.
     """
 
-    modes: tuple[Mode, ...]
-    regions: tuple[tuple[Region, ...], ...]
-    equations: tuple[Equation, ...]
-    switching: dict[str, list[Row]]
-    switched: tuple[str, ...]
-    notes: dict[str, Any]
-
-    def labels(self, variables: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Return the number of the mode of every sample (samples,)."""
-        return labels(self.regions, variables)
+    root: Node | None
+    laws: Mapping[str, Equation]
+    sure: bool
 
 
-def find_modes(
-    rng: np.random.Generator,
-    equations: Sequence[Equation],
-    tasks: Mapping[str, Task],
-    experiments: Experiments,
-    budget: Budget,
-    count: int | None = None,
-    config: HybridConfig | None = None,
-) -> Hybrid | None:
-    """Return the modes of a system, or None where one law is enough.
+@dataclass(frozen=True, eq=False)
+class ModeFinder:
+    """The search for modes of one discovery.
 
-    Only states whose single law leaves more than noise are looked at, and only if two linear fits
-    on either side of some guard leave much less than one. Modes are kept where they lower the
-    error on samples held back by far more than their additional terms could by chance.
-
-    Parameters
+    Attributes
     ----------
     rng : Generator
-    equations : sequence of Equation
-        One law for each state, as a discovery of one mode found it.
     tasks : mapping of str to Task
+        Of every state.
     experiments : Experiments
-    budget : Budget
-    count : int, optional
-        Number of modes, where it is known.
-    config : HybridConfig, optional
+    count : int or None
+        Number of modes, where it is given.
+    config : HybridConfig
     """
-    config = config or HybridConfig()
-    open_ = [e.state for e in equations if _is_open(e)]
-    if not open_ and count is not None:
-        open_ = [e.state for e in equations if e.front]
-    if not open_:
-        return None
-    memory = FunctionMemory()
-    remembered = front_terms([e for e in equations if e.state in open_])
-    memory.add(harmonics(remembered, experiments.roles.time))
-    memory.add(remembered)
-    train, judge = _pointwise(experiments.train), _pointwise(experiments.judge)
-    kinds = kinds_of(experiments.roles, equations)
-    grower = Grower(
-        rng, {s: tasks[s] for s in open_}, experiments.roles, kinds, memory, train, judge, budget,
-        config, count,
-    )  # fmt: skip
-    laws = {e.state: e for e in equations}
-    root = grower.grown({s: laws[s] for s in open_})
-    leaves = list(root.leaves())
-    if len(leaves) < 2:
-        return None
-    if count is None and not _pays(root, laws, judge, open_, config):
-        return None
-    return _assembled(root, laws, tasks, experiments, open_)
+
+    rng: np.random.Generator
+    tasks: Mapping[str, Task]
+    experiments: Experiments
+    count: int | None = None
+    config: HybridConfig = field(default_factory=HybridConfig)
+
+    def look(self, budget: Budget) -> Looked:
+        """Search modes before any law, where linear fits speak for them."""
+        part = self.experiments.roles
+        rates = rates_of(part, self.experiments.rows)
+        open_ = [s for s in part.states if s not in rates]
+        kinds = kinds_of(part, rates)
+        grower = self._grower(open_, kinds, budget, ())
+        sharp = [s for s in open_ if self._is_sharp(grower, s)]
+        if not sharp:
+            return Looked(None, {}, False)
+        laws = {s: self._short(s, grower, budget) for s in sharp}
+        if self.count is None and all(e.exact and not has_threshold(e) for e in laws.values()):
+            return Looked(None, laws, False)
+        grower = self._grower(sharp, kinds, budget, list(laws.values()))
+        root = grower.grown(laws)
+        leaves = list(root.leaves())
+        if len(leaves) < 2:
+            return Looked(None, laws, False)
+        every = all(leaf.explained for leaf in leaves)
+        sure = every and (self.count is not None or self._pays(root, laws))
+        return Looked(root, laws, sure)
+
+    def modes(self, looked: Looked, equations: Sequence[Equation]) -> Hybrid | None:
+        """Return the modes that a first look is sure of."""
+        if looked.root is None or not looked.sure:
+            return None
+        return self._assembled(looked.root, equations)
+
+    def find(self, looked: Looked, equations: Sequence[Equation], budget: Budget) -> Hybrid | None:
+        """Return the modes of a system, or None where one law is enough.
+
+        Parameters
+        ----------
+        looked : Looked
+            What the first look found.
+        equations : sequence of Equation
+            One law for each state, as a discovery of one mode found it.
+        budget : Budget
+        """
+        laws = {e.state: e for e in equations}
+        root = looked.root
+        if root is None:
+            open_ = [e.state for e in equations if is_open(e)]
+            if not open_ and self.count is not None:
+                open_ = [e.state for e in equations if e.front]
+            if not open_:
+                return None
+            kinds = kinds_of(self.experiments.roles, rates_in(equations))
+            grower = self._grower(open_, kinds, budget, [laws[s] for s in open_])
+            root = grower.grown({s: laws[s] for s in open_})
+        if len(list(root.leaves())) < 2:
+            return None
+        if self.count is None and not self._pays(root, laws):
+            return None
+        return self._assembled(root, equations)
+
+    def _assembled(self, root: Node, equations: Sequence[Equation]) -> Hybrid:
+        laws = {e.state: e for e in equations}
+        return assembled(root, laws, self.tasks, self.experiments, list(root.laws))
+
+    def _grower(
+        self, states: Sequence[str], kinds: Sequence[Sequence[str]], budget: Budget,
+        equations: Sequence[Equation],
+    ) -> Grower:  # fmt: skip
+        part, memory = self.experiments.roles, FunctionMemory()
+        memory.add(usual_terms(part.states, part.inputs, kinds))
+        remembered = front_terms(equations)
+        memory.add(harmonics(remembered, part.time))
+        memory.add(remembered)
+        train, judge = pointwise(self.experiments.train), pointwise(self.experiments.judge)
+        tasks = {s: self.tasks[s] for s in states}
+        return Grower(
+            self.rng, tasks, part, kinds, memory, train, judge, budget, self.config, self.count
+        )
+
+    def _is_sharp(self, grower: Grower, state: str) -> bool:
+        """Tell whether a state's law breaks at some guard; time enters by its main frequencies."""
+        task, part = self.tasks[state], self.experiments.roles
+        alone = replace(grower, tasks={state: task})
+        if not part.autonomous:
+            problem = task.problem(grower.train)
+            usable = [t for t in grower.memory if problem.index([t])[0] >= 0]
+            found = problem.frequencies(usable, part.time, 2)
+            t = Term.variable(part.time)
+            angles = [Term.apply("mul", Term.constant(w), t) for w in found]
+            grower.memory.add(
+                Term.apply(wave, angle) for angle in angles for wave in ("sin", "cos")
+            )
+        split = alone.scanned(())
+        return split is not None and split[1].sharpness >= _SHARP
+
+    def _short(self, state: str, grower: Grower, budget: Budget) -> Equation:
+        """Return one law from a short search."""
+        task = self.tasks[state]
+        short = replace(task, config=self.config.limits.of(task.config), checkpoint=None)
+        rows = grower.train
+        return find_equation(self.rng, short, rows, grower.judge, rows, budget=budget)
+
+    def _pays(self, root: Node, laws: Mapping[str, Equation]) -> bool:
+        """Tell whether modes lower the error on samples held back by enough.
+
+        Where one law is exact too, but only by way of a threshold of its own (``Abs(x - 1)``),
+        it is modes written as one.
+        """
+        judge, leaves = pointwise(self.experiments.judge), list(root.leaves())
+        every = all(leaf.explained for leaf in leaves)
+        if every and all(laws[s].exact and has_threshold(laws[s]) for s in root.laws):
+            return True
+        fall = [
+            np.log(mean_square(laws[s].predict(judge), judge, s))
+            - np.log(mean_square(root.predict(s, judge), judge, s))
+            for s in root.laws
+        ]
+        least = self.config.better if every else self.config.much_better
+        return float(np.mean(fall)) >= np.log(least)
 
 
-def _is_open(equation: Equation) -> bool:
-    """Tell whether a law leaves more than noise and errors of the derivative."""
-    if not equation.front or equation.exact:
+def is_open(equation: Equation) -> bool:
+    """Tell whether a law leaves more than noise, or switches at a threshold of its own."""
+    if not equation.front:
         return False
+    if equation.exact:
+        return has_threshold(equation)
     return equation.train_mse > _NOISE * equation.noise_mse
 
 
-def _pointwise(samples: Samples) -> Samples:
-    """Return the samples in the derivative view: a mode is a matter of single samples."""
-    return replace(samples, weak={}) if samples.weak else samples
+def has_threshold(equation: Equation) -> bool:
+    """Tell whether a law bends or jumps away from zero, as ``Abs(x - 1)`` does and ``Abs(x)`` not."""
+    for part in equation.terms:
+        for node in part.term.walk():
+            if node.op in _KINKS and any(a.op in ("add", "sub") for a in node.args):
+                constants = [c for a in node.args for c in a.args if c.is_constant]
+                if any(c.value != 0.0 for c in constants):
+                    return True
+    return False
 
 
-def kinds_of(part: Roles, equations: Sequence[Equation]) -> list[tuple[str, ...]]:
-    """Return the states by kind: displacements, velocities, others."""
+def rates_of(part: Roles, rows: Samples) -> dict[str, str]:
+    """Return states whose rate is another state, by definition or by what they show."""
     rates = dict(part.rate_of)
+    for state in part.states:
+        if state not in rates:
+            other = recognised(rows, state, part.states)
+            if other is not None:
+                rates[state] = other
+    return rates
+
+
+def rates_in(equations: Sequence[Equation]) -> dict[str, str]:
+    """Return states whose equation is that their rate is another state."""
+    out = {}
     for equation in equations:
         terms = equation.terms
         if len(terms) == 1 and terms[0].coefficient == 1.0 and terms[0].term.is_variable:
-            rates.setdefault(equation.state, terms[0].term.name)
+            out[equation.state] = terms[0].term.name
+    return out
+
+
+def kinds_of(part: Roles, rates: Mapping[str, str]) -> list[tuple[str, ...]]:
+    """Return the states by kind: displacements, velocities, others."""
     displacements = tuple(s for s in part.states if s in rates and s not in rates.values())
     velocities = tuple(rates[s] for s in displacements if rates[s] in part.states)
     others = tuple(s for s in part.states if s not in (*displacements, *velocities))
     return [kind for kind in (displacements, velocities, others) if kind]
-
-
-def _pays(
-    root: Node, laws: Mapping[str, Equation], judge: Samples, states: Sequence[str],
-    config: HybridConfig,
-) -> bool:  # fmt: skip
-    """Tell whether modes lower the error on samples held back by enough."""
-    fall = [
-        np.log(mean_square(laws[s].predict(judge), judge, s))
-        - np.log(mean_square(root.predict(s, judge), judge, s))
-        for s in states
-    ]
-    every = all(leaf.explained for leaf in root.leaves())
-    return float(np.mean(fall)) >= np.log(config.better if every else config.much_better)
 
 
 def mean_square(predicted: np.ndarray, samples: Samples, state: str) -> float:
@@ -155,120 +241,3 @@ def mean_square(predicted: np.ndarray, samples: Samples, state: str) -> float:
     y = samples.targets[state]
     error = np.nan_to_num(y - predicted, nan=1e3 * float(np.std(y)), posinf=1e30, neginf=-1e30)
     return float(np.mean(error**2)) / (float(np.mean(y**2)) or 1.0) + 1e-30
-
-
-def _assembled(
-    root: Node,
-    laws: Mapping[str, Equation],
-    tasks: Mapping[str, Task],
-    experiments: Experiments,
-    states: Sequence[str],
-) -> Hybrid:
-    """Return the modes of a tree, estimated on all rows."""
-    rows = _pointwise(experiments.rows)
-    groups = merged(list(root.leaves()), tasks, rows, states)
-    sizes = [sum(leaf.rows for leaf in group) for group in groups]
-    groups = [groups[k] for k in np.argsort(sizes)[::-1]]
-    regions = tuple(tuple(leaf.region for leaf in group) for group in groups)
-    mode = labels(regions, rows.variables)
-    near = next_to_switch(mode, rows.group, _STENCIL)
-    modes = []
-    for number, group in enumerate(groups):
-        own = []
-        for state in laws:
-            held = mode == number
-            if state not in states:
-                own.append(laws[state])
-                continue
-            if state in rows.estimated and np.count_nonzero(held & ~near) > 30:
-                held &= ~near
-            part = rows.take(np.flatnonzero(held))
-            own.append(_estimated(group[0].laws[state], tasks[state], part))
-        modes.append(Mode(region_term(regions[number]), tuple(own)))
-    equations = tuple(
-        piecewise_equation(modes, state, _squares(modes, state, experiments))
-        if state in states
-        else laws[state]
-        for state in laws
-    )
-    switching = _switching(experiments, rows, regions)
-    notes = {"explained": [all(leaf.explained for leaf in group) for group in groups]}
-    return Hybrid(tuple(modes), regions, equations, switching, tuple(states), notes)
-
-
-def _switching(
-    experiments: Experiments, rows: Samples, regions: Sequence[Sequence[Region]]
-) -> dict[str, list[Row]]:
-    """Return the mode sequence of every recording by its name."""
-    time, out = rows.variables[experiments.roles.time], {}
-    for number in np.unique(rows.group).tolist():
-        held = rows.group == number
-        name = experiments.recordings[number].name or f"recording {number + 1}"
-        if name in out:
-            name = f"{name} ({number + 1})"
-        part = {n: v[held] for n, v in rows.variables.items()}
-        out[name] = sequence(time[held], regions, part)
-    return out
-
-
-def _estimated(law: Equation, task: Task, rows: Samples) -> Equation:
-    """Return a submodel with its coefficients on all rows of its mode."""
-    known = 1 if task.known is not None else 0
-    terms = [t.term for t in law.terms][known:] if known else [t.term for t in law.terms]
-    final = final_estimate(task, terms, rows)
-    keep = {"validation_mse": law.validation_mse, "front": law.front, "pick": law.pick}
-    return replace(final, **keep)
-
-
-def _squares(modes: Sequence[Mode], state: str, experiments: Experiments) -> tuple[float, float]:
-    equation = piecewise_equation(modes, state, (0.0, 0.0))
-    train, judge = (
-        float(np.mean((part.targets[state] - equation.predict(part)) ** 2))
-        for part in (experiments.train, experiments.judge)
-    )
-    return train, judge
-
-
-def merged(
-    leaves: Sequence[Node], tasks: Mapping[str, Task], rows: Samples, states: Sequence[str]
-) -> list[list[Node]]:
-    """Return the leaves in groups of one law: all submodels are tested on all regions."""
-    regions = [[leaf.region] for leaf in leaves] + [[()]]
-    mode = labels(regions[:-1] if len(leaves) > 1 else regions, rows.variables)
-    groups: list[list[Node]] = []
-    numbers: list[list[int]] = []
-    for k, leaf in enumerate(leaves):
-        for group, own in zip(groups, numbers, strict=True):
-            if all(
-                _one_law(group[0].laws[s], leaf.laws[s], tasks[s], rows, (mode, own, k))
-                for s in states
-            ):
-                group.append(leaf)
-                own.append(k)
-                break
-        else:
-            groups.append([leaf])
-            numbers.append([k])
-    return groups if len(groups) > 1 else [[leaf] for leaf in leaves]
-
-
-def _one_law(
-    first: Equation, second: Equation, task: Task, rows: Samples,
-    where: tuple[np.ndarray, list[int], int],
-) -> bool:  # fmt: skip
-    """Tell whether the terms of one of two laws serve both regions."""
-    mode, own, k = where
-    a = rows.take(np.flatnonzero(np.isin(mode, own)))
-    b = rows.take(np.flatnonzero(mode == k))
-    both = rows.take(np.flatnonzero(np.isin(mode, [*own, k])))
-    apart = 0.0
-    for law, part in ((first, a), (second, b)):
-        apart += relative_loss(task.problem(part), law) * task.problem(part).total
-    for law in (first, second):
-        problem = task.problem(both)
-        if any(k < 0 for k in problem.index([t.term for t in law.terms])):
-            continue
-        left = relative_loss(problem, law)
-        if is_explained(problem, left) or left * problem.total <= _SAME * apart:
-            return True
-    return False

@@ -15,14 +15,16 @@ from jaxsr.discovery.hybrid.memory import FunctionMemory, independent_columns
 from jaxsr.discovery.rounding import rounded
 from jaxsr.discovery.samples import Samples
 from jaxsr.evolution import SearchConfig
-from jaxsr.expressions.editing import edit
+from jaxsr.expressions.editing import ONE, edit
 from jaxsr.expressions.term import Term
 from jaxsr.regression import RegressionProblem
 
 _EXACT = 1e-12  # mean square relative to the target's, as in a discovery of one mode
 _MOST = 40  # terms of the memory that one fit begins with
 _LARGEST = 8  # terms of a submodel out of the memory
+_FEW = 6  # terms of a submodel out of the memory that makes a search needless
 _NEGLIGIBLE = 1e-5  # rms of a term relative to the target's
+_NEAR_ROOT = 0.01
 _NOISY = 1.5  # mean square over the noise's up to which noise is all that is left
 
 
@@ -68,13 +70,14 @@ def from_memory(
     """
     problem = task.problem(train)
     most = max(2, min(_MOST, len(train) // 3))
-    terms, _ = independent_columns(memory, train.variables, most)
+    terms, _ = independent_columns([ONE, *memory], train.variables, most)
     usable = [t for t, k in zip(terms, problem.index(terms), strict=True) if k >= 0]
     path = [tuple(s) for s, _ in problem.eliminate(usable, _LARGEST)]
     path = [s for s in path if s]
     refined = [s for s, _ in problem.refine_many(path)] if path else []
     equation = best_of(task, [*path, *refined, *_plainer(problem, refined)], train, judge)
-    return equation, is_explained(problem, relative_loss(problem, equation))
+    explained = is_explained(problem, relative_loss(problem, equation))
+    return equation, explained and len(equation.terms) <= _FEW
 
 
 def _plainer(problem: RegressionProblem, sets: Sequence[Sequence[Term]]) -> list[Sequence[Term]]:
@@ -89,7 +92,8 @@ def _plainer(problem: RegressionProblem, sets: Sequence[Sequence[Term]]) -> list
         kept = [t for t, size in zip(fit.terms, parts, strict=True) if size > least]
         if kept and (len(kept) < len(terms) or fit.loss <= _EXACT):
             kept, _ = problem.refine(kept)
-            out.setdefault(frozenset(kept), edit(rounded(problem, kept)))
+            kept = edit(_rooted(t) for t in rounded(problem, kept))
+            out.setdefault(frozenset(kept), kept)
     return list(out.values())
 
 
@@ -163,6 +167,16 @@ def find_submodel(
     memory.add(t.term for t in whole.terms)
     sets = [[t.term for t in equation.terms], [t.term for t in whole.terms]]
     sets += [c.fit.terms for e in (equation, whole) for c in e.front]
-    equation = best_of(task, sets, train, judge)
     problem = task.problem(train)
+    equation = best_of(task, [*sets, *_plainer(problem, sets[:2])], train, judge)
     return equation, is_explained(problem, relative_loss(problem, equation))
+
+
+def _rooted(term: Term) -> Term:
+    """Return a term with roots in place of powers next to one half."""
+    if not term.args:
+        return term
+    args = [_rooted(arg) for arg in term.args]
+    if term.op == "pow" and args[1].is_constant and abs(args[1].value - 0.5) < _NEAR_ROOT:
+        return Term.apply("sqrt", args[0])
+    return Term.apply(term.op, *args)
