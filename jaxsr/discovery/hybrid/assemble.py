@@ -12,6 +12,7 @@ from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.experiments import Experiments
 from jaxsr.discovery.find import Task, final_estimate
 from jaxsr.discovery.hybrid.guards import Region, region_term
+from jaxsr.discovery.hybrid.intervals import joined_regions
 from jaxsr.discovery.hybrid.piecewise import Mode, piecewise_equation
 from jaxsr.discovery.hybrid.submodels import is_explained, relative_loss
 from jaxsr.discovery.hybrid.switching import Row, labels, next_to_switch, sequence
@@ -71,7 +72,7 @@ def assembled(
     groups = merged(list(root.leaves()), tasks, rows, states)
     sizes = [sum(leaf.rows for leaf in group) for group in groups]
     groups = [groups[k] for k in np.argsort(sizes)[::-1]]
-    regions = tuple(tuple(leaf.region for leaf in group) for group in groups)
+    regions = tuple(joined_regions([leaf.region for leaf in group]) for group in groups)
     mode = labels(regions, rows.variables)
     near = next_to_switch(mode, rows.group, _STENCIL)
     modes = []

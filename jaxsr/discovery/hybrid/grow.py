@@ -19,15 +19,17 @@ from jaxsr.discovery.hybrid.memory import (
     usual_terms,
 )
 from jaxsr.discovery.hybrid.scan import Split, best_splits
-from jaxsr.discovery.hybrid.submodels import Limits, find_submodel
+from jaxsr.discovery.hybrid.submodels import Limits, find_submodel, from_memory
 from jaxsr.discovery.hybrid.tree import Node, clear_of, refined_threshold
+from jaxsr.discovery.hybrid.unfold import unfolded
 from jaxsr.discovery.samples import Roles, Samples, thinned
 from jaxsr.expressions.editing import ONE
 from jaxsr.expressions.term import Term
 
 _SCANNED = 3000  # samples on which thresholds are tried
 _SOFT = 1e-4  # error relative to the rms below which samples count alike when scanned
-_TERMS = 30  # columns of a scan
+_TERMS = 40  # columns of a scan
+_JUDGED = 8  # samples to judge by; with fewer, those learnt from serve
 _TIED = 0.05  # of a log mean square: guards that do equally well
 
 
@@ -107,7 +109,15 @@ class Grower:
             if node is None:
                 break
             root = _exchanged(root, leaf, node)
-        return root
+        if root.guard is None or self.count is not None:
+            return root
+        return unfolded(root, self.train, self.judge, self._remembered, self.config.least)
+
+    def _remembered(self, part: Samples, judge: Samples) -> tuple[dict[str, Equation], bool]:
+        """Return laws out of the memory alone."""
+        judge = judge if len(judge) >= _JUDGED else part
+        found = {s: from_memory(t, self.memory, part, judge) for s, t in self.tasks.items()}
+        return {s: law for s, (law, _) in found.items()}, all(e for _, e in found.values())
 
     def _rows(self, samples: Samples, region: Sequence[Guard]) -> Samples:
         return samples.take(np.flatnonzero(inside(tuple(region), samples.variables)))
@@ -190,7 +200,7 @@ class Grower:
     def _laws(self, part: Samples, judge: Samples) -> tuple[dict[str, Equation], bool]:
         laws, every = {}, True
         for state, task in self.tasks.items():
-            if len(judge) < 8:
+            if len(judge) < _JUDGED:
                 judge = part
             pure = self._pure(state, part)
             laws[state], explained = find_submodel(

@@ -109,14 +109,14 @@ def usual_terms(
     variables = [Term.variable(name) for name in (*states, *inputs)]
     moving = [Term.variable(name) for name in states]
     out = [ONE, *variables]
+    for names in kinds:
+        pairs = itertools.combinations([Term.variable(n) for n in names[:_PAIRED]], 2)
+        out += [Term.apply("sign", Term.apply("sub", a, b)) for a, b in pairs]
     for x in moving:
         size = Term.apply("abs", x)
         out += [Term.apply("mul", x, x), Term.apply("mul", size, x), size]
         out += [Term.apply("sign", x), Term.apply("pow", x, Term.constant(3.0))]
     out += [Term.apply("mul", a, b) for a, b in itertools.combinations(variables, 2)]
-    for names in kinds:
-        pairs = itertools.combinations([Term.variable(n) for n in names[:_PAIRED]], 2)
-        out += [Term.apply("sign", Term.apply("sub", a, b)) for a, b in pairs]
     return [edit([term])[0] for term in out]
 
 

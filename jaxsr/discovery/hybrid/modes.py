@@ -197,7 +197,7 @@ def is_open(equation: Equation) -> bool:
 
 
 def has_threshold(equation: Equation) -> bool:
-    """Tell whether a law bends or jumps away from zero, as ``Abs(x - 1)`` does and ``Abs(x)`` not."""
+    """Tell whether a law bends or jumps away from zero: ``Abs(x - 1)`` does, ``Abs(x)`` not."""
     for part in equation.terms:
         for node in part.term.walk():
             if node.op in _KINKS and any(a.op in ("add", "sub") for a in node.args):
