@@ -29,6 +29,7 @@ from jaxsr.expressions.term import Term
 _SCANNED = 3000  # samples on which thresholds are tried
 _SOFT = 1e-4  # error relative to the rms below which samples count alike when scanned
 _TERMS = 40  # columns of a scan
+_SIDE = 0.3  # share of the samples that a side must have to be looked at for a second guard
 _JUDGED = 8  # samples to judge by; with fewer, those learnt from serve
 _TIED = 0.05  # of a log mean square: guards that do equally well
 
@@ -45,6 +46,9 @@ class HybridConfig:
         Fewest samples of a mode.
     gain : float
         Factor by which a split must lower the mean square of linear fits to be looked into.
+    sharp : float
+        Rise of the log mean square where a guard is moved by a twentieth of the samples, below
+        which the law may be smooth.
     better : float
         Factor by which modes must lower the mean square on samples held back.
     much_better : float
@@ -56,6 +60,7 @@ class HybridConfig:
     most: int = 4
     least: int = 12
     gain: float = 4.0
+    sharp: float = 1.0
     better: float = 4.0
     much_better: float = 100.0
     limits: Limits = field(default_factory=Limits)
@@ -79,6 +84,9 @@ class Grower:
     config : HybridConfig
     count : int or None
         Number of modes where it is given.
+    timed : bool
+        Whether time may be a guard: where a force is not known yet, a short while fits better
+        than a long one.
     """
 
     rng: np.random.Generator
@@ -91,6 +99,7 @@ class Grower:
     budget: Budget
     config: HybridConfig
     count: int | None = None
+    timed: bool = True
 
     def grown(self, laws: Mapping[str, Equation]) -> Node:
         """Return the tree; a single leaf where no split is worth it."""
@@ -134,7 +143,7 @@ class Grower:
         """Return the guard variable and threshold that divide a region best."""
         rows = self._rows(self.train, region)
         rows = rows.take(thinned(np.arange(len(rows)), _SCANNED))
-        variables = guard_variables(self.part, self.kinds, rows.variables)
+        variables = guard_variables(self.part, self.kinds, rows.variables, timed=self.timed)
         values = [guard_values(term, rows.variables) for term in variables]
         targets = np.column_stack([self._target(state, rows) for state in self.tasks])
         best: tuple[float, Split] | None = None
@@ -154,6 +163,26 @@ class Grower:
         if best is None:
             return None
         return variables[best[1].guard], best[1]
+
+    def is_sharp(self) -> bool:
+        """Tell whether laws break at a guard, or at a second one on a side of a first.
+
+        A smooth law may be fitted much better in two parts than in one, but it does not matter
+        much where they meet; a guard that is missed by a few samples spoils both sides.
+        """
+        first = self.scanned(())
+        if first is None:
+            return False
+        if first[1].sharpness >= self.config.sharp:
+            return True
+        guard = Guard(first[0], first[1].threshold)
+        for side in (guard.other, guard):
+            if inside((side,), self.train.variables).mean() < _SIDE:
+                continue
+            second = self.scanned((side,))
+            if second is not None and second[1].sharpness >= self.config.sharp:
+                return True
+        return False
 
     def _names(self) -> tuple[str, ...]:
         return (*self.part.states, *self.part.inputs)

@@ -95,7 +95,11 @@ def guard_values(variable: Term, variables: Mapping[str, np.ndarray]) -> np.ndar
 
 
 def guard_variables(
-    part: Roles, kinds: Sequence[Sequence[str]], variables: Mapping[str, np.ndarray]
+    part: Roles,
+    kinds: Sequence[Sequence[str]],
+    variables: Mapping[str, np.ndarray],
+    *,
+    timed: bool = True,
 ) -> list[Term]:
     """Return the expressions that a switch may hang on, the plainest first.
 
@@ -108,6 +112,8 @@ def guard_variables(
     kinds : sequence of sequence of str
         States that have one unit: displacements, velocities.
     variables : mapping of str to ndarray, (samples,)
+    timed : bool
+        Whether time is one of them.
     """
     singles = [Term.variable(name) for name in (*part.states, *part.inputs)]
     pairs = list(_pairs(kinds))
@@ -118,7 +124,7 @@ def guard_variables(
         values = guard_values(term, variables)
         if np.min(values) < 0.0 < np.max(values):
             out.append(Term.apply("abs", term))
-    if not part.autonomous:
+    if timed and not part.autonomous:
         out.append(Term.variable(part.time))
     return [term for term in out if np.ptp(guard_values(term, variables)) > 0.0]
 

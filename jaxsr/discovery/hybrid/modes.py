@@ -26,7 +26,6 @@ from jaxsr.discovery.samples import Roles, Samples
 from jaxsr.expressions.term import Term
 
 _NOISE = 2.0  # mean square over the noise's up to which one law is enough
-_SHARP = 1.0  # rise of the log mean square where a guard is moved: less may be a smooth law
 _KINKS = frozenset({"abs", "sign", "max", "min", "heaviside"})
 
 
@@ -84,7 +83,7 @@ class ModeFinder:
         if self.count is None and all(e.exact and not has_threshold(e) for e in laws.values()):
             return Looked(None, laws, False)
         grower = self._grower(sharp, kinds, budget, list(laws.values()))
-        root = grower.grown(laws)
+        root = replace(grower, timed=False).grown(laws)
         leaves = list(root.leaves())
         if len(leaves) < 2:
             return Looked(None, laws, False)
@@ -119,6 +118,8 @@ class ModeFinder:
                 return None
             kinds = kinds_of(self.experiments.roles, rates_in(equations))
             grower = self._grower(open_, kinds, budget, [laws[s] for s in open_])
+            if self.count is None and not grower.is_sharp():
+                return None
             root = grower.grown({s: laws[s] for s in open_})
         if len(list(root.leaves())) < 2:
             return None
@@ -148,7 +149,7 @@ class ModeFinder:
     def _is_sharp(self, grower: Grower, state: str) -> bool:
         """Tell whether a state's law breaks at some guard; time enters by its main frequencies."""
         task, part = self.tasks[state], self.experiments.roles
-        alone = replace(grower, tasks={state: task})
+        alone = replace(grower, tasks={state: task}, timed=False)
         if not part.autonomous:
             problem = task.problem(grower.train)
             usable = [t for t in grower.memory if problem.index([t])[0] >= 0]
@@ -158,8 +159,7 @@ class ModeFinder:
             grower.memory.add(
                 Term.apply(wave, angle) for angle in angles for wave in ("sin", "cos")
             )
-        split = alone.scanned(())
-        return split is not None and split[1].sharpness >= _SHARP
+        return alone.is_sharp()
 
     def _short(self, state: str, grower: Grower, budget: Budget) -> Equation:
         """Return one law from a short search."""

@@ -100,7 +100,8 @@ def _of_guard(
     finer[values[fine - 1] == values[fine]] = np.inf
     place, level = int(fine[np.argmin(finer)]), float(np.min(finer))
     shift = max(count // 20, 2)
-    moved = [np.interp(place + s, coarse, levels) for s in (-shift, shift)]
+    known = np.isfinite(levels)
+    moved = [np.interp(place + s, coarse[known], levels[known]) for s in (-shift, shift)]
     return place, level, float(min(moved) - level)
 
 
