@@ -137,9 +137,7 @@ class HybridSystem:
 
     def training(self, seed: int = 0) -> list[Recording]:
         """Return the recordings to learn from; seeds other than 0 start a little elsewhere."""
-        return [
-            self.record(s, self.end, f"start {k}") for k, s in enumerate(self._moved(seed))
-        ]
+        return [self.record(s, self.end, f"start {k}") for k, s in enumerate(self._moved(seed))]
 
     def held_out(self) -> list[Recording]:
         """Return the recordings for free runs."""
@@ -213,7 +211,7 @@ KNEE = HybridSystem(
     ((0.02, 0.0), (0.08, 0.3), (-0.02, 0.5)),
     ((0.05, -0.2),),
     6.0, 0.01,
-    inputs={"u": "8*sin(3*t) + 6*sin(7.3*t + 1)"},
+    inputs={"u": "4 + 8*sin(3*t) + 6*sin(7.3*t + 1)"},
 )  # fmt: skip
 BACKLASH = HybridSystem(
     "backlash in a drive",

@@ -7,13 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr.discovery.hybrid.picture import mode_plane
 from jaxsr.discovery.result import Discovery, relative_error
 from jaxsr.report import EquationFit, write_discovery_report
 
 
 def write_page(discovery: Discovery, folder: Path) -> None:
     """Write ``report.html``, one self-contained file, and its figures as PNG into ``folder``."""
-    write_discovery_report(shown(discovery), fits_of(discovery), folder)
+    hybrid = discovery.hybrid
+    plane = None if hybrid is None else mode_plane(hybrid, discovery.samples)
+    write_discovery_report(shown(discovery), fits_of(discovery), folder, plane)
 
 
 def shown(discovery: Discovery) -> dict[str, Any]:

@@ -9,11 +9,15 @@ from typing import Any
 from jaxsr.report.equation_figures import fit_figures, is_pick, mode_figure, pareto_figure
 from jaxsr.report.evidence import EquationFit
 from jaxsr.report.formatting import estimate, is_number, listing, number, percent
+from jaxsr.report.mode_plane import ModePlane, plane_figures
 from jaxsr.report.page import write_page
 
 
 def write_discovery_report(
-    document: Mapping[str, Any], fits: Sequence[EquationFit], directory: Path
+    document: Mapping[str, Any],
+    fits: Sequence[EquationFit],
+    directory: Path,
+    plane: ModePlane | None = None,
 ) -> None:
     """Write ``report.html``, one file with its figures inside, and the figures as PNG.
 
@@ -25,6 +29,8 @@ def write_discovery_report(
         Derivatives and predictions to draw; may be empty.
     directory : Path
         Where to write; made when absent.
+    plane : ModePlane, optional
+        The modes in the plane of two states.
 
     Raises
     ------
@@ -33,7 +39,7 @@ def write_discovery_report(
     """
     equations = document.get("equations") or []
     fronts, fitted = pareto_figure(document), fit_figures(fits)
-    switching = mode_figure(document)
+    switching = [*mode_figure(document), *plane_figures(plane)]
     context = {
         "title": "Discovered equations",
         "sentence": _sentence(document),

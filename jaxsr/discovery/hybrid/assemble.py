@@ -16,6 +16,7 @@ from jaxsr.discovery.hybrid.intervals import joined_regions
 from jaxsr.discovery.hybrid.piecewise import Mode, piecewise_equation
 from jaxsr.discovery.hybrid.submodels import is_explained, relative_loss
 from jaxsr.discovery.hybrid.switching import Row, labels, next_to_switch, sequence
+from jaxsr.discovery.hybrid.table import ClusterTable, cluster_table
 from jaxsr.discovery.hybrid.tree import Node
 from jaxsr.discovery.samples import Samples
 
@@ -41,6 +42,8 @@ class Hybrid:
         States whose law differs between modes.
     notes : dict
         For the provenance.
+    table : ClusterTable
+        Which submodel holds in which cluster.
     """
 
     modes: tuple[Mode, ...]
@@ -49,6 +52,7 @@ class Hybrid:
     switching: dict[str, list[Row]]
     switched: tuple[str, ...]
     notes: dict[str, Any]
+    table: ClusterTable
 
     def labels(self, variables: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the number of the mode of every sample (samples,)."""
@@ -66,6 +70,7 @@ def assembled(
     tasks: Mapping[str, Task],
     experiments: Experiments,
     states: Sequence[str],
+    choices: Sequence[Sequence[str]],
 ) -> Hybrid:
     """Return the modes of a tree, estimated on all rows."""
     rows = pointwise(experiments.rows)
@@ -96,7 +101,10 @@ def assembled(
     )
     switching = _switching(experiments, rows, regions)
     notes = {"explained": [all(leaf.explained for leaf in group) for group in groups]}
-    return Hybrid(tuple(modes), regions, equations, switching, tuple(states), notes)
+    train, judge = pointwise(experiments.train), pointwise(experiments.judge)
+    known = labels(regions, train.variables), labels(regions, judge.variables)
+    table = cluster_table(modes, known, states, choices, train, judge)
+    return Hybrid(tuple(modes), regions, equations, switching, tuple(states), notes, table)
 
 
 def _switching(

@@ -129,7 +129,9 @@ class ModeFinder:
 
     def _assembled(self, root: Node, equations: Sequence[Equation]) -> Hybrid:
         laws = {e.state: e for e in equations}
-        return assembled(root, laws, self.tasks, self.experiments, list(root.laws))
+        kinds = kinds_of(self.experiments.roles, rates_in(equations))
+        choices = [self.experiments.roles.states, *kinds]
+        return assembled(root, laws, self.tasks, self.experiments, list(root.laws), choices)
 
     def _grower(
         self, states: Sequence[str], kinds: Sequence[Sequence[str]], budget: Budget,
