@@ -203,15 +203,15 @@ KNEE = HybridSystem(
     "knee ligament (Eq. 21)",
     {"e": "w"},
     (
-        TrueMode("e < 0", {"w": "u - w"}),
-        TrueMode("e > 0.06", {"w": "u - w - 400*(e - 0.03)"}),
-        TrueMode("True", {"w": "u - w - 400*e**2/0.12"}),
+        TrueMode("e < 0", {"w": "u - w - 20*e"}),
+        TrueMode("e > 0.06", {"w": "u - w - 20*e - 400*(e - 0.03)"}),
+        TrueMode("True", {"w": "u - w - 20*e - 400*e**2/0.12"}),
     ),
     (("e", 0.0), ("e", 0.06)),
     ((0.02, 0.0), (0.08, 0.3), (-0.02, 0.5)),
     ((0.05, -0.2),),
     6.0, 0.01,
-    inputs={"u": "4 + 8*sin(3*t) + 6*sin(7.3*t + 1)"},
+    inputs={"u": "2 + 4*sin(3*t) + 6*sin(7.3*t + 1)"},
 )  # fmt: skip
 BACKLASH = HybridSystem(
     "backlash in a drive",

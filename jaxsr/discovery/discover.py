@@ -16,7 +16,7 @@ from jaxsr.discovery.equation import Equation, cut_short
 from jaxsr.discovery.experiments import Experiments, Source, read_experiments, read_source
 from jaxsr.discovery.find import Checkpoint, Task, find_equation
 from jaxsr.discovery.found import found_model
-from jaxsr.discovery.hybrid import Hybrid, ModeFinder
+from jaxsr.discovery.hybrid import Hybrid, ModeFinder, cut_at, find_resets
 from jaxsr.discovery.known import (
     Prior,
     admission,
@@ -160,7 +160,10 @@ def discover(
     admits = admission(bound, part) if bound or integrals else None
     kept = Checkpoint(Path(checkpoint), every) if checkpoint is not None else None
     tasks = _tasks(part, Prior(given, guessed, signed, admits), config, kept)
-    experiments = read_experiments(recordings, validation, part, time=time, whole=integrals)
+    opened = [read_source(source, time) for source in recordings]
+    resets = find_resets(opened, part) if count != 1 and not integrals else []
+    pieces = cut_at(opened, resets) if resets else opened
+    experiments = read_experiments(pieces, validation, part, time=time, whole=integrals)
     finder = None
     if count != 1 and not integrals:
         rng = np.random.default_rng([seed, len(part.states)])
@@ -171,8 +174,10 @@ def discover(
         equations = _settled(equations, tasks, experiments, limit)
     equations = [equation.trimmed() for equation in equations]
     model = found_model(equations, part, time, table)
+    model = replace(model, events=tuple(reset.event for reset in resets))
     if held_out:
-        unseen = samples([read_source(source, time) for source in held_out], part)
+        unread = [read_source(source, time) for source in held_out]
+        unseen = samples(cut_at(unread, resets) if resets else unread, part)
         equations = [_with_held_out(equation, unseen) for equation in equations]
     provenance: dict[str, Any] = {
         "seed": seed,
@@ -180,7 +185,7 @@ def discover(
         "seconds": clock.monotonic() - began,
         "stopped_by": cut_short(e.stopped_by for e in equations) or StoppedBy.CONVERGED,
         "estimated_derivatives": sorted(experiments.rows.estimated),
-        "data_sha256": {r.name: r.sha256 for r in experiments.recordings if r.sha256},
+        "data_sha256": {r.name: r.sha256 for r in opened if r.sha256},
     }
     return Discovery(tuple(equations), model, provenance, experiments.rows, hybrid)
 

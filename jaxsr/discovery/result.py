@@ -160,6 +160,7 @@ class Discovery:
             "equations": [_equation_dict(equation) for equation in self.equations],
             "pareto": fronts,
             **self._hybrid_dict(),
+            **self._reset_dict(),
             "provenance": {"version": jaxsr.__version__, **self.provenance},
         }
 
@@ -173,6 +174,14 @@ class Discovery:
         ]
         rows = {n: [list(row) for row in part] for n, part in self.hybrid.switching.items()}
         return {"modes": modes, "switching": rows}
+
+    def _reset_dict(self) -> dict[str, Any]:
+        """Return the jumps of states, as the model file has them, where there are any."""
+        rows = [
+            {"when": e.when, "direction": e.direction, "reset": dict(e.reset)}
+            for e in self.model.events
+        ]
+        return {"resets": rows} if rows else {}
 
     def save(self, directory: str | Path) -> None:
         """Write ``discovery.json``, ``model.toml``, ``report.html`` and figures, all or none."""

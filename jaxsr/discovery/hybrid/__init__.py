@@ -5,5 +5,15 @@ from jaxsr.discovery.hybrid.grow import HybridConfig
 from jaxsr.discovery.hybrid.guards import Guard
 from jaxsr.discovery.hybrid.modes import ModeFinder
 from jaxsr.discovery.hybrid.piecewise import Mode
+from jaxsr.discovery.hybrid.resets import Reset, cut_at, find_resets
 
-__all__ = ["Guard", "Hybrid", "HybridConfig", "Mode", "ModeFinder"]
+__all__ = [
+    "Guard",
+    "Hybrid",
+    "HybridConfig",
+    "Mode",
+    "ModeFinder",
+    "Reset",
+    "cut_at",
+    "find_resets",
+]

@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxsr.discovery.hybrid.assemble import Hybrid
 from jaxsr.discovery.samples import Samples
+from jaxsr.expressions import to_text
 from jaxsr.report.mode_plane import ModePlane
 
 _GRID = 160  # points of the plane on a side
@@ -38,5 +39,5 @@ def mode_plane(hybrid: Hybrid, samples: Samples) -> ModePlane:
         x, y, (names[0], names[1]), hybrid.labels(samples.variables), boundary,
         clusters.centroids[:, 0], np.array([row.error for row in rows]),
         np.array([-1 if row.mode is None else row.mode for row in rows]),
-        clusters.coordinates[0], tuple(str(mode) for mode in hybrid.modes),
+        clusters.coordinates[0], tuple(to_text(mode.guard, 4) for mode in hybrid.modes),
     )  # fmt: skip
