@@ -247,10 +247,17 @@ SYSTEMS = {
 }  # fmt: skip
 
 
-def smooth(name: str, laws: Mapping[str, str], starts: Sequence[Start], end: float,
-           step: float = 0.02, inputs: Mapping[str, str] | None = None) -> HybridSystem:  # fmt: skip
+def smooth(
+    name: str,
+    laws: Mapping[str, str],
+    starts: Sequence[Start],
+    end: float,
+    step: float = 0.02,
+    inputs: Mapping[str, str] | None = None,
+) -> HybridSystem:
     """Return a system of one law."""
-    return HybridSystem(name, laws, (), (), tuple(starts), (), end, step, inputs=inputs or {})
+    drive = inputs or {}
+    return HybridSystem(name, laws, (), (), tuple(starts), (), end, step, inputs=drive)
 
 
 PLANE = ((1.0, 0.0), (0.3, -0.8))
