@@ -80,6 +80,12 @@ def from_memory(
     return equation, explained and len(equation.terms) <= _FEW
 
 
+def _rank(found: tuple[Equation, bool]) -> tuple[bool, float]:
+    """Order submodels: those that explain their samples by terms, others by their error."""
+    equation, explained = found
+    return not explained, equation.complexity if explained else equation.validation_mse
+
+
 def _plainer(problem: RegressionProblem, sets: Sequence[Sequence[Term]]) -> list[Sequence[Term]]:
     """Return the sets without their negligible terms, constants refined and rounded again."""
     out: dict[frozenset[Term], Sequence[Term]] = {}
@@ -157,8 +163,12 @@ def find_submodel(
         known = tuple(t.term for t in equation.terms)
         guided = replace(short, guesses=(*task.guesses, known) if known else task.guesses)
         local = find_equation(rng, guided, part, part, part, budget=budget)
-        memory.learn((t.term for t in local.terms), part.variables)
-        equation, explained = from_memory(task, memory, train, judge)
+        # alone first: beside clutter from other clusters its terms may not be picked out
+        own = FunctionMemory()
+        own.learn((t.term for t in local.terms), part.variables)
+        memory.add(own)
+        tried = [from_memory(task, offered, train, judge) for offered in (own, memory)]
+        equation, explained = min([(equation, explained), *tried], key=_rank)
     if explained or budget.exhausted:
         return equation, explained
     known = tuple(t.term for t in equation.terms)
