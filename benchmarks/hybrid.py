@@ -25,6 +25,7 @@ from benchmarks.hybrid_systems import ONE_LAW, STRIBECK, SYSTEMS, HybridSystem
 from benchmarks.judging import judge
 from benchmarks.systems import noisy
 from jaxsr import Recording, Simulator
+from jaxsr._result import InputError
 from jaxsr.discovery import Discovery
 from jaxsr.expressions import parse, to_numpy
 from jaxsr.models.simulation import simulate_to_csv
@@ -97,7 +98,7 @@ def free_run(found: Discovery, held: Sequence[Recording], states: Sequence[str])
     for recording in held:
         try:
             table = simulate_to_csv(Simulator(found.model), recording)
-        except jaxsr.InputError:
+        except InputError:
             return None
         for state in states:
             y = recording.channels[state]
@@ -229,7 +230,7 @@ def clustered_sindy(system: HybridSystem) -> dict[str, Any] | str:
     rates = np.column_stack([table[d] for d in system.derivatives])
     both = np.hstack([X, rates])
     count = max(len(system.modes), 1)
-    label = KMeans(count, n_init=10, random_state=0).fit_predict(both / np.std(both, axis=0))
+    label = KMeans(count, n_init=3, random_state=0).fit_predict(both / np.std(both, axis=0))
     X = np.column_stack([X, table["t"]])
     true = system.mode_of(table)
     errors = []

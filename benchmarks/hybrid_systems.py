@@ -13,6 +13,7 @@ from jaxsr.expressions import parse, to_numpy
 
 TIGHT = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
 Start = tuple[float, ...]
+_SIMULATED: dict[tuple, list[Recording]] = {}
 
 
 @dataclass(frozen=True)
@@ -137,12 +138,17 @@ class HybridSystem:
 
     def training(self, seed: int = 0) -> list[Recording]:
         """Return the recordings to learn from; seeds other than 0 start a little elsewhere."""
-        return [self.record(s, self.end, f"start {k}") for k, s in enumerate(self._moved(seed))]
+        return self._kept("start", self._moved(seed), self.end)
 
     def held_out(self) -> list[Recording]:
         """Return the recordings for free runs."""
-        end = self.unseen_end or self.end
-        return [self.record(s, end, f"unseen {k}") for k, s in enumerate(self.unseen)]
+        return self._kept("unseen", list(self.unseen), self.unseen_end or self.end)
+
+    def _kept(self, name: str, starts: list[Start], end: float) -> list[Recording]:
+        key = (self.name, end, *starts)
+        if key not in _SIMULATED:
+            _SIMULATED[key] = [self.record(s, end, f"{name} {k}") for k, s in enumerate(starts)]
+        return _SIMULATED[key]
 
     def _moved(self, seed: int) -> list[Start]:
         if seed == 0:

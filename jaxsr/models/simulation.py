@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from jaxsr._result import InputError
+from jaxsr.models.free_run import free_run
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.model import FREE, Model
 from jaxsr.models.rollout import Stepping, outputs, states
@@ -27,6 +28,7 @@ TOLERANCE = 1e-6
 """Largest estimated error, relative to the size of an output."""
 START_SHARE, START_SAMPLES = 0.05, 50  # as in the free runs that a diagnosis reports
 MOST_SAMPLES = 5_000_000
+_SWITCHED = frozenset({"piecewise"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +146,9 @@ def _start(simulator: Simulator, item: Prepared, theta: np.ndarray) -> np.ndarra
 
 def _resolved(simulator: Simulator, item: Prepared, theta: np.ndarray, start: np.ndarray) -> Run:
     """Refine the steps until two runs agree, see `simulate_to_csv`."""
+    adaptive = _adaptive(simulator, item, start)
+    if adaptive is not None:
+        return adaptive
     widths = _widths(simulator, item, item.states.values.T, theta)
     previous: tuple[str, Run] | None = None
     finite = False
@@ -169,6 +174,21 @@ def _resolved(simulator: Simulator, item: Prepared, theta: np.ndarray, start: np
         simulator.model.name,
         "Simulate a shorter time, or check the equations and parameters",
     )
+
+
+def _adaptive(simulator: Simulator, item: Prepared, start: np.ndarray) -> Run | None:
+    """Run laws that switch with steps of their own: a step across a guard is made small there.
+
+    Fixed steps of any size meet a jump of a law somewhere inside. Jumps of states, [[events]], are
+    located by the fixed steps.
+    """
+    model = simulator.model
+    if model.events or not any(t.uses(_SWITCHED) for t in model.equation_terms.values()):
+        return None
+    run = free_run(simulator, item.recording if model.inputs else item.time, start[:, 0])
+    if not run.success or not np.all(np.isfinite(run.outputs)):
+        return None
+    return Run(run.states.T, run.outputs.T)
 
 
 def _run(

@@ -23,7 +23,7 @@ def unfolded(root: Node, train: Samples, judge: Samples, laws: Laws, least: int)
     """Return the tree, split at zero of what its laws take the sign or size of, if it is plainer.
 
     ``a*x + b*Abs(x)`` in one region is two laws written as one. It is written as two where all
-    different laws together then have fewer terms: a friction ``sign(v)*f(Abs(v))``, the same in
+    different laws together then have fewer terms, or as many and smaller ones: a friction ``sign(v)*f(Abs(v))``, the same in
     both directions, stays one.
     """
     if not all(leaf.explained for leaf in root.leaves()):
@@ -73,14 +73,14 @@ def _cut(
     return replace(node, guard=guard, below=sides[0], above=sides[1])
 
 
-def _terms(root: Node) -> int:
-    """Return the number of terms of all different laws; equal terms are one law."""
-    distinct: dict[frozenset[tuple[str, Term, float]], int] = {}
+def _terms(root: Node) -> tuple[int, int]:
+    """Return the number of terms of all different laws, and of their nodes."""
+    distinct: dict[frozenset[tuple[str, Term, float]], tuple[int, int]] = {}
     for leaf in root.leaves():
         key = [
             (state, t.term, float(f"{t.coefficient:.3g}"))
             for state, law in leaf.laws.items()
             for t in law.terms
         ]
-        distinct[frozenset(key)] = len(key)
-    return sum(distinct.values())
+        distinct[frozenset(key)] = len(key), sum(term.size for _, term, _ in key)
+    return sum(n for n, _ in distinct.values()), sum(n for _, n in distinct.values())
