@@ -79,7 +79,8 @@ def test_clusters_are_told_by_their_submodel_and_events(found) -> None:
 
 def test_one_mode_may_be_asked_for() -> None:
     data = [hop((1.3, 0.0), 1.0)]
-    one = jaxsr.discover(data, states=["y", "v"], derivatives=["dy", "dv"], config=QUICK, modes=1)
+    options = {"states": ["y", "v"], "derivatives": ["dy", "dv"], "config": QUICK}
+    one = jaxsr.discover(data, modes=1, budget=2.0, **options)
     assert one.modes == () and one.hybrid is None
     assert one.to_dict()["modes"] == [] and one.to_dict()["switching"] == {}
 

@@ -38,8 +38,6 @@ class Limits:
         Of one search.
     clusters : int
         Pure clusters searched before all rows are.
-    seconds : float
-        Most seconds of a search of a cluster, beside the generations.
     """
 
     generations: int = 12

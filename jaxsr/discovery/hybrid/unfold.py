@@ -23,8 +23,8 @@ def unfolded(root: Node, train: Samples, judge: Samples, laws: Laws, least: int)
     """Return the tree, split at zero of what its laws take the sign or size of, if it is plainer.
 
     ``a*x + b*Abs(x)`` in one region is two laws written as one. It is written as two where all
-    different laws together then have fewer terms, or as many and smaller ones: a friction ``sign(v)*f(Abs(v))``, the same in
-    both directions, stays one.
+    different laws together then have fewer terms, or as many and smaller ones: a friction
+    ``sign(v)*f(Abs(v))``, the same in both directions, stays one.
     """
     if not all(leaf.explained for leaf in root.leaves()):
         return root
