@@ -61,6 +61,10 @@ def test_the_files_say_modes_and_switching_and_the_model_runs(found, tmp_path: P
     rows = document["switching"]["drop 1.3"]
     assert rows[0][0] == 0.0 and len(rows) > 3
     assert document["modes"][rows[0][2]]["guard"].startswith("y > ")
+    inner = [b - a for part in document["switching"].values() for a, b, m in part[1:-1] if m == 0]
+    shortest, median, longest = document["modes"][0]["dwell_s"]
+    assert shortest == pytest.approx(min(inner)) and longest == pytest.approx(max(inner))
+    assert median == pytest.approx(np.median(inner))
     assert (tmp_path / "out" / "mode_plane.png").exists()
     unseen = hop((1.25, 0.3), 1.0)
     table = simulate_to_csv(Simulator.from_file(tmp_path / "out" / "model.toml"), unseen)

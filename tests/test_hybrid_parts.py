@@ -10,7 +10,7 @@ from jaxsr.discovery.hybrid.clusters import build_clusters, choose_coordinates, 
 from jaxsr.discovery.hybrid.memory import continuations, harmonics, independent_columns
 from jaxsr.discovery.hybrid.resets import cut_at, find_resets, jump_places
 from jaxsr.discovery.hybrid.scan import best_splits
-from jaxsr.discovery.hybrid.tree import refined_threshold
+from jaxsr.discovery.hybrid.tree import meeting_point, refined_threshold
 from jaxsr.discovery.samples import roles
 from jaxsr.expressions import parse, to_numpy, to_text
 from jaxsr.recordings import Recording
@@ -46,6 +46,16 @@ def test_a_refined_threshold_lies_between_the_last_and_the_first_sample_of_two_l
     found = refined_threshold(x, y - x**2, y - 1.0 - x, 0.45, 20)
     assert found == pytest.approx(0.405)
     assert refined_threshold(x, y - x**2, y - 1.0 - x, 0.95, 5) > 0.85  # no further than told
+
+
+def test_laws_that_join_tell_their_guard_between_two_samples() -> None:
+    """A contact's force begins at zero: the line through it finds the place; a jump does not."""
+    x = np.random.default_rng(3).uniform(-1.0, 1.0, 400)
+    contact = 50.0 * (x - 0.1234)
+    coarse = 0.1234 + 0.4 * float(np.min(np.abs(x - 0.1234)))
+    assert meeting_point(x, contact, coarse) == pytest.approx(0.1234, abs=1e-12)
+    assert meeting_point(x, contact + 3.0, coarse) == coarse
+    assert meeting_point(x, contact + np.sin(90.0 * x), coarse) == coarse
 
 
 def test_a_cluster_with_an_event_is_parted_by_local_means() -> None:

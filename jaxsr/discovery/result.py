@@ -169,8 +169,12 @@ class Discovery:
         if self.hybrid is None:
             return {"modes": [], "switching": {}}
         modes = [
-            {"guard": str(mode), "equations": [_equation_dict(e) for e in mode.equations]}
-            for mode in self.modes
+            {
+                "guard": str(mode),
+                "equations": [_equation_dict(e) for e in mode.equations],
+                "dwell_s": self.hybrid.dwell(number),
+            }
+            for number, mode in enumerate(self.modes)
         ]
         rows = {n: [list(row) for row in part] for n, part in self.hybrid.switching.items()}
         return {"modes": modes, "switching": rows}

@@ -48,6 +48,7 @@ def write_discovery_report(
             {
                 "number": index,
                 "guard": mode.get("guard"),
+                "dwell": _dwell(mode.get("dwell_s")),
                 "equations": [_equation(equation) for equation in mode.get("equations") or []],
             }
             for index, mode in enumerate(document.get("modes") or [])
@@ -61,6 +62,14 @@ def write_discovery_report(
     }
     drawings = [*fronts, *fitted, *switching]
     write_page(Path(directory), "discovery.html.j2", context, drawings)
+
+
+def _dwell(times: Sequence[float] | None) -> str:
+    """Say how long visits of a mode last."""
+    if not times:
+        return ""
+    low, middle, high = (number(value, 3) for value in times)
+    return f"visits last {low} to {high} s, median {middle} s"
 
 
 def _sentence(document: Mapping[str, Any]) -> str:

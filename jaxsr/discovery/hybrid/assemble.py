@@ -15,7 +15,7 @@ from jaxsr.discovery.hybrid.guards import Region, region_term
 from jaxsr.discovery.hybrid.intervals import joined_regions
 from jaxsr.discovery.hybrid.piecewise import Mode, piecewise_equation
 from jaxsr.discovery.hybrid.submodels import is_explained, relative_loss
-from jaxsr.discovery.hybrid.switching import Row, labels, next_to_switch, sequence
+from jaxsr.discovery.hybrid.switching import Row, dwell_times, labels, next_to_switch, sequence
 from jaxsr.discovery.hybrid.table import ClusterTable, cluster_table
 from jaxsr.discovery.hybrid.tree import Node
 from jaxsr.discovery.samples import Samples
@@ -58,6 +58,16 @@ class Hybrid:
         """Return the number of the mode of every sample (samples,)."""
         return labels(self.regions, variables)
 
+    def dwell(self, number: int) -> tuple[float, float, float] | None:
+        """Return the shortest, median and longest visit of a mode in seconds.
+
+        Visits that a recording cuts are left out; None where all are.
+        """
+        times = np.concatenate([dwell_times(rows, number) for rows in self.switching.values()])
+        if not len(times):
+            return None
+        return float(np.min(times)), float(np.median(times)), float(np.max(times))
+
 
 def pointwise(samples: Samples) -> Samples:
     """Return the samples in the derivative view: a mode is a matter of single samples."""
@@ -71,10 +81,12 @@ def assembled(
     experiments: Experiments,
     states: Sequence[str],
     choices: Sequence[Sequence[str]],
-) -> Hybrid:
-    """Return the modes of a tree, estimated on all rows."""
+) -> Hybrid | None:
+    """Return the modes of a tree, estimated on all rows; None where one law serves all of it."""
     rows = pointwise(experiments.rows)
     groups = merged(list(root.leaves()), tasks, rows, states)
+    if len(groups) < 2:
+        return None
     sizes = [sum(leaf.rows for leaf in group) for group in groups]
     groups = [groups[k] for k in np.argsort(sizes)[::-1]]
     regions = tuple(joined_regions([leaf.region for leaf in group]) for group in groups)
@@ -160,7 +172,7 @@ def merged(
         else:
             groups.append([leaf])
             numbers.append([k])
-    return groups if len(groups) > 1 else [[leaf] for leaf in leaves]
+    return groups
 
 
 def _one_law(

@@ -20,7 +20,7 @@ from jaxsr.discovery.hybrid.memory import (
 )
 from jaxsr.discovery.hybrid.scan import Split, best_splits
 from jaxsr.discovery.hybrid.submodels import Limits, find_submodel, from_memory
-from jaxsr.discovery.hybrid.tree import Node, clear_of, refined_threshold
+from jaxsr.discovery.hybrid.tree import Node, clear_of, meeting_point, refined_threshold
 from jaxsr.discovery.hybrid.unfold import unfolded
 from jaxsr.discovery.samples import Roles, Samples, thinned
 from jaxsr.expressions.editing import ONE
@@ -283,7 +283,13 @@ class Grower:
         below, above = np.sqrt(errors)
         weights = self._weights(whole)
         reach = max(5, len(whole) // 10)
-        return refined_threshold(values, weights * below, weights * above, guard.threshold, reach)
+        found = refined_threshold(values, weights * below, weights * above, guard.threshold, reach)
+        apart = {}
+        for state in self.tasks:
+            one, other = (side.laws[state].predict(whole) for side in sides)
+            apart[state] = (one - other) / (float(np.std(whole.targets[state])) or 1.0)
+        leader = max(apart, key=lambda s: float(np.nanmean(np.abs(apart[s]))))
+        return meeting_point(values, apart[leader], found)
 
 
 def _exchanged(root: Node, old: Node, new: Node) -> Node:

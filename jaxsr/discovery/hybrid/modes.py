@@ -17,7 +17,7 @@ from jaxsr._progress import Budget
 from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.experiments import Experiments
 from jaxsr.discovery.find import Task, find_equation
-from jaxsr.discovery.hybrid.assemble import Hybrid, assembled, pointwise
+from jaxsr.discovery.hybrid.assemble import Hybrid, assembled, merged, pointwise
 from jaxsr.discovery.hybrid.grow import Grower, HybridConfig
 from jaxsr.discovery.hybrid.memory import FunctionMemory, front_terms, harmonics, usual_terms
 from jaxsr.discovery.hybrid.tree import Node
@@ -87,6 +87,9 @@ class ModeFinder:
         leaves = list(root.leaves())
         if len(leaves) < 2:
             return Looked(None, laws, False)
+        rows = pointwise(self.experiments.rows)
+        if len(merged(leaves, self.tasks, rows, list(root.laws))) < 2:
+            return Looked(None, laws, False)
         every = all(leaf.explained for leaf in leaves)
         sure = every and (self.count is not None or self._pays(root, laws))
         return Looked(root, laws, sure)
@@ -127,7 +130,7 @@ class ModeFinder:
             return None
         return self._assembled(root, equations)
 
-    def _assembled(self, root: Node, equations: Sequence[Equation]) -> Hybrid:
+    def _assembled(self, root: Node, equations: Sequence[Equation]) -> Hybrid | None:
         laws = {e.state: e for e in equations}
         kinds = kinds_of(self.experiments.roles, rates_in(equations))
         choices = [self.experiments.roles.states, *kinds]

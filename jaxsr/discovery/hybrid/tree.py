@@ -13,6 +13,9 @@ from jaxsr.discovery.samples import Samples
 
 _NEAR = 0.05  # of the smaller side's samples: how far the first threshold may be off
 _FEWEST = 3  # samples at least
+_NEAREST = 8  # samples on either side of a guard on which laws are compared
+_GAPS = 3  # samples by which the place where laws meet may be off a threshold found from samples
+_STRAIGHT = 0.1  # what a line may leave of the difference of two laws
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +113,34 @@ def refined_threshold(
     good = places[costs <= np.min(costs) * (1.0 + 1e-9) + 1e-300]
     place = int(good[len(good) // 2])
     return float(0.5 * (v[place - 1] + v[place]))
+
+
+def meeting_point(values: np.ndarray, difference: np.ndarray, first: float) -> float:
+    """Return where two laws meet next to a threshold, or the threshold where they do not.
+
+    Laws that join without a jump (a contact, a slack spring) agree at the guard: a line through
+    their difference on the nearest samples tells the place between two samples.
+
+    Parameters
+    ----------
+    values : ndarray, (samples,)
+        The guard variable.
+    difference : ndarray, (samples,)
+        One law less the other, on all samples.
+    first : float
+        Threshold found from the samples.
+    """
+    order = np.argsort(np.abs(values - first), kind="stable")[: 2 * _NEAREST]
+    g, d = values[order] - first, difference[order]
+    if len(g) < 2 * _NEAREST or not np.all(np.isfinite(d)) or np.ptp(g) == 0.0:
+        return first
+    slope, offset = np.polyfit(g, d, 1)
+    left = d - slope * g - offset
+    below, above = np.sort(g[g <= 0.0])[::-1], np.sort(g[g > 0.0])
+    if min(len(below), len(above)) < _GAPS or np.std(left) > _STRAIGHT * np.std(d):
+        return first
+    place = -offset / slope
+    return first + float(place) if below[_GAPS - 1] <= place <= above[_GAPS - 1] else first
 
 
 def all_rows(samples: Samples, keep: Sequence[bool] | np.ndarray) -> Samples:
