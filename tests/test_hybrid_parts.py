@@ -55,7 +55,10 @@ def test_laws_that_join_tell_their_guard_between_two_samples() -> None:
     coarse = 0.1234 + 0.4 * float(np.min(np.abs(x - 0.1234)))
     assert meeting_point(x, contact, coarse) == pytest.approx(0.1234, abs=1e-12)
     assert meeting_point(x, contact + 3.0, coarse) == coarse
-    assert meeting_point(x, contact + np.sin(90.0 * x), coarse) == coarse
+    smooth = 80.0 * (x - 0.1234) ** 2
+    assert meeting_point(x, smooth, coarse) == pytest.approx(0.1234, abs=1e-9)
+    assert meeting_point(x, smooth + 0.1, coarse) == coarse
+    assert meeting_point(x, contact + np.sin(400.0 * x), coarse) == coarse
 
 
 def test_a_cluster_with_an_event_is_parted_by_local_means() -> None:

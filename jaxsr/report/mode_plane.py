@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from jaxsr.report.style import GIVEN, MODES, Drawing, draw, plain
 
 _MOST_POINTS = 6000
+_EDGE = 0.03  # free space around the samples, of their range
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +24,8 @@ class ModePlane:
         Two coordinates of the samples.
     names : tuple of str
     mode : ndarray of int, (samples,)
-    boundary : ndarray of bool, (rows, columns)
-        Where the first mode would hold, on a grid over the plane; empty where it depends on
+    boundary : ndarray of int, (rows, columns)
+        Number of the mode that would hold, on a grid over the plane; empty where it depends on
         something else.
     centroids : ndarray, (clusters,)
         Of the clusters in their first coordinate.
@@ -71,10 +72,17 @@ def draw_plane(ax: Axes, shown: ModePlane) -> None:
         colour = MODES[number % len(MODES)]
         label = f"mode {number}: {plain(guard, 40)}"
         ax.plot(shown.x[rows], shown.y[rows], ".", ms=3.5, color=colour, label=label)
-    if shown.boundary.size and 0.0 < np.mean(shown.boundary) < 1.0:
+    if shown.boundary.size and np.ptp(shown.boundary) > 0:
         rows, columns = shown.boundary.shape
         grid = np.linspace(*_span(shown.x), columns), np.linspace(*_span(shown.y), rows)
-        ax.contour(*grid, shown.boundary.astype(float), levels=[0.5], colors=GIVEN, linewidths=1)
+        for number in range(len(shown.guards)):
+            held = (shown.boundary == number).astype(float)
+            if np.ptp(held) > 0.0:
+                ax.contour(*grid, held, levels=[0.5], colors=GIVEN, linewidths=1)
+    for limits, values in ((ax.set_xlim, shown.x), (ax.set_ylim, shown.y)):
+        low, high = _span(values)
+        edge = _EDGE * (high - low)
+        limits(low - edge, high + edge)
     ax.set_xlabel(plain(shown.names[0]))
     ax.set_ylabel(plain(shown.names[1]))
 

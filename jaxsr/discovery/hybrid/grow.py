@@ -289,7 +289,12 @@ class Grower:
             one, other = (side.laws[state].predict(whole) for side in sides)
             apart[state] = (one - other) / (float(np.std(whole.targets[state])) or 1.0)
         leader = max(apart, key=lambda s: float(np.nanmean(np.abs(apart[s]))))
-        return meeting_point(values, apart[leader], found)
+        place = meeting_point(values, apart[leader], found)
+        if place == found and guard.variable.op == "abs":
+            # the difference of resistances has the sign of the motion
+            inner = guard_values(guard.variable.args[0], whole.variables)
+            place = meeting_point(values, apart[leader] * np.sign(inner), found)
+        return place
 
 
 def _exchanged(root: Node, old: Node, new: Node) -> Node:

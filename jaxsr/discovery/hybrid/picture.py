@@ -26,12 +26,11 @@ def mode_plane(hybrid: Hybrid, samples: Samples) -> ModePlane:
     names = (states[0], states[1]) if len(states) > 1 else (time, states[0])
     names = tuple(sorted(names, key=list(samples.variables).index))
     x, y = (samples.variables[n] for n in names)
-    boundary = np.zeros((0, 0))
+    boundary = np.zeros((0, 0), int)
     if guarded <= set(names):
         grid = np.meshgrid(*(np.linspace(v.min(), v.max(), _GRID) for v in (x, y)))
         point = dict(zip(names, (g.ravel() for g in grid), strict=True))
         boundary = hybrid.labels(point).reshape(_GRID, _GRID)
-        boundary = boundary == 0
     clusters = hybrid.table.clusters
     wholes = {row.number: row for row in reversed(hybrid.table.rows)}
     rows = [wholes[k] for k in range(len(clusters))]

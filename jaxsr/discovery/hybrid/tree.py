@@ -15,7 +15,8 @@ _NEAR = 0.05  # of the smaller side's samples: how far the first threshold may b
 _FEWEST = 3  # samples at least
 _NEAREST = 8  # samples on either side of a guard on which laws are compared
 _GAPS = 3  # samples by which the place where laws meet may be off a threshold found from samples
-_STRAIGHT = 0.1  # what a line may leave of the difference of two laws
+_STRAIGHT = 0.05  # what a parabola may leave of the difference of two laws
+_TOUCHES = 1e-3  # of the difference's range: nearer to zero, a parabola touches it
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +119,9 @@ def refined_threshold(
 def meeting_point(values: np.ndarray, difference: np.ndarray, first: float) -> float:
     """Return where two laws meet next to a threshold, or the threshold where they do not.
 
-    Laws that join without a jump (a contact, a slack spring) agree at the guard: a line through
-    their difference on the nearest samples tells the place between two samples.
+    Laws that join without a jump (a contact, a slack spring) agree at the guard: the root of a
+    parabola through their difference on the nearest samples tells the place between two samples.
+    Where they join without a bend as well, it touches zero there.
 
     Parameters
     ----------
@@ -132,15 +134,26 @@ def meeting_point(values: np.ndarray, difference: np.ndarray, first: float) -> f
     """
     order = np.argsort(np.abs(values - first), kind="stable")[: 2 * _NEAREST]
     g, d = values[order] - first, difference[order]
-    if len(g) < 2 * _NEAREST or not np.all(np.isfinite(d)) or np.ptp(g) == 0.0:
-        return first
-    slope, offset = np.polyfit(g, d, 1)
-    left = d - slope * g - offset
     below, above = np.sort(g[g <= 0.0])[::-1], np.sort(g[g > 0.0])
-    if min(len(below), len(above)) < _GAPS or np.std(left) > _STRAIGHT * np.std(d):
+    if min(len(below), len(above)) < _GAPS or not np.all(np.isfinite(d)):
         return first
-    place = -offset / slope
-    return first + float(place) if below[_GAPS - 1] <= place <= above[_GAPS - 1] else first
+    for place in _roots(g, d):
+        if below[_GAPS - 1] <= place <= above[_GAPS - 1]:
+            return first + place
+    return first
+
+
+def _roots(g: np.ndarray, d: np.ndarray) -> Iterator[float]:
+    """Yield where a parabola through d(g) crosses zero, the nearest first, or touches it."""
+    bend, slope, offset = np.polyfit(g, d, 2)
+    if np.std(d - np.polyval((bend, slope, offset), g)) > _STRAIGHT * np.std(d):
+        return
+    roots = np.roots((bend, slope, offset))
+    lowest = offset - 0.25 * slope**2 / bend if bend != 0.0 else np.inf
+    if abs(lowest) <= _TOUCHES * np.ptp(d):
+        yield float(-0.5 * slope / bend)
+    else:
+        yield from sorted((float(r.real) for r in roots if r.imag == 0.0), key=abs)
 
 
 def all_rows(samples: Samples, keep: Sequence[bool] | np.ndarray) -> Samples:
