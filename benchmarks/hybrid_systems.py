@@ -17,6 +17,19 @@ _SIMULATED: dict[tuple, list[Recording]] = {}
 
 
 @dataclass(frozen=True)
+class Falling:
+    """An event that ends an integration where a function of time and state falls through zero."""
+
+    height: Callable[[float, np.ndarray], float]
+    terminal = True
+    direction = -1
+
+    def __call__(self, t: float, x: np.ndarray) -> float:
+        """Return the function whose zero is the event."""
+        return self.height(t, x)
+
+
+@dataclass(frozen=True)
 class TrueMode:
     """Where a mode holds and its laws, as text."""
 
@@ -114,10 +127,10 @@ class HybridSystem:
         if self.event is not None:
             when = to_numpy(parse(self.event))
 
-            def crossed(t: float, x: np.ndarray) -> float:
+            def height(t: float, x: np.ndarray) -> float:
                 return float(when(values(np.array([t]), x[:, None]))[0])
 
-            crossed.terminal, crossed.direction = True, -1  # type: ignore[attr-defined]
+            crossed = Falling(height)
         while place < len(time):
             asked = time[place:]
             found = solve_ivp(

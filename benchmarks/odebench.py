@@ -124,6 +124,7 @@ def scored(
     system: dict[str, Any],
     right: list[sympy.Expr],
     seconds: float,
+    modes: int = 1,
 ) -> dict[str, Any]:
     """Simulate and judge what a method found."""
     number, place, sigma, seed = task
@@ -140,6 +141,7 @@ def scored(
         "noise": sigma,
         "seed": seed,
         "seconds": round(seconds, 2),
+        "modes": modes,
         "reconstruction": max(scores[0], -1e9),
         "generalisation": max(scores[1], -1e9),
         "exact": [judged(f, g, data) for f, g in zip(right, system["equations"], strict=True)],
@@ -156,11 +158,15 @@ def run(task: tuple[int, int, float, int]) -> dict[str, Any]:
     names = system["names"]
     began = time.perf_counter()
     found = jaxsr.discover(
-        [recording], states=names, autonomous=True, seed=seed, budget=SECONDS * len(names)
+        [recording],
+        states=names,
+        autonomous=True,
+        seed=seed,
+        budget=SECONDS * len(names),
     )
     seconds = time.perf_counter() - began
     right = [sympy.sympify(e.sympy()) for e in found.equations]
-    return scored(task, "jaxsr", system, right, seconds)
+    return scored(task, "jaxsr", system, right, seconds, max(1, len(found.modes)))
 
 
 def run_peers(task: tuple[int, int, float, int]) -> list[dict[str, Any]]:
@@ -210,6 +216,7 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
         "reconstruction": sum(r["reconstruction"] > 0.9 for r in runs) / count,
         "generalisation": sum(r["generalisation"] > 0.9 for r in runs) / count,
         "exact": sum(all(r["exact"]) for r in runs) / count,
+        "split": sorted(f"{r['id']}.{r['start']}" for r in runs if r.get("modes", 1) > 1),
         "wrong": sorted({f"{r['id']}.{r['start']}" for r in runs if not all(r["exact"])}),
         "exact_equations": sum(sum(r["exact"]) for r in runs) / sum(len(r["exact"]) for r in runs),
         "median_seconds_an_equation": float(

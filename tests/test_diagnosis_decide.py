@@ -144,7 +144,8 @@ def test_coloured_noise_explains_a_residual_of_its_own_size_alone(size, seen):
     item = SimpleNamespace(time=t, outputs=(50.0 * np.sin(0.01 * t) + noise)[:, None])
     arena: Any = SimpleNamespace(problem=SimpleNamespace(scale=np.ones(1)), prepared=[item])
     fit = SimpleNamespace(residual=size * noise.reshape(20, 400).T[None])
-    ratio = residual_to_noise(arena, SimpleNamespace(fit=fit))  # type: ignore[arg-type]
+    outcome: Any = SimpleNamespace(fit=fit)
+    ratio = residual_to_noise(arena, outcome)
     if size == 1.0:
         assert ratio == pytest.approx(seen, abs=0.2)
     else:

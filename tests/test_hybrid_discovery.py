@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 
@@ -14,6 +15,17 @@ from jaxsr import Simulator
 from jaxsr.evolution import SearchConfig
 from jaxsr.expressions import parse, to_numpy
 from jaxsr.models.simulation import simulate_to_csv
+
+
+class Ground:
+    """The event of a fall to height zero, at which an integration ends."""
+
+    terminal = True
+    direction = -1
+
+    def __call__(self, _: float, state: np.ndarray) -> float:
+        return state[0]
+
 
 QUICK = SearchConfig(population=60, generations=6, restarts=0, patience=3)
 STEP = 0.01
@@ -114,3 +126,36 @@ def test_impacts_become_events_of_the_model() -> None:
     factor = to_numpy(parse(event.reset["v"], ("v",)))({"v": np.array(1.0)})
     assert float(factor) == pytest.approx(-0.8, abs=1e-4)
     assert law.to_dict()["resets"][0]["when"] == "x"
+
+
+@pytest.mark.slow
+def test_modes_and_impacts_together_name_the_recordings_that_were_given() -> None:
+    """A ball in a layer of oil: cut at its bounces, its modes are told by recording."""
+    t = np.arange(0.0, 1.8, 0.004)
+
+    def rates(_: float, y: np.ndarray) -> list[float]:
+        return [y[1], -9.81 - (3.0 if y[0] > 0.5 else 0.2) * y[1]]
+
+    data = []
+    for name, height in (("one.csv", 1.0), ("two.csv", 1.4)):
+        motion, start, now = [], [height, 0.0], 0.0
+        event = Ground()
+        while now < t[-1]:
+            ask = t[t >= now]
+            run = solve_ivp(
+                rates, (now, t[-1]), start, t_eval=ask, events=event, max_step=1e-3, rtol=1e-9
+            )
+            motion += run.y.T.tolist() if run.t.size else []
+            if run.status != 1:
+                break
+            now, start = run.t_events[0][0], [0.0, -0.8 * run.y_events[0][0][1]]
+        x, v = np.array(motion).T
+        dv = -9.81 - np.where(x > 0.5, 3.0, 0.2) * v
+        data.append(jaxsr.Recording(name, t, {"x": x, "v": v, "dx": v, "dv": dv}))
+    law = jaxsr.discover(data, states=["x", "v"], derivatives=["dx", "dv"], budget=120.0)
+    document = law.to_dict()
+    assert len(document["modes"]) == 2 and len(law.model.events) == 1
+    assert sorted(document["switching"]) == ["one.csv", "two.csv"]
+    for rows in document["switching"].values():
+        assert rows[0][0] == 0.0 and rows[-1][1] == pytest.approx(t[-1])
+        assert all(a[1] == b[0] and a[2] != b[2] for a, b in itertools.pairwise(rows))

@@ -9,7 +9,7 @@ import pytest
 
 from jaxsr.discovery.hybrid.guards import Guard, guard_variables, inside, plain, region_term
 from jaxsr.discovery.hybrid.intervals import joined_regions
-from jaxsr.discovery.hybrid.switching import dwell_times, labels, next_to_switch, sequence
+from jaxsr.discovery.hybrid.switching import dwell_times, joined, labels, next_to_switch, sequence
 from jaxsr.discovery.samples import roles
 from jaxsr.expressions import parse, to_numpy, to_text
 from jaxsr.expressions.term import Term
@@ -79,3 +79,13 @@ def test_switches_are_located_between_samples() -> None:
     assert dwell_times(rows, 1) == pytest.approx([1.1], abs=1e-6)
     near = next_to_switch(labels(regions, values), np.zeros(41, int), 2)
     assert np.flatnonzero(near).tolist() == [13, 14, 15, 16, 24, 25, 26, 27]
+
+
+def test_pieces_of_a_recording_are_joined_where_a_state_was_reset() -> None:
+    first = [(0.0, 1.0, 0), (1.0, 2.0, 1)]
+    assert joined(first, [(2.1, 3.0, 1), (3.0, 4.0, 0)]) == [
+        (0.0, 1.0, 0),
+        (1.0, 3.0, 1),
+        (3.0, 4.0, 0),
+    ]
+    assert joined(first, [(2.5, 3.0, 0)]) == [(0.0, 1.0, 0), (1.0, 2.25, 1), (2.25, 3.0, 0)]

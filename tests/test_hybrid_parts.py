@@ -142,6 +142,7 @@ def test_jumps_of_a_velocity_give_the_reset_map_and_its_place() -> None:
     pieces = cut_at([ball], resets)
     assert len(pieces) > reset.jumps - 2
     for piece in pieces:
+        assert piece.name == "ball"
         assert not len(jump_places(piece.channel("v")))
         assert np.ptp(np.gradient(piece.channel("v"), piece.time)) < 1e-6
 

@@ -20,7 +20,7 @@ from jaxsr.regression import Judge, RegressionProblem, coefficient_ci95, constan
 
 MOST_ROWS = 2000  # rows the search looks at,
 MOST_JUDGED = 8000  # rows on which the front is weighed; the final estimate uses all of them
-_EXACT = 1e-12  # mean square relative to the target's: nothing is left that a roll-out could tell
+EXACT = 1e-12  # mean square relative to the target's: nothing is left that a roll-out could tell
 # samples of a record too short to search in a part of it, yet enough to tell a law from noise
 _TINY, _SHORT = 16, 60
 _FEWEST = 30  # test functions to choose by
@@ -211,23 +211,41 @@ def find_equation(
         sets += best_subsets(problem, task.config)
     sets = list({frozenset(terms): terms for terms in reversed(sets)}.values())
     usable = [s for s in sets if -1 not in whole.index(s)]
-    candidates, pick = choose(whole, usable, task.problem(validation))
+    return replace(chosen_of(task, usable, whole, validation, every), stopped_by=reason)
+
+
+def chosen_of(
+    task: Task,
+    sets: Sequence[Sequence[Term]],
+    problem: RegressionProblem,
+    judge: Samples,
+    every: Samples,
+) -> Equation:
+    """Return the equation of the set of terms that does best on other rows.
+
+    Parameters
+    ----------
+    task : Task
+    sets : sequence of sequence of Term
+    problem : RegressionProblem
+        On which the sets are fitted.
+    judge : Samples
+        Rows to choose by.
+    every : Samples
+        Rows of the final estimate.
+    """
+    candidates, pick = choose(problem, sets, task.problem(judge))
     chosen = candidates[pick]
-    final = final_estimate(task, chosen.fit.terms, every)
+    mean_square = float(np.mean(problem.y**2))
     return replace(
-        final,
+        final_estimate(task, chosen.fit.terms, every),
         train_mse=chosen.train_mse,
         validation_mse=chosen.validation_mse,
         front=tuple(candidates),
         pick=pick,
-        exact=chosen.train_mse <= _exact_mse(whole),
-        noise_mse=whole.noise * float(np.mean(whole.y**2)),
-        stopped_by=reason,
+        exact=chosen.train_mse <= max(4.0 * problem.floor, EXACT) * mean_square,
+        noise_mse=problem.noise * mean_square,
     )
-
-
-def _exact_mse(problem: RegressionProblem) -> float:
-    return max(4.0 * problem.floor, _EXACT) * float(np.mean(problem.y**2))
 
 
 def final_estimate(task: Task, terms: Sequence[Term], samples: Samples) -> Equation:

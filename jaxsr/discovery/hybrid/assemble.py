@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,14 @@ from jaxsr.discovery.hybrid.guards import Region, region_term
 from jaxsr.discovery.hybrid.intervals import joined_regions
 from jaxsr.discovery.hybrid.piecewise import Mode, piecewise_equation
 from jaxsr.discovery.hybrid.submodels import is_explained, relative_loss
-from jaxsr.discovery.hybrid.switching import Row, dwell_times, labels, next_to_switch, sequence
+from jaxsr.discovery.hybrid.switching import (
+    Row,
+    dwell_times,
+    joined,
+    labels,
+    next_to_switch,
+    sequence,
+)
 from jaxsr.discovery.hybrid.table import ClusterTable, cluster_table
 from jaxsr.discovery.hybrid.tree import Node
 from jaxsr.discovery.samples import Samples
@@ -40,8 +46,6 @@ class Hybrid:
         By recording rows (from, to, mode), in seconds.
     switched : tuple of str
         States whose law differs between modes.
-    notes : dict
-        For the provenance.
     table : ClusterTable
         Which submodel holds in which cluster.
     """
@@ -51,7 +55,6 @@ class Hybrid:
     equations: tuple[Equation, ...]
     switching: dict[str, list[Row]]
     switched: tuple[str, ...]
-    notes: dict[str, Any]
     table: ClusterTable
 
     def labels(self, variables: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -112,25 +115,33 @@ def assembled(
         for state in laws
     )
     switching = _switching(experiments, rows, regions)
-    notes = {"explained": [all(leaf.explained for leaf in group) for group in groups]}
     train, judge = pointwise(experiments.train), pointwise(experiments.judge)
     known = labels(regions, train.variables), labels(regions, judge.variables)
     table = cluster_table(modes, known, states, choices, train, judge)
-    return Hybrid(tuple(modes), regions, equations, switching, tuple(states), notes, table)
+    return Hybrid(tuple(modes), regions, equations, switching, tuple(states), table)
 
 
 def _switching(
     experiments: Experiments, rows: Samples, regions: Sequence[Sequence[Region]]
 ) -> dict[str, list[Row]]:
-    """Return the mode sequence of every recording by its name."""
-    time, out = rows.variables[experiments.roles.time], {}
+    """Return the mode sequence of every recording by its name, its pieces joined."""
+    time = rows.variables[experiments.roles.time]
+    out: dict[str, list[Row]] = {}
+    names: dict[tuple[str, str | None], str] = {}
     for number in np.unique(rows.group).tolist():
         held = rows.group == number
-        name = experiments.recordings[number].name or f"recording {number + 1}"
+        recording = experiments.recordings[number]
+        part = {n: v[held] for n, v in rows.variables.items()}
+        own = sequence(time[held], regions, part)
+        before = names.get((recording.name, recording.sha256), "")
+        if before and out[before][-1][1] < own[0][0]:
+            out[before] = joined(out[before], own)
+            continue
+        name = recording.name or f"recording {number + 1}"
         if name in out:
             name = f"{name} ({number + 1})"
-        part = {n: v[held] for n, v in rows.variables.items()}
-        out[name] = sequence(time[held], regions, part)
+        names[recording.name, recording.sha256] = name
+        out[name] = own
     return out
 
 

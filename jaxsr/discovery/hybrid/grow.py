@@ -108,7 +108,7 @@ class Grower:
             leaves = list(root.leaves())
             if len(leaves) >= (self.count or self.config.most):
                 break
-            open_ = [leaf for leaf in leaves if not leaf.explained and leaf is not None]
+            open_ = [leaf for leaf in leaves if not leaf.explained]
             tried = [(self._split(leaf), leaf) for leaf in open_]
             found = [(s, leaf) for s, leaf in tried if s is not None]
             if not found:

@@ -182,8 +182,7 @@ def cut_at(recordings: Sequence[Recording], resets: Sequence[Reset]) -> list[Rec
         if len(edges) == 2:
             out.append(recording)
             continue
-        for number, rows in enumerate(pieces, start=1):
+        for rows in pieces:
             channels = {n: v[rows] for n, v in recording.channels.items()}
-            name = f"{recording.name} ({number})"
-            out.append(replace(recording, name=name, time=recording.time[rows], channels=channels))
+            out.append(replace(recording, time=recording.time[rows], channels=channels))
     return out

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr._progress import Budget
-from jaxsr.discovery.choose import choose
 from jaxsr.discovery.equation import Equation
-from jaxsr.discovery.find import Task, final_estimate, find_equation
+from jaxsr.discovery.find import EXACT, Task, chosen_of, find_equation
 from jaxsr.discovery.hybrid.memory import FunctionMemory, independent_columns
 from jaxsr.discovery.rounding import rounded
 from jaxsr.discovery.samples import Samples
@@ -19,7 +18,6 @@ from jaxsr.expressions.editing import ONE, edit
 from jaxsr.expressions.term import Term
 from jaxsr.regression import RegressionProblem
 
-_EXACT = 1e-12  # mean square relative to the target's, as in a discovery of one mode
 _MOST = 40  # terms of the memory that one fit begins with
 _LARGEST = 8  # terms of a submodel out of the memory
 _FEW = 6  # terms of a submodel out of the memory that makes a search needless
@@ -55,7 +53,7 @@ class Limits:
 
 def is_explained(problem: RegressionProblem, loss: float) -> bool:
     """Tell whether a relative loss leaves nothing but noise and the errors of the target."""
-    return loss <= max(4.0 * problem.floor, _EXACT, _NOISY * problem.noise)
+    return loss <= max(4.0 * problem.floor, EXACT, _NOISY * problem.noise)
 
 
 def from_memory(
@@ -94,7 +92,7 @@ def _plainer(problem: RegressionProblem, sets: Sequence[Sequence[Term]]) -> list
             continue
         parts = np.linalg.norm(problem.columns(fit.terms) * fit.coefficients, axis=0)
         kept = [t for t, size in zip(fit.terms, parts, strict=True) if size > least]
-        if kept and (len(kept) < len(terms) or fit.loss <= _EXACT):
+        if kept and (len(kept) < len(terms) or fit.loss <= EXACT):
             kept, _ = problem.refine(kept)
             kept = edit(_rooted(t) for t in rounded(problem, kept))
             out.setdefault(frozenset(kept), kept)
@@ -114,17 +112,7 @@ def best_of(task: Task, sets: Sequence[Sequence[Term]], train: Samples, judge: S
     problem = task.problem(train)
     distinct = list({frozenset(s): tuple(s) for s in reversed([(), *sets])}.values())
     usable = [s for s in distinct if not s or -1 not in problem.index(s)]
-    candidates, pick = choose(problem, usable, task.problem(judge if len(judge) else train))
-    chosen = candidates[pick]
-    final = final_estimate(task, chosen.fit.terms, train)
-    return replace(
-        final,
-        train_mse=chosen.train_mse,
-        validation_mse=chosen.validation_mse,
-        front=tuple(candidates),
-        pick=pick,
-        noise_mse=problem.noise * float(np.mean(problem.y**2)),
-    )
+    return chosen_of(task, usable, problem, judge if len(judge) else train, train)
 
 
 def find_submodel(

@@ -64,6 +64,18 @@ def _crossing(
     return 0.5 * (low + high)
 
 
+def joined(first: Sequence[Row], second: Sequence[Row]) -> list[Row]:
+    """Return the rows of two pieces of a recording, between which a state was reset.
+
+    A visit goes on where both pieces meet in one mode; else the switch lies halfway.
+    """
+    (start, end, mode), (begin, stop, other) = first[-1], second[0]
+    if mode == other:
+        return [*first[:-1], (start, stop, mode), *second[1:]]
+    middle = 0.5 * (end + begin)
+    return [*first[:-1], (start, middle, mode), (middle, stop, other), *second[1:]]
+
+
 def dwell_times(rows: Sequence[Row], mode: int) -> np.ndarray:
     """Return how long each visit of a mode lasted, in seconds; cut visits at the ends left out."""
     return np.array([b - a for a, b, m in rows[1:-1] if m == mode])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -154,8 +154,3 @@ def _roots(g: np.ndarray, d: np.ndarray) -> Iterator[float]:
         yield float(-0.5 * slope / bend)
     else:
         yield from sorted((float(r.real) for r in roots if r.imag == 0.0), key=abs)
-
-
-def all_rows(samples: Samples, keep: Sequence[bool] | np.ndarray) -> Samples:
-    """Return the samples of a mask."""
-    return samples.take(np.flatnonzero(keep))
