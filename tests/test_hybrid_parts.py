@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from jaxsr._progress import as_budget
 from jaxsr._result import InputError
+from jaxsr.discovery.find import Task
 from jaxsr.discovery.hybrid.clusters import build_clusters, choose_coordinates, split_place
-from jaxsr.discovery.hybrid.memory import continuations, harmonics, independent_columns
+from jaxsr.discovery.hybrid.memory import (
+    FunctionMemory,
+    continuations,
+    harmonics,
+    independent_columns,
+)
 from jaxsr.discovery.hybrid.resets import cut_at, find_resets, jump_places
 from jaxsr.discovery.hybrid.scan import best_splits
+from jaxsr.discovery.hybrid.submodels import Limits, find_submodel
 from jaxsr.discovery.hybrid.tree import meeting_point, refined_threshold
-from jaxsr.discovery.samples import roles
+from jaxsr.discovery.samples import roles, samples
 from jaxsr.expressions import parse, to_numpy, to_text
+from jaxsr.expressions.editing import ONE
 from jaxsr.recordings import Recording
 
 
@@ -155,3 +166,19 @@ def test_smooth_and_square_signals_have_no_resets() -> None:
     square = np.sign(np.sin(t)) * (1.0 + 0.3 * rng.normal(size=1000).cumsum() / 30.0)
     wild = {"x": rng.normal(size=1000).cumsum(), "v": square}
     assert not find_resets([Recording("a", t, wild)], part)
+
+
+def test_an_autonomous_submodel_is_not_continued_to_negative_time() -> None:
+    """A constant is a sign wherever a variable keeps its own, and time always does."""
+    t = np.linspace(0.1, 1.0, 60)
+    x = 1.0 + np.sin(t)
+    channels = {"x": x, "dx": 2.0 - x**2}
+    part = replace(roles(["x"], ["dx"], 1, [], None), autonomous=True)
+    data = samples([Recording("a", t, channels)], part)
+    memory, rows = FunctionMemory({parse("x"): None}), [np.arange(40)]
+    task = Task("x", "t", autonomous=True)
+    law, explained = find_submodel(
+        np.random.default_rng(0), task, memory, data, data, rows, Limits(2), as_budget(None)
+    )
+    assert explained and {part.term for part in law.terms} == {ONE, parse("x**2")}
+    assert all("t" not in term.variables for term in memory)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxsr._progress import Budget, Progress, Silent, as_budget
+from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contenders import contenders, leading_sets
 from jaxsr.diagnosis.contest import (
@@ -31,6 +32,7 @@ from jaxsr.diagnosis.decide import (
     without_duplicates,
 )
 from jaxsr.diagnosis.document import UNEXPLAINED, Ingredients, assemble
+from jaxsr.diagnosis.exchange import exchange
 from jaxsr.diagnosis.horizon import Outlook
 from jaxsr.diagnosis.integration import choose_stepping, with_smooth
 from jaxsr.diagnosis.located import with_located
@@ -38,7 +40,7 @@ from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
-from jaxsr.diagnosis.stepwise import exchange, grow
+from jaxsr.diagnosis.stepwise import grow
 from jaxsr.diagnosis.unnamed import propose_unnamed
 from jaxsr.models import Simulator
 from jaxsr.models.segments import Prepared
@@ -52,6 +54,8 @@ MOST_PATIENCE = 10.0
 """The same in seconds: what takes longer is caught in a law that jumps."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
+GROWING = 0.7
+"""Share of the time left that larger sets may take: the rest is for telling rivals apart."""
 ROUNDS = 4
 """Times that a decision is made anew because a smaller or another set did better than before."""
 MERGED = 3
@@ -120,7 +124,7 @@ def diagnose(
     prepared = prepare(simulator.model, data)
     progress.stage("screening mechanisms in the weak view")
     case = Case(simulator, prepared, screen_all(simulator, prepared), budget, progress)
-    arena, entries, headline = contest(case)
+    arena, entries, headline, grown = contest(case)
     progress.stage("deciding")
     arena, good, chosen, detection = decide(case, arena, entries)
     if _unexplained(case, arena, good, chosen):
@@ -143,6 +147,7 @@ def diagnose(
         rng=rng,
         seed=seed,
         command=command,
+        grown=grown,
     )
     return assemble(ingredients)
 
@@ -249,8 +254,8 @@ def with_candidate(
     return new, again
 
 
-def contest(case: Case) -> tuple[Arena, list[Entry], float]:
-    """Estimate the leading sets in free run and hold blocks back."""
+def contest(case: Case) -> tuple[Arena, list[Entry], float, StoppedBy]:
+    """Estimate the leading sets in free run, hold blocks back, and tell why that ended."""
     sets = leading_sets(case)
     super_model, starts = contenders(case, sets)
     simulator = Simulator(super_model.model, case.simulator.function)
@@ -284,10 +289,11 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float]:
     case.progress.stage("trying every mechanism in free run")
     if len(starts) == 1:
         arena, entries = _rescaled(arena, entries, stop)
+    growing = case.budget.share(GROWING)
     if entries[0].fit.usable:
         arena, entries = with_located(arena, entries)
-        entries = grow(arena, entries, stop, case.progress.update)
-    return arena, entries, headline
+        entries = grow(arena, entries, lambda: growing.exhausted, case.progress.update)
+    return arena, entries, headline, growing.stopped_by
 
 
 def _rescaled(

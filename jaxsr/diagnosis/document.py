@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxsr._result import Verdict
+from jaxsr._result import StoppedBy, Verdict
 from jaxsr.diagnosis.contest import Arena, Entry, enter, gain, neutral_values
 from jaxsr.diagnosis.decide import (
     TIE,
@@ -62,6 +62,7 @@ class Ingredients:
     rng: np.random.Generator
     seed: int
     command: str | None
+    grown: StoppedBy  # why larger sets were tried no longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,10 +320,15 @@ def _document(
             "seed": parts.seed,
             "command": parts.command,
             "seconds": round(case.budget.elapsed, 1),
-            "stopped_by": case.budget.stopped_by.value,
+            "stopped_by": _stopped_by(parts).value,
             "data_sha256": {p.recording.name: p.recording.sha256 for p in case.prepared},
         },
     }
+
+
+def _stopped_by(parts: Ingredients) -> StoppedBy:
+    ended = parts.case.budget.stopped_by
+    return parts.grown if ended is StoppedBy.CONVERGED else ended
 
 
 def _version() -> str:

@@ -231,7 +231,9 @@ def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarr
         return theta, np.zeros_like(theta)
     wider = replace(stepping, widths=tuple(2.0 * w for w in stepping.widths))
     problem = replace(arena.problem, simulator=simulator, stepping=wider)
-    second = enter(replace(arena, problem=problem), entry.members, theta, entry.fit.path).fit
+    again = replace(arena, problem=problem)
+    # only near the estimate is the difference one of the widths
+    second = enter(again, entry.members, theta, entry.fit.path, near=True).fit
     if not second.usable:
         return theta, np.zeros_like(theta)
     low, high = parameter_bounds(arena.super_model)

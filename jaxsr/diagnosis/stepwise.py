@@ -21,8 +21,6 @@ its path has to be found first."""
 FULL = (8, 5, 4)
 """Mechanisms estimated in full, by the size of the set."""
 PARENTS = 2
-RIVALS, RIVAL_PATIENCE = 4, 3.0
-"""Mechanisms estimated in the place of each of the chosen, and the seconds that each may take."""
 WORTH = 0.3
 """Share of the best quick gain from which a mechanism is estimated in full."""
 VARIANT = 0.7
@@ -58,8 +56,8 @@ def grow(
             if exhausted():
                 return list(found.values())
             every = size < len(FULL) and leader is leaders[0]
-            quick = _tried(arena, leader, found, exhausted, tell if every else None)
-            for trial in _promising(arena.super_model, leader, quick, most):
+            quick = tried(arena, leader, found, exhausted, tell if every else None)
+            for trial in promising(arena.super_model, leader, quick, most):
                 if exhausted():
                     break
                 full = enter(arena, trial.members, trial.theta, leader.fit.path, exhausted)
@@ -72,47 +70,6 @@ def grow(
         if not leaders or leaders[0] is not known[0]:
             break
     return list(found.values())
-
-
-def exchange(
-    arena: Arena,
-    chosen: Entry,
-    entries: Sequence[Entry],
-    exhausted: Callable[[], bool],
-) -> list[Entry]:
-    """Return the entries and those with another mechanism in the place of one of the chosen.
-
-    Growth adds to what it has; a member that came in before its betters stood beside it is found
-    out only by taking it away. What does not win is what else could have been meant.
-    """
-    found = {e.members: e for e in entries}
-    arena = replace(arena, patience=min(arena.patience, RIVAL_PATIENCE))
-    for number in chosen.members:
-        rest = found.get(tuple(i for i in chosen.members if i != number))
-        if rest is None or not rest.fit.usable:
-            continue
-        label = arena.super_model.candidates[number].label
-        stand = [_label_beside(arena.super_model, m, rest.members) for m in found]
-        known = {text for text in stand if text and text != label}
-        if len(known) >= RIVALS or exhausted():
-            continue
-        quick = _tried(arena, rest, found, exhausted, None)
-        for trial in _promising(arena.super_model, rest, quick, RIVALS, worth=0.0):
-            if exhausted():
-                break
-            entry = enter(arena, trial.members, trial.theta, rest.fit.path, exhausted)
-            found[entry.members] = entry
-    return list(found.values())
-
-
-def _label_beside(
-    super_model: SuperModel, members: Sequence[int], rest: Sequence[int]
-) -> str | None:
-    """What a set has beside `rest`, where that is one mechanism."""
-    more = set(members) - set(rest)
-    if len(more) != 1 or len(members) != len(rest) + 1:
-        return None
-    return super_model.candidates[more.pop()].label
 
 
 def _without_idle(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> None:
@@ -141,9 +98,10 @@ class Trial:
     members: tuple[int, ...]
     cost: float
     theta: np.ndarray
+    path: np.ndarray | None = None
 
 
-def _tried(
+def tried(
     arena: Arena,
     leader: Entry,
     found: dict[tuple[int, ...], Entry],
@@ -169,10 +127,17 @@ def _tried(
         tell(number / len(super_model.candidates), super_model.candidates[number].label)
         members = tuple(sorted({*leader.members, number}))
         start = seeded(super_model, (number,), leader.fit.theta)
-        entry = enter(arena, members, start, leader.fit.path, exhausted, most)
+        place = arena if _shifted(super_model, members) else replace(arena, wide=None)
+        entry = enter(place, members, start, leader.fit.path, exhausted, most)
         if entry.fit.usable:
             trials.append(Trial(members, entry.fit.cost, entry.fit.theta))
     return trials
+
+
+def _shifted(super_model: SuperModel, members: Sequence[int]) -> bool:
+    """Whether a member shifts a signal: a memory alone is tried without samples before a run."""
+    chosen = [super_model.candidates[i] for i in members]
+    return any(c.delays or c.clock for c in chosen)
 
 
 def _smooth(super_model: SuperModel, number: int) -> bool:
@@ -232,7 +197,7 @@ def _tangent(arena: Arena, leader: Entry, numbers: Sequence[int]) -> list[Trial]
     return trials
 
 
-def _promising(
+def promising(
     super_model: SuperModel,
     leader: Entry,
     quick: Sequence[Trial],

@@ -269,7 +269,7 @@ class _Ground:
             stages = inputs[:, :, here], {i: rate[:, here] for i, rate in rates.items()}
             ends, _ = advanced(
                 self.field,
-                self.to,
+                None,
                 self.stepping.method,
                 list(path[:, here]),
                 segments.time[here],

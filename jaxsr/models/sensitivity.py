@@ -106,12 +106,17 @@ def _moved(start: Sequence[Array], *pairs: tuple[Any, Sequence[Array]]) -> list[
     return result
 
 
-def rk4(field: Field, to: Directions, state: State, time: Array, h: Array, stages: Stages) -> State:
+def rk4(
+    field: Field, to: Directions | None, state: State, time: Array, h: Array, stages: Stages
+) -> State:
     """Advance states and sensitivities by the classical Runge-Kutta method of order four."""
     x, dx = state
 
     def slope(share: float, own: list[Array], tangents: Array) -> State:
-        rates, rows = field.slopes(Point(time + share * h, own, stages.at(share)))
+        here = Point(time + share * h, own, stages.at(share))
+        if to is None:
+            return field.rates(here), np.zeros_like(tangents)
+        rates, rows = field.slopes(here)
         return rates, to.along(rows, tangents, stages, share)
 
     k1, d1 = slope(0.0, x, dx)
@@ -146,7 +151,7 @@ _SETTLED = 1e-9
 
 
 def sdirk3(
-    field: Field, to: Directions, state: State, time: Array, h: Array, stages: Stages
+    field: Field, to: Directions | None, state: State, time: Array, h: Array, stages: Stages
 ) -> State:
     """Advance by the L-stable singly diagonally implicit method of order three.
 
@@ -167,9 +172,12 @@ def sdirk3(
         def at(k: list[Array], base: list[Array] = base, share: float = share) -> Point:
             return Point(time + share * h, _moved(base, (h * _G, k)), stages.at(share))
 
-        k, rows, solve = _stage(field, to.states, at, h, rates[-1] if rates else None)
+        names = field.model.states
+        k, rows, solve = _stage(field, names, at, h, rates[-1] if rates else None)
         rates.append(k)
-        slopes.append(np.stack(solve(tuple(to.along(rows, tangents, stages, share)))))
+        if to is not None:
+            tangents = np.stack(solve(tuple(to.along(rows, tangents, stages, share))))
+        slopes.append(tangents)
     weights = (*_B, _G)
     tangents = dx
     for w, d in zip(weights, slopes, strict=True):
@@ -276,7 +284,7 @@ METHODS: dict[str, Callable[..., State]] = {"rk4": rk4, "rodas3": sdirk3}
 
 def advanced(
     field: Field,
-    to: Directions,
+    to: Directions | None,
     method: str,
     x: Sequence[Array],
     time: Array,
@@ -287,6 +295,8 @@ def advanced(
 
     Parameters
     ----------
+    to : Directions or None
+        None: states alone, with derivatives in no direction.
     x : sequence of ndarray
         States at the earlier samples.
     time : ndarray
@@ -296,8 +306,8 @@ def advanced(
         Number of a substep to its inputs.
     """
     n, shape = len(x), np.shape(x[0])
-    tangents = np.zeros((n, to.count, *shape))
-    for i in range(n):
+    tangents = np.zeros((n, 0 if to is None else to.count, *shape))
+    for i in range(n if to is not None else 0):
         tangents[i, i] = 1.0
     state: State = (list(x), tangents)
     for number in range(length.shape[1]):

@@ -38,7 +38,10 @@ class FunctionMemory:
         self.terms.update(dict.fromkeys(terms))
 
     def learn(self, terms: Iterable[Term], variables: Mapping[str, np.ndarray]) -> None:
-        """Remember terms found on samples, and their continuations to the other sign."""
+        """Remember terms found on samples, and their continuations to the other sign.
+
+        Variables are states and inputs: time has no other sign.
+        """
         keeps = [n for n, v in variables.items() if np.all(v > 0.0) or np.all(v < 0.0)]
         for term in terms:
             for form in continuations(term, keeps):

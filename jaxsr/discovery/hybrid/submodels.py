@@ -151,7 +151,8 @@ def find_submodel(
         local = find_equation(rng, guided, part, part, part, budget=budget)
         # alone first: beside clutter from other clusters its terms may not be picked out
         own = FunctionMemory()
-        own.learn((t.term for t in local.terms), part.variables)
+        states = {n: v for n, v in part.variables.items() if n != task.time}
+        own.learn((t.term for t in local.terms), states)
         memory.add(own)
         tried = [from_memory(task, offered, train, judge) for offered in (own, memory)]
         equation, explained = min([(equation, explained), *tried], key=_rank)

@@ -1,0 +1,137 @@
+"""Exchanging: what else could stand in the place of a mechanism that was chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.contest import CONTEST_TOLERANCE, Arena, Entry, enter, neutral_values
+from jaxsr.diagnosis.stepwise import Trial, promising, tried
+
+RIVALS, KIN, RIVAL_PATIENCE = 4, 3, 3.0
+"""Mechanisms estimated in the place of each of the chosen, wherever they act and at its own site,
+and the seconds that each may take."""
+INSIDE: Mapping[str, tuple[str, Mapping[str, str | float]]] = {
+    "stribeck_friction": ("coulomb_friction", {"Fc": "Fc", "Fs": "Fc"}),
+    "position_dependent_friction": ("coulomb_friction", {"Fc": "Fc"}),
+    "power_law_drag": ("quadratic_drag", {"kd": "kd", "p": 2.0}),
+}
+"""A law, the simpler one inside it, and the constants at which the two are the same."""
+
+
+def exchange(
+    arena: Arena,
+    chosen: Entry,
+    entries: Sequence[Entry],
+    exhausted: Callable[[], bool],
+) -> list[Entry]:
+    """Return the entries and those with another mechanism in the place of one of the chosen.
+
+    Growth adds to what it has; a member that came in before its betters stood beside it is found
+    out only by taking it away. What does not win is what else could have been meant.
+    """
+    found = {e.members: e for e in entries}
+    arena = replace(arena, patience=min(arena.patience, RIVAL_PATIENCE))
+    for number in chosen.members:
+        rest = found.get(tuple(i for i in chosen.members if i != number))
+        if rest is None or not rest.fit.usable:
+            continue
+        label = arena.super_model.candidates[number].label
+        stand = [_label_beside(arena.super_model, m, rest.members) for m in found]
+        known = {text for text in stand if text and text != label}
+        if exhausted():
+            break
+        quick = tried(arena, rest, found, exhausted, None)
+        trials = _richer(arena.super_model, number, rest, found)
+        trials += _kin(arena.super_model, number, rest, quick, known)
+        if len(known) < RIVALS:
+            trials += promising(arena.super_model, rest, quick, RIVALS, worth=0.0)
+        for trial in {t.members: t for t in reversed(trials)}.values():
+            if exhausted():
+                break
+            if _settled(found, trial):
+                continue
+            path = rest.fit.path if trial.path is None else trial.path
+            near = trial.path is not None
+            entry = enter(arena, trial.members, trial.theta, path, exhausted, near=near)
+            if not _settled(found, Trial(trial.members, entry.fit.cost, trial.theta)):
+                found[entry.members] = entry
+    return list(found.values())
+
+
+def _settled(found: Mapping[tuple[int, ...], Entry], trial: Trial) -> bool:
+    """Whether a set is known at no larger cost."""
+    known = found.get(trial.members)
+    return known is not None and known.fit.cost <= trial.cost * (1.0 + CONTEST_TOLERANCE)
+
+
+def _richer(
+    super_model: SuperModel,
+    number: int,
+    rest: Entry,
+    found: Mapping[tuple[int, ...], Entry],
+) -> list[Trial]:
+    """Start the richer laws of a site where the law inside them ended.
+
+    Begun from nothing, a law with several constants that jumps may end far above the simpler one
+    that it contains.
+    """
+    site = super_model.candidates[number].site
+    order, neutral = list(super_model.model.parameters), neutral_values(super_model)
+    trials = []
+    for other, candidate in enumerate(super_model.candidates):
+        if candidate.site != site or candidate.mechanism not in INSIDE or other in rest.members:
+            continue
+        simpler, values = INSIDE[candidate.mechanism]
+        members = tuple(sorted({*rest.members, other}))
+        for entry in found.values():
+            more = set(entry.members) - set(rest.members)
+            if len(more) != 1 or len(entry.members) != len(members) or not entry.fit.usable:
+                continue
+            (inner,) = more
+            if super_model.candidates[inner].label != f"{simpler}@{site}":
+                continue
+            theta = entry.fit.theta.copy()
+            theta[super_model.index(other)] = neutral[super_model.index(other)]
+            for own, value in values.items():
+                at = order.index(super_model.names[other][own])
+                theta[at] = (
+                    theta[order.index(super_model.names[inner][value])]
+                    if isinstance(value, str)
+                    else value
+                )
+            trials.append(Trial(members, entry.fit.cost, theta, entry.fit.path))
+            break
+    return trials
+
+
+def _kin(
+    super_model: SuperModel,
+    number: int,
+    rest: Entry,
+    quick: Sequence[Trial],
+    known: Collection[str],
+) -> list[Trial]:
+    """Pick what may act in the place of a mechanism at its own site, the most promising first.
+
+    That one law may be mistaken for another at its site is the nearest doubt of all.
+    """
+    own = super_model.candidates[number]
+    at_site = {label for label in known if label.endswith(f"@{own.site}")}
+    best: dict[str, Trial] = {}
+    for trial in sorted(quick, key=lambda t: t.cost):
+        (other,) = (super_model.candidates[i] for i in set(trial.members) - set(rest.members))
+        if other.site == own.site and other.label not in (own.label, *known):
+            best.setdefault(other.label, trial)
+    return list(best.values())[: max(KIN - len(at_site), 0)]
+
+
+def _label_beside(
+    super_model: SuperModel, members: Sequence[int], rest: Sequence[int]
+) -> str | None:
+    """What a set has beside `rest`, where that is one mechanism."""
+    more = set(members) - set(rest)
+    if len(more) != 1 or len(members) != len(rest) + 1:
+        return None
+    return super_model.candidates[more.pop()].label

@@ -1,0 +1,88 @@
+"""What could stand in the place of a chosen mechanism."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+from diagnosis_systems import RAIL, STIFF
+from scipy.integrate import solve_ivp
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.contest import build_arena, enter, neutral_values
+from jaxsr.diagnosis.exchange import INSIDE, exchange
+from jaxsr.diagnosis.integration import choose_stepping
+from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.models import Model, Simulator, apply_edit, parse_model
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording
+
+SCALE = {"q": np.linspace(-2.0, 2.0, 21), "v": np.linspace(-2.0, 2.0, 21)}
+MASS = parse_model(STIFF)
+
+
+def force(model: Model, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    simulator = Simulator(model)
+    with jax.enable_x64(True):
+        return np.asarray(simulator.forces(0.7, (q, v), (u,), simulator.values())[1])
+
+
+@pytest.mark.parametrize("richer", sorted(INSIDE))
+def test_a_richer_law_is_the_simpler_one_at_the_constants_it_starts_from(richer: str) -> None:
+    rng = np.random.default_rng(2)
+    points = rng.uniform(-2.0, 2.0, (3, 200))
+    offered = force_candidates(MASS, SCALE)
+    simpler, starts = INSIDE[richer]
+    inner = next(c for c in offered if c.mechanism == simpler)
+    variants = [c for c in offered if c.mechanism == richer]
+    assert variants
+    for candidate in variants:
+        size = rng.uniform(0.1, 5.0)
+        own = {p.name: p.neutral for p in candidate.parameters}
+        own |= {n: size if isinstance(at, str) else at for n, at in starts.items()}
+        (name,) = (p.name for p in inner.parameters)
+        both = [
+            apply_edit(MASS, c.edit(MASS, {n: n for n in values}, values))
+            for c, values in ((candidate, own), (inner, {name: size}))
+        ]
+        one, other = (force(model, *points) for model in both)
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
+def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monkeypatch) -> None:
+    """A mass on a rail whose friction falls from 4 N at rest to 2 N, as exp(-(v/0.4)^2)."""
+    monkeypatch.setattr("jaxsr.diagnosis.exchange.RIVAL_PATIENCE", 60.0)
+    t = np.arange(1500) * 0.01
+    tones = np.array([0.7, 1.9, 3.1])
+
+    def push(s: float | np.ndarray) -> np.ndarray:
+        return 12.0 * np.sin(np.multiply.outer(s, tones)).sum(-1)
+
+    def rate(s: float, x: np.ndarray) -> list[float]:
+        friction = (2.0 + 2.0 * np.exp(-((x[1] / 0.4) ** 2))) * np.tanh(x[1] / 1e-3)
+        return [x[1], (push(s) - 3.0 * x[1] - friction) / 2.0]
+
+    q = solve_ivp(rate, (0.0, t[-1]), [0.0, 0.0], "LSODA", t, rtol=1e-8, atol=1e-10).y[0]
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(t.size)
+    model = parse_model(RAIL)
+    prepared = [Prepared.build(model, Recording("a.csv", t, {"force": push(t), "y": q + noise}))]
+    offered = force_candidates(model, SCALE)
+    names = ("coulomb_friction", "stribeck_friction")
+    chosen = [next(c for c in offered if c.mechanism == name) for name in names]
+    super_model = SuperModel.build(model, chosen)
+    simulator = Simulator(super_model.model)
+    theta = neutral_values(super_model)
+    stepping = choose_stepping(simulator, prepared, theta)
+    arena = build_arena(super_model, prepared, stepping, 1.0, np.array([1e-3]), simulator)
+    null = enter(arena, (), theta)
+    coulomb = enter(arena, (0,), theta, null.fit.path)
+    spoilt = theta.copy()
+    for name, value in {"Fc": 0.0, "Fs": 60.0, "vs": 0.02}.items():
+        spoilt[list(super_model.model.parameters).index(super_model.names[1][name])] = value
+    bad = enter(arena, (1,), spoilt, null.fit.path, max_iterations=1)
+    assert bad.fit.cost > coulomb.fit.cost
+    found = {e.members: e for e in exchange(arena, coulomb, [null, coulomb, bad], lambda: False)}
+    stribeck = found[1,]
+    assert stribeck.fit.cost < 0.2 * coulomb.fit.cost
+    values = super_model.own_values(1, stribeck.fit.theta)
+    assert values == pytest.approx({"Fc": 2.0, "Fs": 4.0, "vs": 0.4}, rel=0.1)  # not refined yet
