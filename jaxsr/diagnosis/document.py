@@ -198,8 +198,9 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     mean, _, p = gain(given.errors, recalibrated.entry.errors)
     rows = []
     for name in parts.case.simulator.model.free_parameters:
-        value, half = recalibrated.interval(name)
-        distance = abs(value - given_values[recalibrated.positions[name]])
+        place = recalibrated.positions[name]
+        half = float(recalibrated.told[place])
+        distance = abs(float(recalibrated.theta[place]) - given_values[place])
         if distance > half:
             rows.append((distance / max(half, 1e-300), name))
     rounding, edits = rounding_rows(parts, recalibrated)

@@ -14,11 +14,12 @@ from jaxsr.diagnosis.contest import (
     active_parameters,
     build_arena,
     enter,
+    neutral_values,
     parameter_bounds,
 )
 from jaxsr.diagnosis.corners import out_of_corners
 from jaxsr.diagnosis.reduced import Lean, lean
-from jaxsr.diagnosis.uncertainty import half_widths
+from jaxsr.diagnosis.uncertainty import half_widths, unseen, untold
 from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator, apply_edit, with_values
 from jaxsr.models.segments import Prepared
@@ -29,6 +30,8 @@ SMOOTHED_MECHANISMS = frozenset(
 )
 MODEL_LIMITED = 3.0
 """Ratio of residual to sensor noise above which the model, not the sensor, sets the error."""
+ANCHORED = 1e-3
+"""Rise of the cost up to which an estimate nearer to the given values shows the same."""
 NOISE_ALONE = 2.5
 """Ratio of residual to coloured noise up to which noise alone may be all that is left."""
 SMOOTH = 0.93
@@ -48,6 +51,8 @@ class Estimate:
         Values in the order of the super-model.
     half : ndarray, shape (parameters,)
         Zero for parameters that were not estimated.
+    told : ndarray, shape (parameters,)
+        The same by the data alone: without directions of parameters that leave no trace.
     named : SuperModel
         The given model with the set's candidates alone, under the names a reader expects.
     """
@@ -56,6 +61,7 @@ class Estimate:
     entry: Entry
     theta: np.ndarray
     half: np.ndarray
+    told: np.ndarray
     named: SuperModel
 
     @property
@@ -149,6 +155,7 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     """
     arena = ground.arena
     entry, corners = out_of_corners(arena, entry)
+    entry = _anchored(arena, entry)
     theta, numerical = _without_smoothing(arena, entry)
     half = np.zeros_like(theta)
     half[entry.fit.active] = half_widths(arena, entry.fit)
@@ -158,12 +165,30 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
         options += [o for o in others if _acts(arena.super_model, entry.members, o)]
     best = _least_error(ground, entry.members, options)
     spread = np.std(np.stack(options), axis=0, ddof=1) if len(options) > 1 else 0.0
-    half = np.where(
+    told = np.where(
         half > 0, np.sqrt(half**2 + numerical**2 + corners**2 + (2.0 * spread) ** 2), 0.0
     )
+    half = told.copy()
+    half[entry.fit.active] = np.hypot(told[entry.fit.active], untold(arena, entry.fit))
     candidates = [arena.super_model.candidates[i] for i in entry.members]
     named = named_super_model(arena.super_model.given, candidates)
-    return Estimate(arena, entry, best, half, named)
+    return Estimate(arena, entry, best, half, told, named)
+
+
+def _anchored(arena: Arena, entry: Entry) -> Entry:
+    """Return the estimate nearest to the given values among those that show the same.
+
+    Along a direction that leaves no trace an estimate ends anywhere.
+    """
+    blind = unseen(arena, entry.fit)
+    if not blind.directions.size or not entry.fit.usable:
+        return entry
+    active, theta = entry.fit.active, entry.fit.theta.copy()
+    theta[active] += blind.step(theta[active] - neutral_values(arena.super_model)[active])
+    low, high = arena.bounds
+    theta = np.clip(theta, low, high)
+    moved = enter(arena, entry.members, theta, entry.fit.path, max_iterations=1, near=True)
+    return moved if moved.fit.cost <= (1.0 + ANCHORED) * entry.fit.cost else entry
 
 
 def _acts(super_model: SuperModel, members: tuple[int, ...], theta: np.ndarray) -> bool:

@@ -11,6 +11,8 @@ from jaxsr.diagnosis.contest import Arena, correlation_length
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.shooting import linearise_fit
 
+RANK = 1e-10
+"""Eigenvalue, relative to the largest, below which a direction of parameters leaves no trace."""
 DETECTION = 3.3 + 1.645
 """Standard errors of an effect that is found (p < 5e-4) in 95 of 100 experiments."""
 
@@ -29,9 +31,8 @@ def covariance(arena: Arena, result: Fit) -> np.ndarray:
         return np.zeros((0, 0))
     if not np.isfinite(total).all():
         return np.diag(np.full(count, np.inf))
-    diagonal = np.diag(total)
-    size = np.sqrt(np.where(diagonal > 1e-200, diagonal, 1.0))
-    inverse = np.linalg.pinv(total / size / size[:, None], rcond=1e-10, hermitian=True)
+    size = _sizes(total)
+    inverse = np.linalg.pinv(total / size / size[:, None], rcond=RANK, hermitian=True)
     inverse = inverse / size / size[:, None]
     used = arena.problem.segments.weights.sum()
     unknowns = count + np.sum(arena.problem.segments.free_start)
@@ -47,6 +48,64 @@ def covariance(arena: Arena, result: Fit) -> np.ndarray:
     return plain * ratio[:, None] * ratio[None, :]
 
 
+def _sizes(total: np.ndarray) -> np.ndarray:
+    diagonal = np.diag(total)
+    return np.sqrt(np.where(diagonal > 1e-200, diagonal, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Unseen:
+    """Directions of the active parameters that leave no trace in the sensors.
+
+    Only kinematics measured, all masses and forces may grow by one factor: the data tell ratios
+    alone, and the factor is told by the bounds of the free parameters, which are taken for
+    uniform priors (variance = width^2/12). What k directions leave open of n bounded parameters
+    is known k times, not n times: precisions are weighed by k/n.
+
+    Attributes
+    ----------
+    directions : ndarray, shape (active, unseen)
+    spread : ndarray, shape (unseen, unseen)
+        Covariance of the coordinates along them, by the bounds.
+    precision : ndarray, shape (active,)
+        Of the bounds, zero without any.
+    """
+
+    directions: np.ndarray
+    spread: np.ndarray
+    precision: np.ndarray
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of the active parameters, beside what the data tell."""
+        return self.directions @ self.spread @ self.directions.T
+
+    def step(self, distance: np.ndarray) -> np.ndarray:
+        """Return the way to the values that the bounds favour; `distance` is that from given."""
+        return -self.directions @ self.spread @ self.directions.T @ (self.precision * distance)
+
+
+def unseen(arena: Arena, result: Fit) -> Unseen:
+    """Return the directions that no data tell about, with what the bounds tell."""
+    total, count = result.normal_equations()[0].sum(0), result.active.size
+    precision = np.zeros(count)
+    low, high = (bound[result.active] for bound in arena.bounds)
+    free = np.isin(result.active, arena.super_model.base_index()) & np.isfinite(high - low)
+    precision[free] = 12.0 / np.maximum(high[free] - low[free], 1e-300) ** 2
+    if count == 0 or not np.isfinite(total).all():
+        return Unseen(np.zeros((count, 0)), np.zeros((0, 0)), precision)
+    size = _sizes(total)
+    values, vectors = np.linalg.eigh(total / size / size[:, None])
+    directions = vectors[:, values < RANK * values[-1]] / size[:, None]
+    moving = np.abs(directions).max(axis=1, initial=0.0) * np.sqrt(precision)
+    bounded = np.count_nonzero(moving > RANK**0.5 * moving.max(initial=0.0))
+    precision *= min(directions.shape[1] / max(bounded, 1), 1.0)
+    inner = directions.T @ (precision[:, None] * directions)
+    if not len(inner):
+        return Unseen(directions, inner, precision)
+    return Unseen(directions, np.linalg.pinv(inner, rcond=1e-9, hermitian=True), precision)
+
+
 def _block_gradients(arena: Arena, gradient: np.ndarray) -> np.ndarray:
     if len({s for _, s, _, _ in arena.pieces}) < len(arena.pieces):
         return np.zeros((0, gradient.shape[1]))
@@ -57,10 +116,15 @@ def _block_gradients(arena: Arena, gradient: np.ndarray) -> np.ndarray:
 
 
 def half_widths(arena: Arena, result: Fit) -> np.ndarray:
-    """Half the 95 % interval of every estimated parameter."""
+    """Half the 95 % interval of every estimated parameter, by what the data tell."""
     blocks = 1 + max(b for b, *_ in arena.pieces)
     quantile = float(scipy.stats.t.ppf(0.975, max(blocks - 1, 3)))
     return quantile * np.sqrt(np.maximum(np.diag(covariance(arena, result)), 0.0))
+
+
+def untold(arena: Arena, result: Fit) -> np.ndarray:
+    """Half the 95 % interval along the directions that no data tell about."""
+    return 1.96 * np.sqrt(np.maximum(np.diag(unseen(arena, result).covariance), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
