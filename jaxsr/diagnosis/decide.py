@@ -154,13 +154,21 @@ def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
         choices -= float(scipy.special.gammaln(part + 1.0))
     choices += float(sum(np.log(super_model.candidates[i].tried) for i in entry.members))
     price = entry.fit.active.size * np.log(n) + 2.0 * choices
-    if any(super_model.candidates[i].sharp for i in entry.members):
-        # What rounding leaves of a jump is worth neither another mechanism nor a richer law.
-        constants = sum(len(super_model.index(i)) for i in entry.members)
-        price += n * MIN_GAIN * (len(entry.members) - 1)
-        price += n * RICHER * (constants - len(entry.members))
+    price += n * worth_of_rounding(super_model, entry)
     price -= 2.0 * log_prior(super_model, entry)
     return float(n * np.log(entry.fit.cost + 1e-300) + price)
+
+
+def worth_of_rounding(super_model: SuperModel, entry: Entry) -> float:
+    """Return the log error that a set with jumps must gain beside the price of its constants.
+
+    What rounding leaves of a jump is worth neither another mechanism nor a richer law.
+    """
+    if not any(super_model.candidates[i].sharp for i in entry.members):
+        return 0.0
+    constants = sum(len(super_model.index(i)) for i in entry.members)
+    more = len(entry.members) - 1
+    return MIN_GAIN * more + RICHER * (constants - len(entry.members))
 
 
 def simplest_adequate(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
@@ -261,15 +269,27 @@ def _shares(
 ) -> np.ndarray:
     """Probabilities of entries, the chosen one first.
 
-    No other block tells of what happened once: beside a push, Schwarz's criterion decides.
+    A richer rival must gain a standard error beside its price, as in `simplest_adequate`. No other
+    block tells of what happened once: beside a push, Schwarz's criterion decides.
     """
     passing = any(super_model.candidates[i].passing for e in entries for i in e.members)
     if not passing:
-        return weights(entries, _independent(entries[0]), penalties(super_model, entries), rng)
+        price = penalties(super_model, entries)
+        price += [worth_of_rounding(super_model, e) for e in entries]
+        price += [_margin(entries[0], e) for e in entries]
+        return weights(entries, _independent(entries[0]), price, rng)
     n = independent_residuals(entries[0])
     score = np.array([criterion(super_model, e, n) for e in entries])
     share = np.exp(-0.5 * (score - score.min()))
     return share / share.sum()
+
+
+def _margin(chosen: Entry, rival: Entry) -> float:
+    """Return the standard error of a richer rival's gain; 0 for any other."""
+    if rival.fit.active.size <= chosen.fit.active.size:
+        return 0.0
+    error = gain(chosen.errors, rival.errors)[1]
+    return error if np.isfinite(error) else 0.0
 
 
 def _independent(entry: Entry) -> float:

@@ -12,7 +12,8 @@ from jaxsr.diagnosis.contest import Arena, build_arena, enter, neutral_values
 from jaxsr.diagnosis.reduced import lean, reduce
 from jaxsr.diagnosis.scoring import horizons
 from jaxsr.models import Simulator
-from jaxsr.models.least_squares import Fit
+from jaxsr.models.least_squares import Fit, Problem
+from jaxsr.models.lifting import liftable, linear
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, cut
 from jaxsr.models.shooting import simulate
@@ -53,13 +54,8 @@ class Outlook:
         for members, start in starts:
             given = start.copy()
             given[base] = neutral[base]
-            costs = []
-            for theta in (start, given):
-                own = reduce(arena.problem, super_model, members)
-                y = simulate(own.problem, theta[own.parameters], own.problem.segments.guess)
-                with np.errstate(all="ignore"):
-                    cost = float(np.sum(arena.problem.residual(y) ** 2))
-                costs.append(cost if np.isfinite(cost) else np.inf)
+            own = reduce(arena.problem, super_model, members)
+            costs = [_cost(own.problem, theta[own.parameters]) for theta in (start, given)]
             better.append((members, start if costs[0] <= costs[1] else given))
         # Re-calibrated over the shortest horizon, the given structure tells how its errors grow.
         calibrated = enter(arena, (), better[0][1]).fit
@@ -110,6 +106,19 @@ class Outlook:
         if any(candidates[i].sharp for members, _ in starts for i in members):
             return True
         return bool(Simulator(self.super_model.given).smoothed_arguments)
+
+
+def _cost(problem: Problem, theta: np.ndarray) -> float:
+    """Sum of squared residuals of a simulation, to first order about what the sensors tell."""
+    segments = problem.segments
+    with np.errstate(all="ignore"):
+        if liftable(problem.simulator):
+            setting = problem.simulator, problem.stepping, segments
+            y = linear(*setting, theta, segments.course, ()).outputs
+        else:
+            y = simulate(problem, theta, segments.guess)
+        cost = float(np.sum(problem.residual(y) ** 2))
+    return cost if np.isfinite(cost) else np.inf
 
 
 def _relative_error(arena: Arena, fitted: Fit) -> float:

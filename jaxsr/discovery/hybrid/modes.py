@@ -70,11 +70,17 @@ class ModeFinder:
     config: HybridConfig = field(default_factory=HybridConfig)
 
     def look(self, budget: Budget) -> Looked:
-        """Search modes before any law, where linear fits speak for them."""
+        """Search modes before any law, where linear fits speak for them.
+
+        States seen in the weak view for noise wait for their law: their derivatives at single
+        samples are noise, which linear fits take for switches.
+        """
         part = self.experiments.roles
         rates = rates_of(part, self.experiments.rows)
-        open_ = [s for s in part.states if s not in rates]
         kinds = kinds_of(part, rates)
+        open_ = [s for s in part.states if s not in rates and s not in self.experiments.rows.weak]
+        if not open_:
+            return Looked(None, {}, False)
         grower = self._grower(open_, kinds, budget, ())
         sharp = [s for s in open_ if self._is_sharp(grower, s)]
         if not sharp:
