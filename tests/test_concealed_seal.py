@@ -189,3 +189,11 @@ def test_effects_below_the_noise_are_made_undetectable(tmp_path: Path) -> None:
     seal_case(5, ticket, tmp_path, tiny=True)
     part = json.loads((tmp_path / "truth" / "parts" / "c0001.json").read_text())
     assert not part["evidence"]["detectable"] and 0 < part["effects"][0]["size"] <= 0.008
+
+
+@pytest.mark.slow
+def test_a_lag_far_shorter_than_a_sample_is_weighed_like_any_other(tmp_path: Path) -> None:
+    """One percent of an arm's force in closed loop is a lag of a few hundredths of a sample."""
+    ticket = deal(0x5A100985, 110)[71]
+    assert (ticket.mechanism, ticket.system, ticket.closed) == ("actuator_lag", "arm", True)
+    assert seal_case(0x5A100985, ticket, tmp_path) == ticket.name
