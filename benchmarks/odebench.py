@@ -158,11 +158,7 @@ def run(task: tuple[int, int, float, int]) -> dict[str, Any]:
     names = system["names"]
     began = time.perf_counter()
     found = jaxsr.discover(
-        [recording],
-        states=names,
-        autonomous=True,
-        seed=seed,
-        budget=SECONDS * len(names),
+        [recording], states=names, autonomous=True, seed=seed, budget=SECONDS * len(names)
     )
     seconds = time.perf_counter() - began
     right = [sympy.sympify(e.sympy()) for e in found.equations]

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from jaxsr._progress import as_budget
+from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.coarse import _gain, rounded_reading
 from jaxsr.diagnosis.contest import Entry
 from jaxsr.diagnosis.decide import SIGNIFICANCE, detect, detect_in_noise, most_credible
+from jaxsr.diagnosis.document import _stopped_by
 from jaxsr.diagnosis.refine import NOISE_ALONE, colour, residual_to_noise
 from jaxsr.models import Simulator, apply_edit, parse_model
 from jaxsr.models.least_squares import Fit
@@ -151,3 +154,15 @@ def test_coloured_noise_explains_a_residual_of_its_own_size_alone(size, seen):
     else:
         # High differences see a third of this noise.
         assert ratio > NOISE_ALONE and ratio == pytest.approx(3.0 * seen, rel=0.2)
+
+
+def test_a_search_cut_short_is_told_though_time_is_left():
+    """Larger sets get a share of the time: the whole of it may last longer."""
+    for seconds, grown, told in (
+        (60.0, StoppedBy.BUDGET, StoppedBy.BUDGET),
+        (60.0, StoppedBy.CONVERGED, StoppedBy.CONVERGED),
+        (1e-9, StoppedBy.CONVERGED, StoppedBy.BUDGET),
+    ):
+        case = SimpleNamespace(budget=as_budget(seconds))
+        parts: Any = SimpleNamespace(case=case, grown=grown)
+        assert _stopped_by(parts) is told

@@ -13,6 +13,7 @@ from jaxsr.diagnosis.contest import build_arena, enter, neutral_values
 from jaxsr.diagnosis.exchange import INSIDE, exchange
 from jaxsr.diagnosis.integration import choose_stepping
 from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.refine import Ground, refine
 from jaxsr.models import Model, Simulator, apply_edit, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -84,5 +85,7 @@ def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monke
     found = {e.members: e for e in exchange(arena, coulomb, [null, coulomb, bad], lambda: False)}
     stribeck = found[1,]
     assert stribeck.fit.cost < 0.2 * coulomb.fit.cost
-    values = super_model.own_values(1, stribeck.fit.theta)
-    assert values == pytest.approx({"Fc": 2.0, "Fs": 4.0, "vs": 0.4}, rel=0.1)  # not refined yet
+    refined = refine(Ground(arena, tuple(prepared), (1.0,), None), stribeck)
+    for name, truth in {"Fc": 2.0, "Fs": 4.0, "vs": 0.4}.items():
+        value, half = refined.interval(name)
+        assert abs(value - truth) < half < 0.05 * truth

@@ -35,15 +35,15 @@ c = { value = 1.5, bounds = [0.5, 4.0] }
 """
 
 
-def shaken(factor: float, seed: int) -> Arena:
-    """An arena with data of a system in which everything is larger by a factor."""
+def shaken(seed: int) -> Arena:
+    """An arena with data of M = 2.1 f, k = 55 f and c = 1.4 f, the same for every factor f."""
     t = np.arange(800) * 0.01
 
     def foot(s: float | np.ndarray) -> np.ndarray:
         return 0.1 * np.sin(3.0 * np.asarray(s)) + 0.05 * np.sin(7.0 * np.asarray(s) + 1.0)
 
     def rate(s: float, x: np.ndarray) -> list[float]:
-        return [x[1], (-55.0 * (x[0] - foot(s)) - 1.4 * x[1]) * factor / (2.1 * factor)]
+        return [x[1], (-55.0 * (x[0] - foot(s)) - 1.4 * x[1]) / 2.1]
 
     q = solve_ivp(rate, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-11).y[0]
     noise = 1e-4 * np.random.default_rng(seed).standard_normal(t.size)
@@ -55,7 +55,7 @@ def shaken(factor: float, seed: int) -> Arena:
 
 
 def test_the_direction_that_leaves_no_trace_is_the_common_factor() -> None:
-    arena = shaken(1.0, 0)
+    arena = shaken(0)
     fit = enter(arena, (), neutral_values(arena.super_model)).fit
     blind = unseen(arena, fit)
     assert blind.directions.shape == (3, 1)
@@ -69,7 +69,7 @@ def test_the_direction_that_leaves_no_trace_is_the_common_factor() -> None:
 
 
 def test_a_step_towards_the_given_values_shows_the_same() -> None:
-    arena = shaken(1.0, 1)
+    arena = shaken(1)
     given = neutral_values(arena.super_model)
     # begun far off, an estimate stays far off along the ray
     entry = enter(arena, (), 1.6 * given)
@@ -80,11 +80,11 @@ def test_a_step_towards_the_given_values_shows_the_same() -> None:
     assert again.fit.cost == pytest.approx(entry.fit.cost, rel=1e-6)
 
 
-@pytest.mark.parametrize("factor", [0.6, 0.8, 1.25, 1.6])
-def test_intervals_hold_a_factor_that_no_data_tell(factor: float) -> None:
-    arena = shaken(factor, 2)
+def test_intervals_hold_a_factor_that_no_data_tell() -> None:
+    arena = shaken(2)
     entry = enter(arena, (), neutral_values(arena.super_model))
     estimate = refine(Ground(arena, arena.prepared, (1.0,), None), entry)
-    truth = factor * np.array([2.1, 55.0, 1.4])
-    assert np.all(np.abs(estimate.theta - truth) < estimate.half)
+    for factor in (0.6, 0.8, 1.25, 1.6):
+        truth = factor * np.array([2.1, 55.0, 1.4])
+        assert np.all(np.abs(estimate.theta - truth) < estimate.half)
     assert np.all(estimate.told < 0.02 * estimate.theta)  # the data tell ratios well

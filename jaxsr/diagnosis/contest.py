@@ -221,8 +221,13 @@ def _extended(path: np.ndarray, narrow: Segments, wide: Segments) -> np.ndarray:
 
 def late_members(super_model: SuperModel, members: Sequence[int]) -> bool:
     """Whether a member shifts signals in time or remembers them."""
+    return shifting_members(super_model, members) or super_model.remembers(members)
+
+
+def shifting_members(super_model: SuperModel, members: Sequence[int]) -> bool:
+    """Whether a member shifts signals in time."""
     chosen = [super_model.candidates[i] for i in members]
-    return any(c.delays or c.clock or c.states for c in chosen)
+    return any(c.delays or c.clock for c in chosen)
 
 
 def _driven(arena: Arena, problem: Problem, theta: np.ndarray, x0: np.ndarray | None) -> np.ndarray:
@@ -302,13 +307,13 @@ def _solve(gram: np.ndarray, moment: np.ndarray, parameters: int) -> tuple[np.nd
     right = (common - (solved @ own[..., None])[..., 0]).sum(0)
     step = np.zeros(0)
     if parameters:
-        size = _column_sizes(total)
+        size = column_sizes(total)
         step = np.linalg.lstsq(total / size / size[:, None], right / size, rcond=1e-10)[0] / size
     left = own - np.einsum("spi,p->si", cross, step)
     return step, (inverse @ left[..., None])[..., 0]
 
 
-def _column_sizes(gram: np.ndarray) -> np.ndarray:
+def column_sizes(gram: np.ndarray) -> np.ndarray:
     """Square roots of the diagonal, 1 for columns without effect."""
     diagonal = np.diag(gram)
     return np.sqrt(np.where(diagonal > 1e-200, diagonal, 1.0))

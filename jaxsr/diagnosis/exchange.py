@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contest import CONTEST_TOLERANCE, Arena, Entry, enter, neutral_values
 from jaxsr.diagnosis.stepwise import Trial, promising, tried
@@ -50,20 +52,15 @@ def exchange(
         for trial in {t.members: t for t in reversed(trials)}.values():
             if exhausted():
                 break
-            if _settled(found, trial):
+            known_cost = found[trial.members].fit.cost if trial.members in found else np.inf
+            if known_cost <= trial.cost * (1.0 + CONTEST_TOLERANCE):
                 continue
-            path = rest.fit.path if trial.path is None else trial.path
             near = trial.path is not None
+            path = trial.path if near else rest.fit.path
             entry = enter(arena, trial.members, trial.theta, path, exhausted, near=near)
-            if not _settled(found, Trial(trial.members, entry.fit.cost, trial.theta)):
+            if entry.fit.cost * (1.0 + CONTEST_TOLERANCE) < known_cost:
                 found[entry.members] = entry
     return list(found.values())
-
-
-def _settled(found: Mapping[tuple[int, ...], Entry], trial: Trial) -> bool:
-    """Whether a set is known at no larger cost."""
-    known = found.get(trial.members)
-    return known is not None and known.fit.cost <= trial.cost * (1.0 + CONTEST_TOLERANCE)
 
 
 def _richer(

@@ -8,7 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import CONTEST_TOLERANCE, Arena, Entry, enter, neutral_values
+from jaxsr.diagnosis.contest import (
+    CONTEST_TOLERANCE,
+    Arena,
+    Entry,
+    enter,
+    neutral_values,
+    shifting_members,
+)
 from jaxsr.diagnosis.decide import criterion, independent_residuals, plausible
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.reduced import reduce
@@ -127,17 +134,12 @@ def tried(
         tell(number / len(super_model.candidates), super_model.candidates[number].label)
         members = tuple(sorted({*leader.members, number}))
         start = seeded(super_model, (number,), leader.fit.theta)
-        place = arena if _shifted(super_model, members) else replace(arena, wide=None)
+        # a memory alone is tried without samples before a segment
+        place = arena if shifting_members(super_model, members) else replace(arena, wide=None)
         entry = enter(place, members, start, leader.fit.path, exhausted, most)
         if entry.fit.usable:
             trials.append(Trial(members, entry.fit.cost, entry.fit.theta))
     return trials
-
-
-def _shifted(super_model: SuperModel, members: Sequence[int]) -> bool:
-    """Whether a member shifts a signal: a memory alone is tried without samples before a run."""
-    chosen = [super_model.candidates[i] for i in members]
-    return any(c.delays or c.clock for c in chosen)
 
 
 def _smooth(super_model: SuperModel, number: int) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.stats
 
-from jaxsr.diagnosis.contest import Arena, correlation_length
+from jaxsr.diagnosis.contest import Arena, column_sizes, correlation_length
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.shooting import linearise_fit
 
@@ -31,7 +31,7 @@ def covariance(arena: Arena, result: Fit) -> np.ndarray:
         return np.zeros((0, 0))
     if not np.isfinite(total).all():
         return np.diag(np.full(count, np.inf))
-    size = _sizes(total)
+    size = column_sizes(total)
     inverse = np.linalg.pinv(total / size / size[:, None], rcond=RANK, hermitian=True)
     inverse = inverse / size / size[:, None]
     used = arena.problem.segments.weights.sum()
@@ -46,11 +46,6 @@ def covariance(arena: Arena, result: Fit) -> np.ndarray:
     sandwich = inverse @ meat @ inverse
     ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(plain), 1e-300), 1.0))
     return plain * ratio[:, None] * ratio[None, :]
-
-
-def _sizes(total: np.ndarray) -> np.ndarray:
-    diagonal = np.diag(total)
-    return np.sqrt(np.where(diagonal > 1e-200, diagonal, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +89,7 @@ def unseen(arena: Arena, result: Fit) -> Unseen:
     precision[free] = 12.0 / np.maximum(high[free] - low[free], 1e-300) ** 2
     if count == 0 or not np.isfinite(total).all():
         return Unseen(np.zeros((count, 0)), np.zeros((0, 0)), precision)
-    size = _sizes(total)
+    size = column_sizes(total)
     values, vectors = np.linalg.eigh(total / size / size[:, None])
     directions = vectors[:, values < RANK * values[-1]] / size[:, None]
     moving = np.abs(directions).max(axis=1, initial=0.0) * np.sqrt(precision)
