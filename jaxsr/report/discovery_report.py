@@ -87,7 +87,10 @@ def _sentence(document: Mapping[str, Any]) -> str:
 def _equation(equation: Mapping[str, Any]) -> dict[str, Any]:
     """Return an equation with its terms and errors printed."""
     terms = []
+    expression = str(equation.get("expression") or "")
     for term in equation.get("terms") or []:
+        if expression.startswith("Piecewise(") and term.get("expression") == expression:
+            continue  # its coefficients stand with the modes
         value, interval = _coefficient(term.get("coefficient"), term.get("ci95"))
         row = {"expression": term.get("expression"), "value": value, "interval": interval}
         terms.append(row)

@@ -15,6 +15,7 @@ from jaxsr.diagnosis.mechanisms.external import external
 from jaxsr.diagnosis.mechanisms.inertial import inertial
 from jaxsr.diagnosis.mechanisms.measurement import measurement, wrong_values
 from jaxsr.diagnosis.mechanisms.motion import Line, Motion
+from jaxsr.diagnosis.mechanisms.one_mode import one_mode
 from jaxsr.diagnosis.mechanisms.periodic import periodic
 from jaxsr.diagnosis.mechanisms.site import Site, Threshold, sites_of
 from jaxsr.models import Model
@@ -69,12 +70,15 @@ def force_candidates(
 ) -> list[Candidate]:
     """Return every force and actuator mechanism, and every wrong fixed value.
 
+    Where the model switches, plain forces are also offered in one of its modes only.
+
     `scale` holds quantiles of the states; without `motion` nothing is left out for want of
     evidence, and inner constants start from generic values.
     """
     sites = sites_of(model, scale, motion)
     found = [c for site in sites for family in FAMILIES for c in family(site)]
-    return [*found, *actuator(model, motion), *wrong_values(model)]
+    switched = [] if motion is None else one_mode(model, found, motion.signals)
+    return [*found, *switched, *actuator(model, motion), *wrong_values(model)]
 
 
 def sensor_candidates(
