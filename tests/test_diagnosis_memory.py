@@ -11,11 +11,12 @@ from memory_plants import GIVEN, PLANTS, STEP, arena_of, contest, winner
 
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contest import Arena, enter, neutral_values
-from jaxsr.diagnosis.mechanisms.memory import memory_candidates, overflows
+from jaxsr.diagnosis.mechanisms.memory import dissipates, memory_candidates, overflows
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.setup import state_scale
 from jaxsr.diagnosis.uncertainty import half_widths
+from jaxsr.expressions import parse, to_numpy
 from jaxsr.models import Model, Simulator, apply_edit, parse_model, read_model
 from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import Prepared, build_segments
@@ -164,10 +165,37 @@ k = { value = 0.1, bounds = [0.0, 1.0] }
     )
     scale = {s: np.linspace(1.0, 9.0, 21) for s in model.states}
     upper = sites_of(model, scale)[0]
-    lost, led = overflows(upper)
+    lost, led, *higher = overflows(upper)
     assert [s for s, _ in lost.terms] == ["x1"] and [s for s, _ in led.terms] == ["x1", "x2"]
+    edges = [c.parameters[1].neutral for c in (lost, *higher[::2])]
+    assert len(higher) == 4 and edges == sorted(edges) and edges[-1] < 9.0
     edited = apply_edit(model, led.edit(model, led.names(model.symbols), {"ko": 2.0, "xo": 7.0}))
     assert edited.equations["x2"].endswith("+ ko*Max(x1 - xo, 0)")
+
+
+def test_hysteresis_stores_and_loses_what_is_put_in():
+    """Power in = rate of what is stored + loss, and the loss is a loss where b >= abs(g)."""
+    rng = np.random.default_rng(5)
+    loop = next(c for c in mechanisms() if c.mechanism == "hysteresis")
+    rate, force = parse(loop.states[0].equation.format_map(Plain())), loop.terms[0][1]
+    assert force == "- {kz}*{z}"
+    for _ in range(300):
+        kz, b = rng.uniform(0.1, 5.0, 2)
+        g, z, v = rng.uniform(-2.0, 2.0, 3)
+        known = {"a": 1.0, "b": b, "g": g, "z": z, "v": v}
+        loss = kz * z * v - kz * z * float(to_numpy(rate)(known))
+        np.testing.assert_allclose(loss, kz * z**2 * abs(v) * (b + g * np.sign(v * z)), atol=1e-12)
+        if abs(g) <= b:
+            assert loss >= 0.0 and dissipates(known)
+        if abs(g) > 1.6 * b:
+            assert not dissipates(known)
+
+
+class Plain(dict):
+    """Names in braces stand for themselves."""
+
+    def __missing__(self, key: str) -> str:
+        return key
 
 
 def estimate(arena: Arena, mechanism: str) -> dict[str, tuple[float, float]]:

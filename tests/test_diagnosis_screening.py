@@ -190,3 +190,50 @@ def test_errors_are_held_back():
     singles = [s.error for s in found.screening.sets if len(s.members) == 1]
     assert np.median(singles) > 0.97 * empty.error
     assert max(singles) > empty.error
+
+
+def test_sets_that_leave_the_scale_of_everything_open_are_no_answers():
+    """Areas of two tanks, both wrong: with all flows free, nothing at all would fit best."""
+    t = 0.5 * np.arange(900)
+    drive = excitation(np.random.default_rng(3))
+
+    def inflow(s):
+        return 1.0 + 0.03 * drive(0.05 * s)
+
+    def field(s, x):
+        falls = 0.5 * np.sqrt(np.maximum(x, 0.0))
+        return [(0.8 * inflow(s) - falls[0]) / 3.0, (falls[0] - falls[1]) / 2.0]
+
+    x = solve_ivp(field, (0.0, t[-1]), [2.0, 2.0], "LSODA", t, rtol=1e-8).y
+    x = x + 1e-3 * np.random.default_rng(1).standard_normal(x.shape)
+    model = parse_model(
+        """
+[model]
+states = ["x1", "x2"]
+inputs = ["u"]
+outputs = ["y1", "y2"]
+[equations]
+x1 = "a*u - k1*sqrt(Max(x1, 0))"
+x2 = "k1*sqrt(Max(x1, 0)) - k2*sqrt(Max(x2, 0))"
+[inertia]
+x1 = { x1 = "A1" }
+x2 = { x2 = "A2" }
+[readings]
+y1 = "x1"
+y2 = "x2"
+[parameters]
+A1 = { value = 3.0 }
+A2 = { value = 2.2 }
+a = { value = 0.8, bounds = [0.2, 3.0] }
+k1 = { value = 0.5, bounds = [0.1, 2.0] }
+k2 = { value = 0.5, bounds = [0.1, 2.0] }
+"""
+    )
+    record = Recording("tanks.csv", t, {"u": inflow(t), "y1": x[0], "y2": x[1]})
+    found = screen_all(Simulator(model), prepare(model, [record]))
+    assert found is not None
+    best = min(found.screening.sets, key=lambda s: s.error)
+    assert best.error > 1e-6 * found.screening.empty.error
+    single = [s for s in found.screening.sets if len(s.members) == 1]
+    twins = {"added_mass@equation:x2", "wrong_value@parameter:A2"}
+    assert labels(found, min(single, key=lambda s: s.error)) <= twins

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -98,6 +98,8 @@ class Candidate:
         Recordings in which the first parameter is zero: a push happened in another one.
     tried : int
         Places at which it was looked for: what stands out of many is worth less.
+    physical : callable or None
+        Tells of values by their own names whether such a thing exists, where bounds cannot.
     sentence : str
         What it means, with ``{site}``.
     """
@@ -117,6 +119,7 @@ class Candidate:
     clock: tuple[tuple[str, str], ...] = ()
     quiet: tuple[str, ...] = ()
     tried: int = 1
+    physical: Callable[[Mapping[str, float]], bool] | None = None
     source: str = ""
     conflicts: frozenset[str] = field(default_factory=frozenset)
 

@@ -10,6 +10,7 @@ from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contest import neutral_values
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
+from jaxsr.diagnosis.mechanisms.site import grows_in_proportion
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.screening import ScreenedSet
 from jaxsr.diagnosis.setup import Screened, sample_step, state_scale
@@ -21,9 +22,12 @@ if TYPE_CHECKING:
 SINGLES, PAIRS, LARGER = 3, 3, 3
 VARIANTS = 2
 """Starts of one mechanism that the free run compares."""
+STARTS = {True: 8, False: 2}
+"""The same where a state hides, and no weak view has chosen among them: those that one
+linearisation judges, and those that are estimated one by one."""
 SEEDED = frozenset(
-    "power_law_drag position_dependent_friction end_stop backlash harmonic_force position_ripple "
-    "parametric_excitation transient_force".split()
+    "position_dependent_friction end_stop harmonic_force position_ripple parametric_excitation "
+    "transient_force".split()
 )
 """Mechanisms whose inner constants are found from the residual forces alone."""
 Start = tuple[tuple[int, ...], np.ndarray]
@@ -137,15 +141,14 @@ def _readings(case: Case) -> dict[str, np.ndarray]:
 def _unscreened(forces: list[Candidate]) -> list[Candidate]:
     """Leave out what needs the equations read off the sensors.
 
-    Where a state hides, every candidate is estimated in free run on its own, which costs
-    seconds each, and inner constants have no data to start from: the first variants of the
-    mechanisms that need no seed remain.
+    Where a state hides, inner constants that only the residual forces show have no data to start
+    from.
     """
-    kept: dict[str, list[Candidate]] = {}
+    kept: dict[tuple[str, bool], list[Candidate]] = {}
     for candidate in forces:
-        if candidate.mechanism not in SEEDED and candidate.family != "actuator":
-            kept.setdefault(candidate.label, []).append(candidate)
-    return [c for variants in kept.values() for c in variants[:VARIANTS]]
+        if candidate.mechanism not in SEEDED:
+            kept.setdefault((candidate.label, grows_in_proportion(candidate)), []).append(candidate)
+    return [c for (_, quick), variants in kept.items() for c in variants[: STARTS[quick]]]
 
 
 def _best_variants(screened: Screened) -> set[int]:

@@ -51,6 +51,8 @@ def plausible(arena: Arena, entry: Entry) -> bool:
     for number in entry.members:
         candidate = super_model.candidates[number]
         values = super_model.own_values(number, entry.fit.theta)
+        if candidate.physical is not None and not candidate.physical(values):
+            return False
         if candidate.mechanism == "stribeck_friction":
             if not values["Fc"] <= values["Fs"] <= 3.0 * values["Fc"] + 1e-12:
                 return False

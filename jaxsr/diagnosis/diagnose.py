@@ -280,9 +280,9 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float, StoppedBy]:
         if entries and case.budget.exhausted:
             break
         case.progress.update(number / len(starts), _label(super_model, members))
-        path = entries[0].fit.path if entries and entries[0].fit.usable else None
         most = ITERATIONS if members else NULL_ITERATIONS
-        entry = enter(arena, members, start, path, stop, most)
+        # Along the re-calibrated model's path, what is missing would seem not to act.
+        entry = enter(arena, members, start, None, stop, most)
         entries.append(entry)
         if number == 1:
             arena, entries = _rescaled(arena, entries, stop)

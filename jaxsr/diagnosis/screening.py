@@ -18,6 +18,10 @@ MAX_SET = 4
 TOGETHER = 200  # sets solved at once: few enough for the cache
 ENGAGED = (0.25, 4.0)  # share of a threshold's seeded effect that the data may ask for
 COLLINEAR = 0.02  # relative norm left after projection, below which a column adds nothing
+TRIVIAL = 1e-8
+"""Share of the residual's power, left by a constant that lets all forces and inertias vanish."""
+SHRUNK = 0.01
+"""Share of the given values, below which all free parameters of a set count as vanished."""
 CONTAINED = (
     frozenset({"coulomb_friction", "stribeck_friction", "position_dependent_friction"}),
     frozenset({"quadratic_drag", "power_law_drag"}),
@@ -170,7 +174,17 @@ class _Search:
         active = [*self.base, *self.index[candidate]]
         total, right = self.gram.sum(0), self.moment.sum(0)
         solved = np.linalg.lstsq(total[np.ix_(active, active)], right[active], rcond=1e-12)[0]
-        return self.power.sum() - right[active] @ solved < 1e-8 * self.power.sum()
+        return self.power.sum() - right[active] @ solved < TRIVIAL * self.power.sum()
+
+    def _trivial(self, base: np.ndarray, errors: np.ndarray) -> bool:
+        """Whether every free parameter of the model has shrunk to nothing, and the error with them.
+
+        Members together may leave the scale of all equations open that each alone holds.
+        """
+        given = self.system.theta[self.base]
+        if not given.size or np.mean(errors) > SHRUNK**2 * np.mean(self.power / self.rows):
+            return False
+        return bool(np.all(np.abs(base) < SHRUNK * np.abs(given)))
 
     def run(self) -> list[ScreenedSet]:
         """Grow sets from the empty one; keep the best `BEAM` of each size."""
@@ -243,9 +257,11 @@ class _Search:
     def _checked(
         self, members: tuple[int, ...], active: np.ndarray, step: np.ndarray, errors: np.ndarray
     ) -> ScreenedSet | None:
-        """Return the scored set, or None where a constant breaks its sign."""
+        """Return the scored set, or None where a constant breaks its sign or nothing is left."""
         theta = self.system.theta.copy()
         value = theta[active] + step / self.column[active]
+        if self._trivial(value[: len(self.base)], errors):
+            return None
         added, new = active[len(self.base) :], value[len(self.base) :]
         for j, estimate in zip(added, new, strict=True):
             if j in self.seed:

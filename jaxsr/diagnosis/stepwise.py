@@ -17,7 +17,7 @@ from jaxsr.diagnosis.contest import (
     shifting_members,
 )
 from jaxsr.diagnosis.decide import criterion, independent_residuals, plausible
-from jaxsr.diagnosis.mechanisms.site import Threshold
+from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion
 from jaxsr.diagnosis.reduced import reduce
 from jaxsr.diagnosis.screening import redundant
 from jaxsr.models.shooting import linearise_fit
@@ -27,6 +27,8 @@ QUICK, QUICK_HIDDEN = 1, 6
 its path has to be found first."""
 FULL = (8, 5, 4)
 """Mechanisms estimated in full, by the size of the set."""
+BROKEN = 0.5
+"""Share of the gain promised by one iteration, missed by which an estimate begins anew."""
 PARENTS = 2
 WORTH = 0.3
 """Share of the best quick gain from which a mechanism is estimated in full."""
@@ -68,6 +70,10 @@ def grow(
                 if exhausted():
                     break
                 full = enter(arena, trial.members, trial.theta, leader.fit.path, exhausted)
+                if full.fit.cost > BROKEN * leader.fit.cost + (1.0 - BROKEN) * trial.cost:
+                    # the leader's path may lead astray, where what is new hardly acts
+                    again = enter(arena, trial.members, trial.theta, None, exhausted)
+                    full = min(full, again, key=lambda e: e.fit.cost)
                 found[full.members] = full
                 _without_idle(arena, full, found)
         known = [e for e in found.values() if not e.members or plausible(arena, e)]
@@ -125,7 +131,7 @@ def tried(
         for i in range(len(super_model.candidates))
         if (m := tuple(sorted({*leader.members, i}))) not in found and not redundant(super_model, m)
     ]
-    smooth = [i for i in numbers if _smooth(super_model, i)]
+    smooth = [i for i in numbers if grows_in_proportion(super_model.candidates[i])]
     trials = _tangent(arena, leader, smooth)
     most = QUICK_HIDDEN if any(p.states.hidden for p in arena.prepared) else QUICK
     for number in (i for i in numbers if i not in smooth):
@@ -140,12 +146,6 @@ def tried(
         if entry.fit.usable:
             trials.append(Trial(members, entry.fit.cost, entry.fit.theta))
     return trials
-
-
-def _smooth(super_model: SuperModel, number: int) -> bool:
-    """Whether a mechanism brings no state along and grows from nothing in proportion."""
-    candidate = super_model.candidates[number]
-    return not candidate.states and not any(isinstance(p, Threshold) for p in candidate.parameters)
 
 
 def _tangent(arena: Arena, leader: Entry, numbers: Sequence[int]) -> list[Trial]:

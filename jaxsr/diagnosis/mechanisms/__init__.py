@@ -17,6 +17,7 @@ from jaxsr.diagnosis.mechanisms.measurement import measurement, wrong_values
 from jaxsr.diagnosis.mechanisms.motion import Line, Motion
 from jaxsr.diagnosis.mechanisms.one_mode import one_mode
 from jaxsr.diagnosis.mechanisms.periodic import periodic
+from jaxsr.diagnosis.mechanisms.play import play
 from jaxsr.diagnosis.mechanisms.site import Site, Threshold, sites_of
 from jaxsr.models import Model
 
@@ -24,6 +25,7 @@ Family = Callable[[Site], Iterator[Candidate]]
 FAMILIES: list[Family] = [
     dissipative,
     elastic,
+    play,
     inertial,
     coupling,
     periodic,

@@ -13,6 +13,8 @@ _SOURCE = "Kerschen, Worden, Vakakis & Golinval, Mech. Syst. Signal Process. 20 
 
 SHARP = 3.0
 """Deceleration at a stop over the rms acceleration."""
+RARE = 0.05
+"""Share of the path, from its end, in which a spring engages that is hardly reached."""
 
 
 def _rests(site: Site) -> bool:
@@ -61,16 +63,17 @@ def elastic(site: Site) -> Iterator[Candidate]:
     def place(name: str, value: float) -> ParameterSpec:
         return ParameterSpec(name, unit, low - 0.1 * spread, high + 0.1 * spread, value, False)
 
-    for term, levels, side in (
-        (f"- {{ks}}*Max({q} - {{qs}}, 0)", (12, 15, 18), "beyond"),
-        (f"- {{ks}}*Min({q} - {{qs}}, 0)", (8, 5, 2), "below"),
+    # The last place is one that is hardly reached, as a soft stop in one recording.
+    for term, levels, last, side in (
+        (f"- {{ks}}*Max({q} - {{qs}}, 0)", (12, 15, 18), high - RARE * spread, "beyond"),
+        (f"- {{ks}}*Min({q} - {{qs}}, 0)", (8, 5, 2), low + RARE * spread, "below"),
     ):
-        for level in levels:
+        for at in (*(float(values[level]) for level in levels), last):
             yield make(
                 "piecewise_stiffness",
                 term,
                 ParameterSpec("ks", site.per(q)),
-                place("qs", float(values[level])),
+                place("qs", at),
                 sentence=f"A second spring engages along {{site}} {side} a certain position.",
             )
     yield from _end_stops(site, q, make, place)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -14,6 +15,8 @@ RESOLVED = 2.0
 """Shortest time constant in samples: below, a lag is a delay to any sensor."""
 LONGEST = 400.0
 """Longest time constant in samples."""
+LOOP = 1.5
+"""Largest abs(g)/b of a hysteresis. 1 is where a loop may bring energy in; estimates scatter."""
 RESONANCES = (1.2, 2.0, 3.5, 6.0)
 """First guesses of a hidden resonance, in units of the dominant rate of the motion."""
 
@@ -69,8 +72,13 @@ def hysteresis(site: Site) -> Iterator[Candidate]:
     """Yield Bouc-Wen hysteresis, z' = a*v - b*Abs(v)*z - g*v*Abs(z), force -kz*z.
 
     The scale of z is free, so a is kept at 1: z then has the unit of q, follows it at small
-    motions and levels off at 1/(b + g). b >= 0, or it would bring energy in; Dahl's friction is
-    g = 0, an elastic spring in series with a dry friction in the limit b = g.
+    motions and levels off at 1/(b + g). The power put in is
+
+        kz*z*v = d/dt (kz*z**2/2) + kz*z**2*abs(v)*(b + g*sign(v*z)),
+
+    and the last part, the loss, is never negative where kz >= 0 and b >= abs(g) (Erlicher & Point,
+    C. R. Mecanique 332 (2004)). Dahl's friction is g = 0, an elastic spring in series with a dry
+    friction the limit b = g.
     """
     q, v = site.position, site.state
     values = site.scale.get(q) if q is not None else None
@@ -87,7 +95,7 @@ def hysteresis(site: Site) -> Iterator[Candidate]:
         "memory",
         site.name,
         (
-            ParameterSpec("kz", site.per(q)),
+            ParameterSpec("kz", site.per(q), low=0.0),
             ParameterSpec("b", per, 0.0, 200.0 / reach, start, coefficient=False),
             ParameterSpec("g", per, -200.0 / reach, 200.0 / reach, 0.6 * start, coefficient=False),
             ParameterSpec("a", "1", neutral=1.0, coefficient=False, fixed=True),
@@ -99,8 +107,14 @@ def hysteresis(site: Site) -> Iterator[Candidate]:
                 "z", f"{{a}}*{v} - {{b}}*Abs({v})*{{z}} - {{g}}*{v}*Abs({{z}})", unit, initial=0.0
             ),
         ),
+        physical=dissipates,
         source="Wen, J. Eng. Mech. Div. ASCE 102 (1976)",
     )
+
+
+def dissipates(values: Mapping[str, float]) -> bool:
+    """Tell whether a Bouc-Wen loop never gives more than it stores, within what estimates tell."""
+    return abs(values["g"]) <= LOOP * values["b"]
 
 
 def hidden_modes(site: Site, step: float) -> Iterator[Candidate]:
@@ -149,7 +163,7 @@ def hidden_modes(site: Site, step: float) -> Iterator[Candidate]:
 
 def drifts(site: Site) -> Iterator[Candidate]:
     """Yield a force that grows with time."""
-    if site.position is None and site.others:
+    if site.position is None and any(o.position is not None for o in site.others):
         return
     unit = compose(site.force_unit, ["s"]) if site.force_unit else None
     yield Candidate(
@@ -173,10 +187,12 @@ def overflows(site: Site) -> Iterator[Candidate]:
     values = site.scale.get(x)
     if len(levels) < len(model.dynamic_states) or values is None or not values[-1] > values[0]:
         return
-    edge, spread = float(values[17]), float(values[-1] - values[0])
+    spread = float(values[-1] - values[0])
     lost = f"{{ko}}*Max({x} - {{xo}}, 0)"
     targets = [None, *(s for s in levels if s != x and model.units.get(s) == model.units.get(x))]
-    for target in targets:
+    # A level that is limited stays just above the edge.
+    edges = (float(values[17]), float(values[19]), float(values[-1]) - 0.03 * spread)
+    for edge, target in itertools.product(edges, targets):
         terms = ((x, f"- {lost}"),)
         if target is not None:
             terms = (*terms, (target, f"+ {lost}"))

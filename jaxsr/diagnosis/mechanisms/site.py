@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import ParameterSpec
+from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.motion import Motion
 from jaxsr.models import Model
 from jaxsr.models.units import dimension, unit_of
@@ -25,6 +25,11 @@ class Threshold(ParameterSpec):
     """
 
     seed: float = 0.0
+
+
+def grows_in_proportion(candidate: Candidate) -> bool:
+    """Whether a mechanism brings no state along and grows from nothing in proportion."""
+    return not candidate.states and not any(isinstance(p, Threshold) for p in candidate.parameters)
 
 
 @dataclass(frozen=True)
