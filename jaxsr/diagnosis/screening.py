@@ -142,6 +142,7 @@ class _Search:
                 spec, at = candidate.parameters[0], self.index[i][0]
                 self.low[at], self.high[at] = spec.low, spec.high
         self.seed = _seeds(super_model)
+        self.open = False
         self.collinear = tuple(
             i
             for i in range(len(self.index))
@@ -179,10 +180,11 @@ class _Search:
     def _trivial(self, base: np.ndarray, errors: np.ndarray) -> bool:
         """Whether every free parameter of the model has shrunk to nothing, and the error with them.
 
-        Members together may leave the scale of all equations open that each alone holds.
+        Members together may leave the scale of all equations open that each alone holds. Where
+        the free parameters do so by themselves, no set is the worse for it.
         """
         given = self.system.theta[self.base]
-        if not given.size or np.mean(errors) > SHRUNK**2 * np.mean(self.power / self.rows):
+        if self.open or not given.size or np.mean(errors) > SHRUNK**2 * np.mean(self.power / self.rows):
             return False
         return bool(np.all(np.abs(base) < SHRUNK * np.abs(given)))
 
@@ -192,6 +194,7 @@ class _Search:
         empty = self.evaluate(())
         assert empty is not None
         found[()] = empty
+        self.open = self._trivial(empty.values[self.base], empty.errors)
         beam = [empty]
         usable = [i for i in range(len(self.index)) if i not in self.collinear]
         for _ in range(MAX_SET):
@@ -260,7 +263,7 @@ class _Search:
         """Return the scored set, or None where a constant breaks its sign or nothing is left."""
         theta = self.system.theta.copy()
         value = theta[active] + step / self.column[active]
-        if self._trivial(value[: len(self.base)], errors):
+        if members and self._trivial(value[: len(self.base)], errors):
             return None
         added, new = active[len(self.base) :], value[len(self.base) :]
         for j, estimate in zip(added, new, strict=True):

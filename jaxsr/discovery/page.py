@@ -31,6 +31,9 @@ def shown(discovery: Discovery) -> dict[str, Any]:
         for term in entry["terms"]:
             if term["ci95"][0] == term["ci95"][1]:
                 term["ci95"] = None
+    laws = () if discovery.hybrid is None else discovery.hybrid.one_law
+    for equation, entry in zip(laws, document.get("one_law", ()), strict=True):
+        entry["relative_error"] = relative_error(equation, discovery.samples)
     rows = discovery.pareto.sort_values("mse").sort_values("picked", ascending=False, kind="stable")
     kept = rows.drop_duplicates(["state", "complexity"]).sort_values("complexity")
     points = kept.to_dict("records")

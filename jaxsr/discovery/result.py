@@ -177,7 +177,8 @@ class Discovery:
             for number, mode in enumerate(self.modes)
         ]
         rows = {n: [list(row) for row in part] for n, part in self.hybrid.switching.items()}
-        return {"modes": modes, "switching": rows}
+        single = [_equation_dict(e) for e in self.hybrid.one_law]
+        return {"modes": modes, "switching": rows, "one_law": single}
 
     def _reset_dict(self) -> dict[str, Any]:
         """Return the jumps of states, as the model file has them, where there are any."""

@@ -53,6 +53,7 @@ def write_discovery_report(
             }
             for index, mode in enumerate(document.get("modes") or [])
         ],
+        "one_law": _one_law(document),
         "mode_figures": switching,
         "pareto_figures": fronts,
         "pareto": _fronts(document),
@@ -70,6 +71,21 @@ def _dwell(times: Sequence[float] | None) -> str:
         return ""
     low, middle, high = (number(value, 3) for value in times)
     return f"visits last {low} to {high} s, median {middle} s"
+
+
+def _one_law(document: Mapping[str, Any]) -> str:
+    """Say what one law for all samples leaves, and what the modes leave."""
+    modes = {e.get("state"): e for e in document.get("equations") or []}
+    parts = []
+    for law in document.get("one_law") or []:
+        both = law, modes.get(law.get("state"), {})
+        left = [percent(e.get("relative_error")) for e in both]
+        terms = int(law.get("complexity") or 0)
+        parts.append(
+            f"For {law.get('state')} the best single law, of {terms} terms, leaves {left[0]} of "
+            f"the rate's rms, the modes {left[1]}."
+        )
+    return " ".join(parts)
 
 
 def _sentence(document: Mapping[str, Any]) -> str:

@@ -48,6 +48,8 @@ class Hybrid:
         States whose law differs between modes.
     table : ClusterTable
         Which submodel holds in which cluster.
+    one_law : tuple of Equation
+        The best single law of each switched state, with which the modes were compared.
     """
 
     modes: tuple[Mode, ...]
@@ -56,6 +58,7 @@ class Hybrid:
     switching: dict[str, list[Row]]
     switched: tuple[str, ...]
     table: ClusterTable
+    one_law: tuple[Equation, ...] = ()
 
     def labels(self, variables: Mapping[str, np.ndarray]) -> np.ndarray:
         """Return the number of the mode of every sample (samples,)."""
@@ -118,7 +121,8 @@ def assembled(
     train, judge = pointwise(experiments.train), pointwise(experiments.judge)
     known = labels(regions, train.variables), labels(regions, judge.variables)
     table = cluster_table(modes, known, states, choices, train, judge)
-    return Hybrid(tuple(modes), regions, equations, switching, tuple(states), table)
+    single = tuple(laws[s] for s in states)
+    return Hybrid(tuple(modes), regions, equations, switching, tuple(states), table, single)
 
 
 def _switching(
