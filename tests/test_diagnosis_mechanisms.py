@@ -133,7 +133,8 @@ def test_names_and_families_are_those_of_the_contract(model, candidate):
     family, parameters = CONTRACT[candidate.mechanism]
     assert candidate.family == family
     if parameters is not None:
-        assert {p.name for p in candidate.parameters} == parameters
+        own = {p.name for p in candidate.parameters} | {name for name, _ in candidate.borrowed}
+        assert own == parameters
     kind, _, place = candidate.site.partition(":")
     known = {
         "equation": model.states,

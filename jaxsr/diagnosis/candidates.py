@@ -98,6 +98,8 @@ class Candidate:
         Recordings in which the first parameter is zero: a push happened in another one.
     tried : int
         Places at which it was looked for: what stands out of many is worth less.
+    borrowed : tuple of (own name, parameter)
+        Constants of the mechanism for which parameters of the model stand.
     physical : callable or None
         Tells of values by their own names whether such a thing exists, where bounds cannot.
     sentence : str
@@ -119,6 +121,7 @@ class Candidate:
     clock: tuple[tuple[str, str], ...] = ()
     quiet: tuple[str, ...] = ()
     tried: int = 1
+    borrowed: tuple[tuple[str, str], ...] = ()
     physical: Callable[[Mapping[str, float]], bool] | None = None
     source: str = ""
     conflicts: frozenset[str] = field(default_factory=frozenset)

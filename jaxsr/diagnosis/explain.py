@@ -51,7 +51,9 @@ def finding_row(
     own = {spec: estimate.interval(name)[0] for spec, name in names.items()}
     # Relative to the given file alone: the names must be free there as well.
     edit = {} if candidate.passing else candidate.edit(given, names, own).as_json()
-    shown = {full: parameter_row(estimate, full) for full in names.values()}
+    borrowed = [(own, full) for own, full in candidate.borrowed if full in estimate.positions]
+    shown = {own: parameter_row(estimate, full) for own, full in borrowed}
+    shown |= {full: parameter_row(estimate, full) for full in names.values()}
     return {
         "site": candidate.site,
         "mechanism": candidate.mechanism,

@@ -184,7 +184,8 @@ class _Search:
         the free parameters do so by themselves, no set is the worse for it.
         """
         given = self.system.theta[self.base]
-        if self.open or not given.size or np.mean(errors) > SHRUNK**2 * np.mean(self.power / self.rows):
+        large = np.mean(errors) > SHRUNK**2 * np.mean(self.power / self.rows)
+        if self.open or not given.size or large:
             return False
         return bool(np.all(np.abs(base) < SHRUNK * np.abs(given)))
 
