@@ -60,6 +60,8 @@ ROUNDS = 4
 """Times that a decision is made anew because a smaller or another set did better than before."""
 MERGED = 3
 """Single mechanisms that are estimated again from where a larger set ended."""
+PROMISING = 0.7
+"""Error left in the weak view, relative to re-calibration, below which a set must do well."""
 REMOVED = 0.3
 """Share of the re-calibrated error up to which a mismatch counts as explained."""
 
@@ -258,6 +260,10 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float, StoppedBy]:
     """Estimate the leading sets in free run, hold blocks back, and tell why that ended."""
     sets = leading_sets(case)
     super_model, starts = contenders(case, sets)
+    promised = {}
+    if case.screened is not None:
+        null_error = case.screened.screening.empty.error
+        promised = {m: s.error / null_error for (m, _), s in zip(starts[1:], sets, strict=True)}
     simulator = Simulator(super_model.model, case.simulator.function)
     case.progress.stage("choosing integration steps and the horizon")
     stepping = choose_stepping(simulator, case.prepared, starts[min(1, len(starts) - 1)][1])
@@ -280,9 +286,13 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float, StoppedBy]:
         if entries and case.budget.exhausted:
             break
         case.progress.update(number / len(starts), _label(super_model, members))
+        path = entries[0].fit.path if entries and entries[0].fit.usable else None
         most = ITERATIONS if members else NULL_ITERATIONS
-        # Along the re-calibrated model's path, what is missing would seem not to act.
-        entry = enter(arena, members, start, None, stop, most)
+        entry = enter(arena, members, start, path, stop, most)
+        if path is not None and _astray(entries[0], entry, promised.get(members, 1.0)):
+            # Along the re-calibrated model's path, what is missing seemed not to act.
+            again = enter(arena, members, start, None, stop, most)
+            entry = min(entry, again, key=lambda e: e.fit.cost)
         entries.append(entry)
         if number == 1:
             arena, entries = _rescaled(arena, entries, stop)
@@ -294,6 +304,11 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float, StoppedBy]:
         arena, entries = with_located(arena, entries)
         entries = grow(arena, entries, lambda: growing.exhausted, case.progress.update)
     return arena, entries, headline, growing.stopped_by
+
+
+def _astray(null: Entry, entry: Entry, promised: float) -> bool:
+    """Whether an estimate has not half the effect that the weak view promised."""
+    return promised < PROMISING and entry.fit.cost > 0.5 * (1.0 + promised) * null.fit.cost
 
 
 def _rescaled(

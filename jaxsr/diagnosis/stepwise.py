@@ -27,7 +27,7 @@ QUICK, QUICK_HIDDEN = 1, 6
 its path has to be found first."""
 FULL = (8, 5, 4)
 """Mechanisms estimated in full, by the size of the set."""
-BROKEN = 0.5
+BROKEN = 0.9
 """Share of the gain promised by one iteration, missed by which an estimate begins anew."""
 PARENTS = 2
 WORTH = 0.3
