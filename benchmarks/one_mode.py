@@ -85,13 +85,18 @@ k = {{ value = {self.k}, bounds = [1.0, 2000.0] }}
 """
 
     def record(self, size: float, mode: str, rng: np.random.Generator) -> list[Recording]:
-        """Return recordings of the motion with the resistance in a mode ("True": in all)."""
+        """Return recordings of the motion with the resistance in a mode ("True": in all).
+
+        Between samples the input runs straight, as the model takes it: a curved one would be a
+        gain of the input in truth.
+        """
         plain, held = to_numpy(parse(self.law)), to_numpy(parse(mode))
         resistance, drive = to_numpy(parse(self.resistance)), to_numpy(parse(self.drive))
         t = np.arange(0.0, self.end, self.step)
+        u = np.broadcast_to(drive({"t": t}), t.shape)
 
         def rate(s: float, x: np.ndarray) -> list[float]:
-            now = {"t": s, "q": x[0], "v": x[1], "u": float(drive({"t": s})), "k": self.k}
+            now = {"t": s, "q": x[0], "v": x[1], "u": float(np.interp(s, t, u)), "k": self.k}
             friction = size * float(resistance(now)) if held(now) else 0.0
             return [x[1], float(plain(now)) - friction]
 
@@ -102,7 +107,6 @@ k = {{ value = {self.k}, bounds = [1.0, 2000.0] }}
             ).y
             noise = NOISE * np.std(run, axis=1, keepdims=True) * rng.normal(size=run.shape)
             q, v = run + noise
-            u = np.broadcast_to(drive({"t": t}), t.shape)
             out.append(Recording(f"run{number}.csv", t, {"u": u, "q_meas": q, "v_meas": v}))
         return out
 
