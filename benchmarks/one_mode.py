@@ -28,7 +28,7 @@ from jaxsr import Recording, Simulator
 from jaxsr.expressions import parse, to_numpy, to_text
 from jaxsr.models import parse_model
 
-SEEDS, NOISE, BUDGET = 10, 2e-3, 60.0
+SEEDS, NOISE, BUDGET = 5, 2e-3, 60.0
 
 
 @dataclass(frozen=True)

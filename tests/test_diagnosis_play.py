@@ -82,6 +82,10 @@ def test_a_spring_with_play_pulls_by_what_is_beyond_the_play() -> None:
             np.testing.assert_allclose(edited - base, pulls, atol=1e-10)
 
 
+def test_the_stiffness_of_a_spring_with_play_is_a_parameter_of_the_model() -> None:
+    assert {c.borrowed for c in offered()} == {(("kb", "k"),), (("kb", "kc"),)}
+
+
 def test_a_spring_that_is_always_stretched_shows_no_play() -> None:
     away = SCALE | {"q1": np.linspace(1.0, 2.0, 21)}
     assert all(c.site != "equation:v1" for s in sites_of(CHAIN, away) for c in play(s))

@@ -70,6 +70,10 @@ def test_the_files_say_modes_and_switching_and_the_model_runs(found, tmp_path: P
     assert [m["guard"].split()[0] for m in document["modes"]] == ["y", "y"]
     assert [e["state"] for e in document["modes"][0]["equations"]] == ["y", "v"]
     assert document["equations"][1]["expression"].startswith("Piecewise(")
+    (single,) = document["one_law"]
+    assert single["state"] == "v" and "Piecewise" not in single["expression"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert f"the best single law, of {single['complexity']} term" in page
     rows = document["switching"]["drop 1.3"]
     assert rows[0][0] == 0.0 and len(rows) > 3
     assert document["modes"][rows[0][2]]["guard"].startswith("y > ")

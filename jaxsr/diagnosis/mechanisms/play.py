@@ -67,7 +67,7 @@ def play(site: Site) -> Iterator[Candidate]:
                 (Threshold("b", unit, low=0.0, high=2.0 * reach, seed=share * reach),),
                 f"The spring on {u} in {{site}} has play before it engages.",
                 terms=terms,
-                borrowed=(("kb", to_text(mine[0].stiffness)),),
+                borrowed=(("kb", to_text(mine[0].stiffness).removeprefix("-")),),
                 source="Nordin & Gutman, Automatica 38 (2002)",
             )
 
