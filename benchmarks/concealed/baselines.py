@@ -1,14 +1,12 @@
 """What public tools give: re-calibration alone, pysindy on the residual, a network on it.
 
-All three start from the re-calibrated given model. The acceleration residual is that of the
-smoothed and differentiated recordings, row by row: M dv/dt - f. Where no term stands, the last two
-say what re-calibration alone says.
+All three start from the re-calibrated given model. pysindy works on the tool's weak residual and
+library, the network on the acceleration residual of the smoothed and differentiated recordings, row
+by row: M dv/dt - f. Where no term stands, the last two say what re-calibration alone says.
 """
 
 from __future__ import annotations
 
-import contextlib
-import io
 import json
 import warnings
 from collections.abc import Callable
@@ -31,7 +29,6 @@ SEGMENT = 150
 """Samples of a segment of the calibration."""
 WORTH = 0.05
 """Least relative gain on the recording held back for a finding to stand."""
-THRESHOLDS = (0.01, 0.03, 0.1, 0.3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,83 +152,33 @@ def residual(c: Calibrated, item: Prepared) -> Residual:
     return Residual(x[inner], item.inputs[inner], np.stack(out, axis=1)[inner], rows)
 
 
-def library(model: Model, row: str) -> dict[str, tuple[str, str, Callable[[dict], np.ndarray]]]:
-    """Return the static terms named in CONTRACT.md for a row: (mechanism, text, function)."""
-    v = row
-    q = model.kinematic_parent(v) or v
-    terms: list[tuple[str, str, Callable[[dict], np.ndarray]]] = [
-        ("viscous_damping", v, lambda d: d[v]),
-        ("coulomb_friction", f"sign({v})", lambda d: np.sign(d[v])),
-        ("asymmetric_friction", f"Abs({v})", lambda d: np.abs(d[v])),
-        ("quadratic_drag", f"{v}*Abs({v})", lambda d: d[v] * np.abs(d[v])),
-        ("linear_stiffness", q, lambda d: d[q]),
-        ("quadratic_stiffness", f"{q}**2", lambda d: d[q] ** 2),
-        ("cubic_stiffness", f"{q}**3", lambda d: d[q] ** 3),
-        ("gravity", f"sin({q})", lambda d: np.sin(d[q])),
-        ("constant_force", "1", lambda d: np.ones_like(d[q])),
-    ]
-    if q == v:
-        terms = [t for t in terms if "stiffness" in t[0] or t[0] == "constant_force"]
-    for other in model.inertia:
-        mate = model.kinematic_parent(other) or other
-        if other == row:
-            continue
-        terms.append(("coupling_stiffness", mate, lambda d, m=mate: d[m]))
-        terms.append(("coupling_damping", other, lambda d, m=other: d[m]))
-        terms.append(("centrifugal_coupling", f"{other}**2", lambda d, m=other: d[m] ** 2))
-    return {text: (mechanism, text, f) for mechanism, text, f in terms}
-
-
 def sindy(case: Path) -> dict[str, Any]:
-    """Run pysindy's STLSQ on the residual of every row, gated by the held-back free run."""
-    import pysindy
+    """Run pysindy's STLSQ on the tool's residual and library, gated by the held-back free run."""
+    from benchmarks.concealed.sindy import edited, library, select
 
     c = calibrate(case)
-    parts = [residual(c, item) for item in c.data]
-    states = c.model.states
-    chosen: list[tuple[float, str, str, str, float]] = []
-    for k, row in enumerate(parts[0].rows):
-        terms = library(c.model, row)
-
-        def matrix(part: Residual, terms: dict = terms) -> np.ndarray:
-            data = dict(zip(states, part.x.T, strict=True))
-            return np.column_stack([f(data) for _, _, f in terms.values()])
-
-        theta = np.vstack([matrix(p) for p in parts[:-1]])
-        target = np.concatenate([p.r[:, k] for p in parts[:-1]])
-        check, wanted = matrix(parts[-1]), parts[-1].r[:, k]
-        scale = np.sqrt(np.mean(theta**2, axis=0))
-        scale[scale == 0.0] = 1.0
-        size = float(np.sqrt(np.mean(target**2))) or 1.0
-        best: tuple[float, np.ndarray] = (float(np.mean(wanted**2)), np.zeros(len(terms)))
-        for threshold in THRESHOLDS:
-            with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
-                warnings.simplefilter("ignore")
-                model = pysindy.STLSQ(threshold=threshold, alpha=1e-8, max_iter=20)
-                model.fit(theta / scale, target[:, None] / size)
-            xi = np.asarray(model.coef_)[0] * size / scale
-            left = float(np.mean((wanted - check @ xi) ** 2))
-            if left < 0.98 * best[0]:
-                best = (left, xi)
-        for (mechanism, text, _), coefficient, s in zip(
-            terms.values(), best[1], scale, strict=True
-        ):
-            if coefficient:
-                chosen.append((abs(coefficient) * s, row, mechanism, text, float(coefficient)))
+    values = zip(c.model.parameters.items(), c.theta, strict=True)
+    model = replace(c.model, parameters={n: replace(p, value=float(v)) for (n, p), v in values})
     before = held_out(c, c.model, c.theta)
-    if not chosen:
+    with np.errstate(all="ignore"):
+        found = library(model, c.data)
+        terms, shifts = ([], {}) if found is None else select(found)
+    explained = edited(model, terms, shifts) if terms else None
+    if explained is None:
         return _without_terms(c, before)
-    equations = dict(c.model.equations)
-    for _, row, _, text, coefficient in chosen:
-        equations[row] = f"{equations[row]} + ({coefficient!r})*({text})"
-    edited = replace(c.model, equations=equations)
-    gate = replace(c, held=c.data[-1:])
-    if held_out(gate, edited, c.theta) > (1 - WORTH) * held_out(gate, c.model, c.theta):
+    theta = np.array([p.value for p in explained.parameters.values()])
+
+    def error(items: tuple[Prepared, ...]) -> float:
+        again = tuple(Prepared.build(explained, p.recording) for p in items)
+        return held_out(replace(c, held=again), explained, theta)
+
+    gate = c.data[-1:]
+    if not error(gate) <= (1 - WORTH) * held_out(replace(c, held=gate), c.model, c.theta):
         return _without_terms(c, before)
-    chosen.sort(reverse=True)
-    rows = [{"site": f"equation:{row}", "mechanism": m} for _, row, m, _, _ in chosen]
+    rows = [{"site": t.candidate.site, "mechanism": t.candidate.mechanism} for t in terms]
     finding = {**rows[0], "alternatives": rows[1:4], "parameters": {}}
-    return _answer(c, "structure", [finding], held_out(c, edited, c.theta), before)
+    verdict = terms[0].candidate.verdict.value
+    return _answer(c, verdict, [finding], error(c.held), before)
 
 
 def network(case: Path) -> dict[str, Any]:

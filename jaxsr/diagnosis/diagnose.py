@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import StoppedBy
-from jaxsr.diagnosis.candidates import Candidate, SuperModel
+from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contenders import contenders, leading_sets
 from jaxsr.diagnosis.contest import (
     CONTEST_TOLERANCE,
@@ -41,7 +41,7 @@ from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
 from jaxsr.diagnosis.stepwise import grow
-from jaxsr.diagnosis.unnamed import propose_unnamed
+from jaxsr.diagnosis.unnamed import ProposedForce, crowded, propose_instead, propose_unnamed
 from jaxsr.models import Simulator
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -133,8 +133,19 @@ def diagnose(
         progress.stage("searching a term that no named mechanism covers")
         proposal = propose_unnamed(case, arena, chosen, rng)
         if proposal is not None:
-            again = with_candidate(case, arena, good, chosen, *proposal)
+            beside = ((), chosen.members)
+            again = with_candidate(case, arena, good, chosen, proposal, beside)
             arena, good, chosen, detection = decide(case, *again)
+    for state, rest in crowded(arena, chosen):
+        progress.stage("searching one law for several forces at one place")
+        proposal = propose_instead(case, arena, chosen, state, rest, rng)
+        if proposal is None:
+            continue
+        number = len(arena.super_model.candidates)
+        again = with_candidate(case, arena, good, chosen, proposal, (rest,))
+        decision = decide(case, *again)
+        if number in decision[2].members:
+            arena, good, chosen, detection = decision
     null = next(e for e in good if not e.members)
     ingredients = Ingredients(
         case=case,
@@ -232,11 +243,14 @@ def with_candidate(
     arena: Arena,
     entries: list[Entry],
     chosen: Entry,
-    candidate: Candidate,
-    coefficients: np.ndarray,
+    proposal: ProposedForce,
+    beside: Sequence[tuple[int, ...]],
 ) -> tuple[Arena, list[Entry]]:
-    """Enter the contest again with one more candidate beside the best entries so far."""
-    old = arena.super_model
+    """Enter the contest again with one more candidate, itself beside the sets `beside`.
+
+    Each of these is a part of the chosen set, and starts from where that ended.
+    """
+    (candidate, coefficients), old = proposal, arena.super_model
     super_model = SuperModel.build(old.given, [*old.candidates, candidate])
     simulator = Simulator(super_model.model, case.simulator.function)
     stepping, scale = arena.problem.stepping, arena.problem.scale
@@ -249,10 +263,12 @@ def with_candidate(
     for members, entry in sets.items():
         theta = np.concatenate([entry.fit.theta, added])
         again.append(enter(new, members, theta))
-    for members in {(), chosen.members}:
-        entry = sets[members]
-        theta = np.concatenate([entry.fit.theta, coefficients])
-        again.append(enter(new, (*members, number), theta))
+    neutral = neutral_values(old)
+    for members in dict.fromkeys(beside):
+        theta = sets.get(members, chosen).fit.theta.copy()
+        for i in set(chosen.members) - set(members):
+            theta[old.index(i)] = neutral[old.index(i)]
+        again.append(enter(new, (*members, number), np.concatenate([theta, coefficients])))
     return new, again
 
 

@@ -1,4 +1,8 @@
-"""Unnamed physics: the evolution proposes a term where no named mechanism explains the rest."""
+"""Unnamed physics: the evolution proposes a term where no named mechanism explains the rest.
+
+It is asked where a mismatch is left, and where several named forces at one equation may stand for
+one law without a name.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
-from jaxsr.diagnosis.contest import Arena, Entry, active_parameters
+from jaxsr.diagnosis.contest import Arena, Entry, active_parameters, neutral_values
 from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
 from jaxsr.evolution import SearchConfig, propose
-from jaxsr.expressions import to_text
+from jaxsr.evolution.propose import Proposal
+from jaxsr.expressions import Term, to_text
 from jaxsr.models.segments import Prepared
 from jaxsr.views import WeakView
 
@@ -22,11 +27,19 @@ SECONDS = 12.0
 WORTH = 0.7
 """Residual sum of squares in the weak view, relative to that without, a proposal must reach."""
 MAX_TERMS = 2
+CROWD = 2
+"""Forces chosen at one equation from which one law may stand for all of them."""
+TRIED = 1000
+"""Terms that a search tells apart: a price of naming nothing, in `decide.criterion`."""
+FORCES = frozenset("dissipative elastic coupling periodic memory".split())
+"""Families of forces that the shape of another one can imitate."""
+ProposedForce = tuple[Candidate, np.ndarray]
+"""A candidate and the values of its coefficients."""
 
 
 def propose_unnamed(
     case: Case, arena: Arena, entry: Entry, rng: np.random.Generator
-) -> tuple[Candidate, np.ndarray] | None:
+) -> ProposedForce | None:
     """Search a term for the equation that keeps the largest relative residual.
 
     Runs in the weak view with the parameters of `entry` as columns that stay. Returns the
@@ -35,29 +48,9 @@ def propose_unnamed(
     """
     if case.screened is None or case.budget.exhausted:
         return None
-    prepared, half_width = case.prepared, case.screened.half_width
-    simulator = arena.problem.simulator
-    system = weak_system(simulator, prepared, entry.fit.theta, half_width)
+    system = _view(case, arena, entry.fit.theta)
     state = _worst_state(system)
-    rows = system.state == state
-    model = case.simulator.model
-    # Inputs stay out: one that cancels the drive makes every equation hold trivially.
-    variables = {
-        name: np.concatenate([np.nan_to_num(item.states.values[:, i]) for item in prepared])
-        for i, name in enumerate(model.states)
-    }
-    active = active_parameters(arena.super_model, entry.members)
-    config = SearchConfig(population=120, generations=25)
-    found = propose(
-        rng,
-        -system.residual[rows],
-        variables,
-        view=_WeakColumns(prepared, half_width),
-        fixed=system.jacobian[rows][:, active],
-        config=config,
-        budget=min(SECONDS, case.budget.remaining),
-    )
-    good = [p for p in found if 0 < len(p.terms) <= MAX_TERMS and p.relative_loss < WORTH]
+    good = _search(case, arena, system, entry.members, state, rng)
     if not good:
         return None
     # A second term, or a longer one, has to halve what the shorter proposal leaves.
@@ -65,21 +58,135 @@ def propose_unnamed(
     for proposal in sorted(good, key=lambda p: p.size):
         if proposal.relative_loss < 0.5 * best.relative_loss:
             best = proposal
-    name = model.states[state]
-    specs = tuple(
-        ParameterSpec(f"c{k}", low=-1e12, high=1e12) for k in range(1, len(best.terms) + 1)
+    return _as_candidate(case, state, best)
+
+
+def crowded(arena: Arena, chosen: Entry) -> list[tuple[str, tuple[int, ...]]]:
+    """Return the equations at which several forces were chosen, with the members elsewhere."""
+    every = arena.super_model.candidates
+    at: dict[str, list[int]] = {}
+    for number in chosen.members:
+        if every[number].family in FORCES:
+            at.setdefault(every[number].site, []).append(number)
+    return [
+        (site.partition(":")[2], tuple(i for i in chosen.members if i not in crowd))
+        for site, crowd in at.items()
+        if len(crowd) >= CROWD
+    ]
+
+
+def propose_instead(
+    case: Case,
+    arena: Arena,
+    chosen: Entry,
+    state: str,
+    rest: tuple[int, ...],
+    rng: np.random.Generator,
+) -> ProposedForce | None:
+    """Search one law for an equation in the place of all that was chosen there beside `rest`.
+
+    The shortest description of the data among the proposals, None where none removes enough.
+    """
+    if case.screened is None or case.budget.exhausted:
+        return None
+    theta, neutral = chosen.fit.theta.copy(), neutral_values(arena.super_model)
+    for number in set(chosen.members) - set(rest):
+        own = arena.super_model.index(number)
+        theta[own] = neutral[own]
+    system = _view(case, arena, theta)
+    index = case.simulator.model.states.index(state)
+    if not (system.state == index).any():
+        return None
+    good = _search(case, arena, system, rest, index, rng)
+    return _as_candidate(case, index, good[0]) if good else None
+
+
+def _view(case: Case, arena: Arena, theta: np.ndarray) -> WeakSystem:
+    assert case.screened is not None
+    return weak_system(arena.problem.simulator, case.prepared, theta, case.screened.half_width)
+
+
+def _search(
+    case: Case,
+    arena: Arena,
+    system: WeakSystem,
+    members: tuple[int, ...],
+    state: int,
+    rng: np.random.Generator,
+) -> list[Proposal]:
+    """Return the proposals of few terms that remove enough, the shortest description first.
+
+    States enter in units of their size: constants and exponents are searched near one.
+    """
+    assert case.screened is not None
+    rows, sizes = system.state == state, _sizes(case)
+    # Inputs stay out: one that cancels the drive makes every equation hold trivially.
+    variables = {
+        name: np.concatenate([np.nan_to_num(item.states.values[:, i]) for item in case.prepared])
+        / sizes[name]
+        for i, name in enumerate(case.simulator.model.states)
+    }
+    active = active_parameters(arena.super_model, members)
+    found = propose(
+        rng,
+        -system.residual[rows],
+        variables,
+        view=_WeakColumns(case.prepared, case.screened.half_width),
+        fixed=system.jacobian[rows][:, active],
+        config=SearchConfig(population=120, generations=25),
+        budget=min(SECONDS, case.budget.remaining),
     )
-    pieces = [f"{{c{k}}}*({to_text(t, 6)})" for k, t in enumerate(best.terms, 1)]
+    return [p for p in found if 0 < len(p.terms) <= MAX_TERMS and p.relative_loss < WORTH]
+
+
+def _sizes(case: Case) -> dict[str, float]:
+    """Rms of every state to two digits, by which the search divides."""
+    sizes = {}
+    for i, name in enumerate(case.simulator.model.states):
+        values = np.concatenate([item.states.values[:, i] for item in case.prepared])
+        rms = float(np.sqrt(np.nanmean(values**2)))
+        sizes[name] = float(f"{rms:.2g}") if np.isfinite(rms) and rms > 0 else 1.0
+    return sizes
+
+
+def _as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
+    """Write a proposal as a candidate; constants inside its terms are estimated as well."""
+    name, sizes = case.simulator.model.states[state], _sizes(case)
+    inner: list[float] = []
+    pieces = [
+        f"{{c{k}}}*({to_text(_written(term, sizes, inner), 6)})"
+        for k, term in enumerate(proposal.terms, 1)
+    ]
+    coefficients = [ParameterSpec(f"c{k}") for k in range(1, len(proposal.terms) + 1)]
+    constants = [
+        ParameterSpec(f"a{k}", neutral=value, coefficient=False) for k, value in enumerate(inner, 1)
+    ]
     candidate = Candidate(
         mechanism="unnamed",
         family="unnamed",
         site=f"equation:{name}",
-        parameters=specs,
+        parameters=(*coefficients, *constants),
         sentence="A force that matches no named mechanism acts along {site}; the search wrote it.",
         terms=((name, "+ " + " + ".join(pieces)),),
+        tried=TRIED,
         source="evolutionary sparse regression in the weak view",
     )
-    return candidate, best.coefficients
+    return candidate, np.array([*proposal.coefficients, *inner])
+
+
+def _written(term: Term, sizes: dict[str, float], inner: list[float]) -> Term:
+    """Divide states by their sizes, and put parameters for constants that are not whole."""
+    if term.is_variable:
+        size = sizes[term.name]
+        return term if size == 1.0 else Term.apply("div", term, Term.constant(size))
+    if term.is_constant:
+        if term.value == round(term.value):
+            return term
+        inner.append(term.value)
+        return Term.variable(f"{{a{len(inner)}}}")
+    if not term.args:
+        return term
+    return Term.apply(term.op, *(_written(a, sizes, inner) for a in term.args))
 
 
 def _worst_state(system: WeakSystem) -> int:

@@ -16,7 +16,7 @@ from jaxsr.discovery.equation import Equation, cut_short
 from jaxsr.discovery.experiments import Experiments, Source, read_experiments, read_source
 from jaxsr.discovery.find import Checkpoint, Task, find_equation
 from jaxsr.discovery.found import found_model
-from jaxsr.discovery.hybrid import Hybrid, ModeFinder, cut_at, find_resets
+from jaxsr.discovery.hybrid import Hybrid, ModeFinder, RareMode, cut_at, find_resets
 from jaxsr.discovery.known import (
     Prior,
     admission,
@@ -168,7 +168,7 @@ def discover(
     if count != 1 and not integrals:
         rng = np.random.default_rng([seed, len(part.states)])
         finder = ModeFinder(rng, tasks, experiments, count)
-    equations, hybrid = _laws(tasks, experiments, finder, seed, limit, show)
+    equations, hybrid, rare = _laws(tasks, experiments, finder, seed, limit, show)
     if hybrid is None and not integrals:
         show.stage("roll-outs")
         equations = _settled(equations, tasks, experiments, limit)
@@ -187,7 +187,7 @@ def discover(
         "estimated_derivatives": sorted(experiments.rows.estimated),
         "data_sha256": {r.name: r.sha256 for r in opened if r.sha256},
     }
-    return Discovery(tuple(equations), model, provenance, experiments.rows, hybrid)
+    return Discovery(tuple(equations), model, provenance, experiments.rows, hybrid, rare)
 
 
 def number_of_modes(modes: str | int) -> int | None:
@@ -235,21 +235,23 @@ def _laws(
     seed: int,
     limit: Budget,
     show: Progress,
-) -> tuple[list[Equation], Hybrid | None]:
-    """Return the equations, and the modes that they have where one law is not enough."""
+) -> tuple[list[Equation], Hybrid | None, RareMode | None]:
+    """Return the equations, the modes where one law is not enough, or a mode too rare to tell."""
     if finder is None:
-        return _searched(tasks, experiments, seed, limit, show), None
+        return _searched(tasks, experiments, seed, limit, show), None, None
     show.stage("modes")
     looked = finder.look(limit.share(_LOOK))
     others = {s: task for s, task in tasks.items() if not looked.sure or s not in looked.laws}
-    found = {e.state: e for e in _searched(others, experiments, seed, limit, show)}
-    equations = [found.get(s) or looked.laws[s] for s in tasks]
+    searched = {e.state: e for e in _searched(others, experiments, seed, limit, show)}
+    equations = [searched.get(s) or looked.laws[s] for s in tasks]
     show.stage("modes")
     if looked.sure:
-        hybrid = finder.modes(looked, equations)
+        found = finder.modes(looked, equations)
     else:
-        hybrid = finder.find(looked, equations, limit.share(_MODES))
-    return (equations, None) if hybrid is None else (list(hybrid.equations), hybrid)
+        found = finder.find(looked, equations, limit.share(_MODES))
+    if isinstance(found, Hybrid):
+        return list(found.equations), found, None
+    return equations, None, found
 
 
 def _searched(

@@ -15,7 +15,7 @@ import jaxsr
 from jaxsr._files import atomic_directory, dump_json
 from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation, weighted_sum
-from jaxsr.discovery.hybrid import Hybrid, Mode
+from jaxsr.discovery.hybrid import Hybrid, Mode, RareMode
 from jaxsr.discovery.samples import Samples
 from jaxsr.expressions import to_jax, to_numpy, to_sympy, to_text
 from jaxsr.expressions.editing import ONE
@@ -45,6 +45,8 @@ class Discovery:
         Seed, seconds, why the search ended, checksums.
     hybrid : Hybrid or None
         Modes, guards and switching, where the system has several modes.
+    rare : RareMode or None
+        Where few samples follow another law than all others, and too few to tell it.
     """
 
     equations: tuple[Equation, ...]
@@ -52,6 +54,7 @@ class Discovery:
     provenance: Mapping[str, Any]
     samples: Samples = field(repr=False)
     hybrid: Hybrid | None = field(default=None, repr=False)
+    rare: RareMode | None = None
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -167,7 +170,7 @@ class Discovery:
     def _hybrid_dict(self) -> dict[str, Any]:
         """Return modes, and for each recording rows [from, to, mode]; empty with one mode."""
         if self.hybrid is None:
-            return {"modes": [], "switching": {}}
+            return {"modes": [], "switching": {}, **self._rare_dict()}
         modes = [
             {
                 "guard": str(mode),
@@ -179,6 +182,13 @@ class Discovery:
         rows = {n: [list(row) for row in part] for n, part in self.hybrid.switching.items()}
         single = [_equation_dict(e) for e in self.hybrid.one_law]
         return {"modes": modes, "switching": rows, "one_law": single}
+
+    def _rare_dict(self) -> dict[str, Any]:
+        """Return where a mode too rare to tell was met, if one was."""
+        if self.rare is None:
+            return {}
+        row = {"guard": str(self.rare.guard), "samples": self.rare.samples, "of": self.rare.of}
+        return {"rare_mode": {**row, "sentence": str(self.rare)}}
 
     def _reset_dict(self) -> dict[str, Any]:
         """Return the jumps of states, as the model file has them, where there are any."""

@@ -54,6 +54,7 @@ def write_discovery_report(
             for index, mode in enumerate(document.get("modes") or [])
         ],
         "one_law": _one_law(document),
+        "rare_mode": str((document.get("rare_mode") or {}).get("sentence") or ""),
         "mode_figures": switching,
         "pareto_figures": fronts,
         "pareto": _fronts(document),

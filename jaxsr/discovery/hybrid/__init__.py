@@ -5,6 +5,7 @@ from jaxsr.discovery.hybrid.grow import HybridConfig
 from jaxsr.discovery.hybrid.guards import Guard
 from jaxsr.discovery.hybrid.modes import ModeFinder
 from jaxsr.discovery.hybrid.piecewise import Mode
+from jaxsr.discovery.hybrid.rare import RareMode
 from jaxsr.discovery.hybrid.resets import Reset, cut_at, find_resets
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "HybridConfig",
     "Mode",
     "ModeFinder",
+    "RareMode",
     "Reset",
     "cut_at",
     "find_resets",

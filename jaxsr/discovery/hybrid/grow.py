@@ -18,6 +18,7 @@ from jaxsr.discovery.hybrid.memory import (
     scanned_terms,
     usual_terms,
 )
+from jaxsr.discovery.hybrid.rare import rare_tail
 from jaxsr.discovery.hybrid.scan import Split, best_splits
 from jaxsr.discovery.hybrid.submodels import Limits, find_submodel, from_memory
 from jaxsr.discovery.hybrid.tree import Node, clear_of, meeting_point, refined_threshold
@@ -183,6 +184,22 @@ class Grower:
             if second is not None and second[1].sharpness >= self.config.sharp:
                 return True
         return False
+
+    def rare(self) -> Guard | None:
+        """Return the guard of a few samples at one end of a variable that spoil the others' law."""
+        rows = self.train.take(thinned(np.arange(len(self.train)), _SCANNED))
+        variables = guard_variables(self.part, self.kinds, rows.variables, timed=False)
+        values = [guard_values(term, rows.variables) for term in variables]
+        targets = np.column_stack([self._target(state, rows) for state in self.tasks])
+        kept, columns = independent_columns(self._terms(), rows.variables, _TERMS)
+        if not kept:
+            return None
+        tail = rare_tail(columns * self._weights(rows)[:, None], targets, values)
+        return None if tail is None else Guard(variables[tail.guard], tail.threshold, tail.above)
+
+    def parted(self, guard: Guard, laws: Mapping[str, Equation]) -> Node | None:
+        """Return two leaves on either side of a guard; None where one has hardly a sample."""
+        return self._parted(Node((), laws, False, rows=len(self.train)), replace(guard, above=True))
 
     def _names(self) -> tuple[str, ...]:
         return (*self.part.states, *self.part.inputs)

@@ -20,6 +20,7 @@ from jaxsr.discovery.find import Task, find_equation
 from jaxsr.discovery.hybrid.assemble import Hybrid, assembled, merged, pointwise
 from jaxsr.discovery.hybrid.grow import Grower, HybridConfig
 from jaxsr.discovery.hybrid.memory import FunctionMemory, front_terms, harmonics, usual_terms
+from jaxsr.discovery.hybrid.rare import RareMode
 from jaxsr.discovery.hybrid.tree import Node
 from jaxsr.discovery.recognise import recognised
 from jaxsr.discovery.samples import Roles, Samples
@@ -106,8 +107,12 @@ class ModeFinder:
             return None
         return self._assembled(looked.root, equations)
 
-    def find(self, looked: Looked, equations: Sequence[Equation], budget: Budget) -> Hybrid | None:
+    def find(
+        self, looked: Looked, equations: Sequence[Equation], budget: Budget
+    ) -> Hybrid | RareMode | None:
         """Return the modes of a system, or None where one law is enough.
+
+        A mode hardly visited is told as such, where its law cannot be told.
 
         Parameters
         ----------
@@ -128,13 +133,28 @@ class ModeFinder:
             kinds = kinds_of(self.experiments.roles, rates_in(equations))
             grower = self._grower(open_, kinds, budget, [laws[s] for s in open_])
             if self.count is None and not grower.is_sharp():
-                return None
+                return self._rare(grower, laws, equations)
             root = grower.grown({s: laws[s] for s in open_})
         if len(list(root.leaves())) < 2:
             return None
         if self.count is None and not self._pays(root, laws):
             return None
         return self._assembled(root, equations)
+
+    def _rare(
+        self, grower: Grower, laws: Mapping[str, Equation], equations: Sequence[Equation]
+    ) -> Hybrid | RareMode | None:
+        """Return the modes where few samples at an end follow another law, or where they lie."""
+        guard = grower.rare()
+        if guard is None:
+            return None
+        root = grower.parted(guard, {s: laws[s] for s in grower.tasks})
+        if root is not None and self._pays(root, laws):
+            found = self._assembled(root, equations)
+            if found is not None:
+                return found
+        rows = self.experiments.rows
+        return RareMode(guard, int(np.count_nonzero(guard.holds(rows.variables))), len(rows))
 
     def _assembled(self, root: Node, equations: Sequence[Equation]) -> Hybrid | None:
         laws = {e.state: e for e in equations}
