@@ -2,26 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from diagnosis_systems import CART
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis import diagnose
-from jaxsr.expressions import evaluate, parse
+from jaxsr.diagnosis.unnamed import _written
+from jaxsr.expressions import evaluate, parse, to_text
 from jaxsr.models import Simulator, parse_model
 from jaxsr.recordings import Recording
 
 
 def recording(seed: int) -> Recording:
     """A cart on a spring whose rail ripples: the force -6 sin(5 q) is not in the model."""
+    return driven(seed, lambda q, v: -6.0 * np.sin(5.0 * q))
+
+
+def squeezed(seed: int) -> Recording:
+    """A cart on a spring with a film whose damping grows with the square of the way."""
+    return driven(seed, lambda q, v: -3.0 * v * (q / 0.3) ** 2)
+
+
+def driven(seed: int, missing: Callable[[float, float], float]) -> Recording:
+    """A driven cart on a spring, with a force of way and speed that is not in the model."""
     rng = np.random.default_rng(seed)
     time, phases = np.arange(0.0, 30.0, 0.01), rng.uniform(0.0, 6.0, 8)
     waves = np.linspace(0.15, 2.0, 8)
     u = 4.0 * np.sin(2 * np.pi * waves * time[:, None] + phases).sum(1)
 
     def rates(t: float, x: np.ndarray) -> list[float]:
-        force = np.interp(t, time, u) - 3.0 * x[1] - 8.0 * x[0] - 6.0 * np.sin(5.0 * x[0])
+        force = np.interp(t, time, u) - 3.0 * x[1] - 8.0 * x[0] + missing(x[0], x[1])
         return [x[1], force / 2.0]
 
     path = solve_ivp(
@@ -41,3 +54,35 @@ def test_a_ripple_is_written_by_the_search():
     values = {name: p["value"] for name, p in row["parameters"].items()}
     term = evaluate(parse(row["term"]), {"q": q, "v": 0.0 * q, **values})
     assert np.max(np.abs(term + 6.0 * np.sin(5.0 * q))) < 0.05
+
+
+def test_a_proposal_is_written_in_the_states_themselves():
+    """Scaled states and inner constants as parameters: the same values as the search saw."""
+    sizes = {"q": 0.031, "v": 1.0}
+    term = parse("exp(-0.7*q**2)*v/(2 + 1.3*q)")
+    inner: list[float] = []
+    text = to_text(_written(term, sizes, inner), 6).format(a1="a1", a2="a2")
+    assert sorted(abs(a) for a in inner) == [0.7, 1.3] and "2" in text
+    rng = np.random.default_rng(0)
+    q, v = 0.03 * rng.normal(size=20), rng.normal(size=20)
+    own = dict(zip(("a1", "a2"), inner, strict=True))
+    np.testing.assert_allclose(
+        evaluate(parse(text), {"q": q, "v": v, **own}),
+        evaluate(term, {"q": q / 0.031, "v": v}),
+        rtol=1e-12,
+    )
+
+
+@pytest.mark.slow
+def test_one_law_stands_for_a_crowd_of_named_ones():
+    """A squeeze film, -3 v (q/0.3)**2: cubic and other springs and drags together imitate it."""
+    found = diagnose(Simulator(parse_model(CART)), [squeezed(s) for s in (4, 5)], seed=0)
+    assert found.verdict == "structure"
+    first = found.findings[0]
+    assert first["mechanism"] == "unnamed" and first["site"] == "equation:v"
+    rng = np.random.default_rng(1)
+    q, v = rng.uniform(-0.6, 0.6, 200), rng.uniform(-2.0, 2.0, 200)
+    values = {name: p["value"] for name, p in first["parameters"].items()}
+    term = evaluate(parse(first["term"]), {"q": q, "v": v, **values})
+    law = -3.0 * v * (q / 0.3) ** 2
+    assert np.std(term - law) < 0.05 * np.std(law)

@@ -176,9 +176,26 @@ def select(found: Library) -> tuple[list[Term], dict[str, float]]:
     shifts : dict
         Changes of the free parameters that go with them.
     """
+    train, check = ~found.check, found.check
+    picked = _support(found, train, check)
+    error = null = _error(found, [], train, check)[0]
+    xi, beta = np.zeros(0), np.zeros(0)
+    while picked.size:
+        error, xi, beta = _error(found, picked, train, check)
+        inside = [_possible(found, j, x) for j, x in zip(picked, xi, strict=True)]
+        if all(inside):
+            break
+        # as in the tool's screening, nothing stands that breaks its sign
+        picked = picked[np.array(inside)]
+    if picked.size == 0 or error >= GAIN * null:
+        return [], {}
+    return _terms(found, picked, xi), dict(zip(found.free, beta, strict=True))
+
+
+def _support(found: Library, train: np.ndarray, check: np.ndarray) -> np.ndarray:
+    """Return the columns that STLSQ keeps at the settings that do best on the rows held back."""
     import pysindy
 
-    train, check = ~found.check, found.check
     size = np.sqrt((found.base**2).sum(0)) + 1e-300
     basis = np.linalg.qr((found.base / size)[train])[0]
 
@@ -204,20 +221,31 @@ def select(found: Library) -> tuple[list[Term], dict[str, float]]:
             error = _error(found, support, train, check)[0]
             if error < GAIN * best:
                 best, picked = error, support
-    if picked.size == 0:
-        return [], {}
-    _, xi, beta = _error(found, picked, train, check)
+    return picked
+
+
+def _terms(found: Library, picked: np.ndarray, xi: np.ndarray) -> list[Term]:
+    """Return the candidates of the chosen columns, the largest contribution first."""
     values: dict[Candidate, dict[str, float]] = {}
     share: dict[Candidate, float] = {}
     for j, coefficient in zip(picked, xi, strict=True):
         candidate = found.owner[j]
         own = values.setdefault(candidate, {p.name: p.neutral for p in candidate.parameters})
         if found.name[j] in own:
-            own[found.name[j]] = float(found.offset[j] + found.unit[j] * coefficient)
+            own[found.name[j]] = _value(found, j, coefficient)
         part = abs(coefficient) * float(np.sqrt(np.mean(found.columns[:, j] ** 2)))
         share[candidate] = share.get(candidate, 0.0) + part
-    terms = [Term(c, values[c], share[c]) for c in sorted(share, key=lambda c: -share[c])]
-    return terms, dict(zip(found.free, beta, strict=True))
+    return [Term(c, values[c], share[c]) for c in sorted(share, key=lambda c: -share[c])]
+
+
+def _value(found: Library, j: int, coefficient: float) -> float:
+    return float(found.offset[j] + found.unit[j] * coefficient)
+
+
+def _possible(found: Library, j: int, coefficient: float) -> bool:
+    """Tell whether a coefficient keeps to its bounds."""
+    spec = next((p for p in found.owner[j].parameters if p.name == found.name[j]), None)
+    return spec is None or spec.low <= _value(found, j, coefficient) <= spec.high
 
 
 def _error(

@@ -10,7 +10,7 @@ from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contest import neutral_values
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
-from jaxsr.diagnosis.mechanisms.site import grows_in_proportion
+from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.screening import ScreenedSet
 from jaxsr.diagnosis.setup import Screened, sample_step, state_scale
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 SINGLES, PAIRS, LARGER = 3, 3, 3
 VARIANTS = 2
 """Starts of one mechanism that the free run compares."""
+BRIEF = frozenset({"overflow"})
+"""Mechanisms that act too briefly for the weak view to choose among their variants."""
 STARTS = {True: 8, False: 2}
 """The same where a state hides, and no weak view has chosen among them: those that one
 linearisation judges, and those that are estimated one by one."""
@@ -152,15 +154,31 @@ def _unscreened(forces: list[Candidate]) -> list[Candidate]:
 
 
 def _best_variants(screened: Screened) -> set[int]:
-    """Of every mechanism the variants that fit best in the weak view, or the first ones."""
+    """Of every mechanism the variants that fit best in the weak view.
+
+    Where noise hides whether a threshold is met, those that change the motion least: a threshold
+    that cuts off most of a signal would have been seen.
+    """
     super_model, screening = screened.super_model, screened.screening
     error = {s.members[0]: s.error for s in screening.sets if len(s.members) == 1}
     by_label: dict[str, list[int]] = {}
     for number, candidate in enumerate(super_model.candidates):
         if number not in screening.collinear:
             by_label.setdefault(candidate.label, []).append(number)
-    return {
-        i
-        for numbers in by_label.values()
-        for i in sorted(numbers, key=lambda i: error.get(i, np.inf))[:VARIANTS]
-    }
+    chosen: set[int] = set()
+    for numbers in by_label.values():
+        brief = super_model.candidates[numbers[0]].mechanism in BRIEF
+        ranked = sorted(numbers, key=lambda i: (error.get(i, np.inf), _reach(screened, i)))
+        chosen |= set(ranked if brief else ranked[:VARIANTS])
+    return chosen
+
+
+def _reach(screened: Screened, number: int) -> float:
+    """Size of the effect of a threshold at its seed; 0 for anything else."""
+    candidate = screened.super_model.candidates[number]
+    if not any(isinstance(p, Threshold) for p in candidate.parameters):
+        return 0.0
+    (column,) = screened.super_model.index(number, coefficients_only=True)
+    spec = next(p for p in candidate.parameters if isinstance(p, Threshold))
+    size = float(np.linalg.norm(screened.system.jacobian[:, column]))
+    return abs(spec.seed - spec.neutral) * size

@@ -40,7 +40,7 @@ from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
-from jaxsr.diagnosis.stepwise import grow
+from jaxsr.diagnosis.stepwise import glance, grow
 from jaxsr.diagnosis.unnamed import ProposedForce, crowded, propose_instead, propose_unnamed
 from jaxsr.models import Simulator
 from jaxsr.models.segments import Prepared
@@ -62,6 +62,8 @@ MERGED = 3
 """Single mechanisms that are estimated again from where a larger set ended."""
 PROMISING = 0.7
 """Error left in the weak view, relative to re-calibration, below which a set must do well."""
+MOST_BROKEN = 2
+"""Sets that do not do so well, from which the weak view is not believed about larger ones."""
 REMOVED = 0.3
 """Share of the re-calibrated error up to which a mismatch counts as explained."""
 
@@ -298,18 +300,26 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float, StoppedBy]:
         return case.budget.exhausted
 
     entries: list[Entry] = []
+    broken = 0  # promises of the weak view
     for number, (members, start) in enumerate(starts):
         if entries and case.budget.exhausted:
             break
+        if broken >= MOST_BROKEN and len(members) > 1:
+            continue
         case.progress.update(number / len(starts), _label(super_model, members))
         path = entries[0].fit.path if entries and entries[0].fit.usable else None
         most = ITERATIONS if members else NULL_ITERATIONS
         entry = enter(arena, members, start, path, stop, most)
-        if path is not None and _astray(entries[0], entry, promised.get(members, 1.0)):
+        promise = promised.get(members, 1.0)
+        if path is not None and broken < MOST_BROKEN and _astray(entries[0], entry, promise):
             # Along the re-calibrated model's path, what is missing seemed not to act.
             again = enter(arena, members, start, None, stop, most)
             entry = min(entry, again, key=lambda e: e.fit.cost)
+            broken += _astray(entries[0], entry, promise)
         entries.append(entry)
+        if number == 0 and entry.fit.usable:
+            arena, entries = _rescaled(arena, entries, stop)
+            entries = glance(arena, entries[0], entries, stop)
         if number == 1:
             arena, entries = _rescaled(arena, entries, stop)
     case.progress.stage("trying every mechanism in free run")

@@ -23,8 +23,9 @@ MAX_SAMPLES = 1000
 MANY_SEGMENTS, MANY_WITH_JUMPS = 4, 20
 """Segments from which the work is shared; where friction sticks and slides, short segments keep
 an estimate from being caught among the many orders in which it can."""
-SMALL, SATURATED = 0.1, 1.3
-"""Error of re-calibration that is small, and its growth that counts as none."""
+SMALL, SATURATED, FORGOTTEN = 0.1, 1.3, 0.7
+"""Error of re-calibration that is small, its growth that counts as none, and the error below which
+a growth that ended tells a system that forgets its start; unrelated motions differ by 1.4."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +77,15 @@ class Outlook:
 
         The longest horizon up to which the re-calibrated model's error stays small, or no longer
         grows: errors of a drifting, unstable or chaotic system grow with the horizon, and judging
-        it by its full length compares how errors happen to add up. Starts are estimated on the
-        whole segment, so that noise of the first readings does not count as an error that grows.
+        it by its full length compares how errors happen to add up. Where the error ends its growth
+        far below what two unrelated motions differ by, the system forgets its start, and the
+        whole recording counts. Starts are estimated on the whole segment, so that noise of the
+        first readings does not count as an error that grows.
         """
         options = horizons(self.prepared)
         step = float(np.median([p.recording.sample_time for p in self.prepared]))
         fitting = [h for h in options if h / step <= MAX_SAMPLES] or options[:1]
-        headline, previous, theta = options[0], None, starts[0][1]
+        headline, growing, scores, theta = options[0], False, list[float](), starts[0][1]
         for horizon in options:
             if horizon in fitting:
                 arena = self.arena(horizon)
@@ -92,9 +95,12 @@ class Outlook:
             else:
                 whole = lean(self.super_model, self.simulator, self.stepping, ())
                 score = whole.free_run(self.prepared, theta, horizon).nrmse
-            if previous is not None and not (score <= SMALL or score <= SATURATED * previous):
-                break
-            headline, previous = horizon, score
+            growing |= bool(scores) and not (score <= SMALL or score <= SATURATED * scores[-1])
+            scores.append(score)
+            if not growing:
+                headline = horizon
+        if growing and scores[-1] <= min(SATURATED * scores[-2], FORGOTTEN):
+            headline = options[-1]
         fitting = [h for h in fitting if h <= headline]
         least = MANY_WITH_JUMPS if self._jumps(starts[:2]) else MANY_SEGMENTS
         many = [h for h in fitting if len(cut(self.prepared, h)) >= least]

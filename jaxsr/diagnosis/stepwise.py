@@ -22,11 +22,13 @@ from jaxsr.diagnosis.reduced import reduce
 from jaxsr.diagnosis.screening import redundant
 from jaxsr.models.shooting import linearise_fit
 
-QUICK, QUICK_HIDDEN = 1, 6
-"""Iterations by which a mechanism is judged before it is estimated in full; where a state hides,
-its path has to be found first."""
+QUICK, QUICK_THRESHOLD, QUICK_HIDDEN = 1, 4, 6
+"""Iterations by which a mechanism is judged before it is estimated in full; a threshold has to be
+moved to where it hardly acts, and where a state hides, its path has to be found first."""
 FULL = (8, 5, 4)
 """Mechanisms estimated in full, by the size of the set."""
+FIRST, LARGE = 2, 0.5
+"""Mechanisms estimated before the slow ones are tried, and the cost they must promise, relative."""
 BROKEN = 0.9
 """Share of the gain promised by one iteration, missed by which an estimate begins anew."""
 PARENTS = 2
@@ -65,17 +67,10 @@ def grow(
             if exhausted():
                 return list(found.values())
             every = size < len(FULL) and leader is leaders[0]
+            if every:
+                found = {e.members: e for e in glance(arena, leader, found.values(), exhausted)}
             quick = tried(arena, leader, found, exhausted, tell if every else None)
-            for trial in promising(arena.super_model, leader, quick, most):
-                if exhausted():
-                    break
-                full = enter(arena, trial.members, trial.theta, leader.fit.path, exhausted)
-                if full.fit.cost > BROKEN * leader.fit.cost + (1.0 - BROKEN) * trial.cost:
-                    # the leader's path may lead astray, where what is new hardly acts
-                    again = enter(arena, trial.members, trial.theta, None, exhausted)
-                    full = min(full, again, key=lambda e: e.fit.cost)
-                found[full.members] = full
-                _without_idle(arena, full, found)
+            _estimate(arena, leader, quick, most, found, exhausted)
         known = [e for e in found.values() if not e.members or plausible(arena, e)]
         n = independent_residuals(min(known, key=lambda e: e.fit.cost))
         known.sort(key=lambda e: criterion(arena.super_model, e, n))
@@ -83,6 +78,41 @@ def grow(
         if not leaders or leaders[0] is not known[0]:
             break
     return list(found.values())
+
+
+def glance(
+    arena: Arena, leader: Entry, entries: Iterable[Entry], exhausted: Callable[[], bool]
+) -> list[Entry]:
+    """Return the entries, and those that one linearisation about a leader promises a lot of.
+
+    They come first: where each estimate is slow, time ends with the others.
+    """
+    found = {e.members: e for e in entries}
+    quick = tried(arena, leader, found, exhausted, None)
+    large = [t for t in quick if t.cost < LARGE * leader.fit.cost]
+    _estimate(arena, leader, large, FIRST, found, exhausted)
+    return list(found.values())
+
+
+def _estimate(
+    arena: Arena,
+    leader: Entry,
+    quick: Sequence[Trial],
+    most: int,
+    found: dict[tuple[int, ...], Entry],
+    exhausted: Callable[[], bool],
+) -> None:
+    """Estimate the promising trials until they settle, and enter them in `found`."""
+    for trial in promising(arena.super_model, leader, quick, most):
+        if exhausted():
+            break
+        full = enter(arena, trial.members, trial.theta, leader.fit.path, exhausted)
+        if full.fit.cost > BROKEN * leader.fit.cost + (1.0 - BROKEN) * trial.cost:
+            # the leader's path may lead astray, where what is new hardly acts
+            again = enter(arena, trial.members, trial.theta, None, exhausted)
+            full = min(full, again, key=lambda e: e.fit.cost)
+        found[full.members] = full
+        _without_idle(arena, full, found)
 
 
 def _without_idle(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> None:
@@ -133,13 +163,15 @@ def tried(
     ]
     smooth = [i for i in numbers if grows_in_proportion(super_model.candidates[i])]
     trials = _tangent(arena, leader, smooth)
-    most = QUICK_HIDDEN if any(p.states.hidden for p in arena.prepared) else QUICK
+    hidden = any(p.states.hidden for p in arena.prepared)
     for number in (i for i in numbers if i not in smooth):
         if exhausted() or tell is None:
             break
         tell(number / len(super_model.candidates), super_model.candidates[number].label)
         members = tuple(sorted({*leader.members, number}))
         start = seeded(super_model, (number,), leader.fit.theta)
+        threshold = any(isinstance(p, Threshold) for p in super_model.candidates[number].parameters)
+        most = QUICK_HIDDEN if hidden else QUICK_THRESHOLD if threshold else QUICK
         # a memory alone is tried without samples before a segment
         place = arena if shifting_members(super_model, members) else replace(arena, wide=None)
         entry = enter(place, members, start, leader.fit.path, exhausted, most)

@@ -67,7 +67,9 @@ def _of_input(
     )
     # Between two levels alone, a limit is a gain.
     if signal is None or np.mean(signal > 0.9 * top) < 0.9:
-        for level in (0.5, 0.7, 0.85):
+        # the last one is reached by few commands, wherever the others lie
+        rare = 0.95 if signal is None else float(np.quantile(signal, 0.98)) / top
+        for level in (0.5, 0.7, 0.85, rare):
             yield limit(f"Max(Min({u}, {{us}}), -{{us}}) - {u}", level)
         for level in (0.7, 1.5):
             yield limit(f"{{us}}*tanh({u}/{{us}}) - {u}", level)

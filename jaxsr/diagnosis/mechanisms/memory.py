@@ -180,7 +180,7 @@ def drifts(site: Site) -> Iterator[Candidate]:
 def overflows(site: Site) -> Iterator[Candidate]:
     """Yield the loss of what a level holds above an edge, -ko*Max(x - xo, 0), in models of levels.
 
-    The excess is lost, or runs into another level.
+    The excess is lost, or a part or all of it runs into another level.
     """
     model, x = site.model, site.state
     levels = [s for s in model.dynamic_states if model.kinematic_parent(s) is None]
@@ -189,13 +189,17 @@ def overflows(site: Site) -> Iterator[Candidate]:
         return
     spread = float(values[-1] - values[0])
     lost = f"{{ko}}*Max({x} - {{xo}}, 0)"
-    targets = [None, *(s for s in levels if s != x and model.units.get(s) == model.units.get(x))]
+    others = [s for s in levels if s != x and model.units.get(s) == model.units.get(x)]
     # A level that is limited stays just above the edge.
-    edges = (float(values[17]), float(values[19]), float(values[-1]) - 0.03 * spread)
-    for edge, target in itertools.product(edges, targets):
+    near = [float(values[-1]) - share * spread for share in (0.03, 0.008)]
+    edges = (float(values[17]), float(values[19]), *near)
+    some = [(None, ""), *((s, "{part}*") for s in others)]
+    ways = [*itertools.product(edges, some), *((e, (s, "")) for e in edges for s in others)]
+    part = ParameterSpec("part", "1", 0.0, 3.0, 0.5, coefficient=False)
+    for edge, (target, share) in ways:
         terms = ((x, f"- {lost}"),)
         if target is not None:
-            terms = (*terms, (target, f"+ {lost}"))
+            terms = (*terms, (target, f"+ {share}{lost}"))
         yield Candidate(
             "overflow",
             "memory",
@@ -210,9 +214,14 @@ def overflows(site: Site) -> Iterator[Candidate]:
                     edge,
                     coefficient=False,
                 ),
+                *([part] if share else []),
             ),
             "What {site} holds beyond an edge is lost"
-            + (f" to {target} (overflow)." if target else " (overflow)."),
+            + (
+                f"{', a part of it' if share else ''} to {target} (overflow)."
+                if target
+                else " (overflow)."
+            ),
             terms=terms,
             source="Schoukens & Noel, Three benchmarks (2017), cascaded tanks",
         )
