@@ -61,11 +61,11 @@ def test_a_proposal_is_written_in_the_states_themselves():
     sizes = {"q": 0.031, "v": 1.0}
     term = parse("exp(-0.7*q**2)*v/(2 + 1.3*q)")
     inner: list[float] = []
-    text = to_text(_written(term, sizes, inner), 6).format(a1="a1", a2="a2")
-    assert sorted(abs(a) for a in inner) == [0.7, 1.3] and "2" in text
+    text = to_text(_written(term, sizes, inner), 6).format(a1="a1", a2="a2", a3="a3")
+    assert sorted(abs(a) for a in inner) == [0.7, 1.3, 2.0] and "**2" in text
     rng = np.random.default_rng(0)
     q, v = 0.03 * rng.normal(size=20), rng.normal(size=20)
-    own = dict(zip(("a1", "a2"), inner, strict=True))
+    own = dict(zip(("a1", "a2", "a3"), inner, strict=True))
     np.testing.assert_allclose(
         evaluate(parse(text), {"q": q, "v": v, **own}),
         evaluate(term, {"q": q / 0.031, "v": v}),

@@ -19,6 +19,7 @@ from jaxsr.diagnosis.contest import (
 from jaxsr.diagnosis.decide import criterion, independent_residuals, plausible
 from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion
 from jaxsr.diagnosis.reduced import reduce
+from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.screening import redundant
 from jaxsr.models.shooting import linearise_fit
 
@@ -32,6 +33,8 @@ FIRST, LARGE = 2, 0.5
 BROKEN = 0.9
 """Share of the gain promised by one iteration, missed by which an estimate begins anew."""
 PARENTS = 2
+UNEXPLAINED = 10.0
+"""Ratio of the residual to the sensors' noise from which sets grow though none yet pays."""
 WORTH = 0.3
 """Share of the best quick gain from which a mechanism is estimated in full."""
 VARIANT = 0.7
@@ -58,7 +61,8 @@ def grow(
 
     One iteration from a leader's estimate, all parameters moving with it, tells what a mechanism
     can gain (the tangent view); the best of each round are estimated until they settle. Growth
-    ends where Schwarz's criterion asks for no more.
+    ends where Schwarz's criterion asks for no more, unless a mismatch far above the noise is left:
+    effects that hide each other show together.
     """
     found = {e.members: e for e in entries}
     leaders = [found[()]]
@@ -74,8 +78,10 @@ def grow(
         known = [e for e in found.values() if not e.members or plausible(arena, e)]
         n = independent_residuals(min(known, key=lambda e: e.fit.cost))
         known.sort(key=lambda e: criterion(arena.super_model, e, n))
-        leaders = [e for e in known[:PARENTS] if len(e.members) == size]
-        if not leaders or leaders[0] is not known[0]:
+        leaders = [e for e in known if len(e.members) == size][:PARENTS]
+        if not leaders:
+            break
+        if leaders[0] is not known[0] and residual_to_noise(arena, known[0]) < UNEXPLAINED:
             break
     return list(found.values())
 

@@ -29,6 +29,8 @@ WORTH = 0.7
 MAX_TERMS = 2
 CROWD = 2
 """Forces chosen at one equation from which one law may stand for all of them."""
+BESIDE = 0.1
+"""Weight of the other equations, each relative to the size of what it leaves."""
 TRIED = 1000
 """Terms that a search tells apart: a price of naming nothing, in `decide.criterion`."""
 FORCES = frozenset("dissipative elastic coupling periodic memory".split())
@@ -116,10 +118,24 @@ def _search(
 ) -> list[Proposal]:
     """Return the proposals of few terms that remove enough, the shortest description first.
 
-    States enter in units of their size: constants and exponents are searched near one.
+    States enter in units of their size: constants and exponents are searched near one. The other
+    equations stand beside with little weight: alone, one without an input would hold for any
+    forces and inertias that vanish together.
     """
     assert case.screened is not None
     rows, sizes = system.state == state, _sizes(case)
+    weight = np.zeros(rows.size)
+    for index in np.unique(system.state):
+        own = system.state == index
+        rms = float(np.sqrt(np.mean(system.residual[own] ** 2))) + 1e-300
+        weight[own] = (1.0 if index == state else BESIDE) / rms
+    integrate = _WeakColumns(case.prepared, case.screened.half_width)
+
+    def view(columns: np.ndarray) -> np.ndarray:
+        full = np.zeros((rows.size, columns.shape[1]))
+        full[rows] = weight[rows, None] * integrate(columns)
+        return full
+
     # Inputs stay out: one that cancels the drive makes every equation hold trivially.
     variables = {
         name: np.concatenate([np.nan_to_num(item.states.values[:, i]) for item in case.prepared])
@@ -129,10 +145,10 @@ def _search(
     active = active_parameters(arena.super_model, members)
     found = propose(
         rng,
-        -system.residual[rows],
+        -weight * system.residual,
         variables,
-        view=_WeakColumns(case.prepared, case.screened.half_width),
-        fixed=system.jacobian[rows][:, active],
+        view=view,
+        fixed=weight[:, None] * system.jacobian[:, active],
         config=SearchConfig(population=120, generations=25),
         budget=min(SECONDS, case.budget.remaining),
     )
@@ -174,19 +190,22 @@ def _as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
     return candidate, np.array([*proposal.coefficients, *inner])
 
 
-def _written(term: Term, sizes: dict[str, float], inner: list[float]) -> Term:
-    """Divide states by their sizes, and put parameters for constants that are not whole."""
+def _written(term: Term, sizes: dict[str, float], inner: list[float], within: str = "") -> Term:
+    """Divide states by their sizes, and put parameters for constants.
+
+    Whole numbers stay but where they are added to something: exponents are no estimates.
+    """
     if term.is_variable:
         size = sizes[term.name]
         return term if size == 1.0 else Term.apply("div", term, Term.constant(size))
     if term.is_constant:
-        if term.value == round(term.value):
+        if term.value == round(term.value) and within not in ("add", "sub"):
             return term
         inner.append(term.value)
         return Term.variable(f"{{a{len(inner)}}}")
     if not term.args:
         return term
-    return Term.apply(term.op, *(_written(a, sizes, inner) for a in term.args))
+    return Term.apply(term.op, *(_written(a, sizes, inner, term.op) for a in term.args))
 
 
 def _worst_state(system: WeakSystem) -> int:
