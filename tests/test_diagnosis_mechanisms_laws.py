@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from jaxsr.diagnosis.mechanisms import (
     register_mechanism,
     sensor_candidates,
 )
+from jaxsr.diagnosis.mechanisms.actuator import actuator
 from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.diagnosis.weak_system import weak_system
 from jaxsr.models import Model, Simulator, apply_edit, model_text, parse_model, read_model
@@ -114,6 +117,15 @@ def test_a_compressive_curve_is_a_saturation_too():
     np.testing.assert_allclose(
         force(edited) - force(MASS), 2 * np.tanh(u / 2) - u, rtol=1e-9, atol=1e-12
     )
+
+
+def test_a_limit_is_looked_for_among_the_largest_commands():
+    """Commands of 20 to 40: the mildest limit cuts off about one in fifty, wherever they lie."""
+    u = np.linspace(20.0, 40.0, 501)
+    motion = SimpleNamespace(signals={"u": u})
+    limits = [c for c in actuator(MASS, motion) if c.mechanism == "input_saturation"]
+    seeds = [c.parameters[0].seed for c in limits if "tanh" not in c.terms[0][1]]
+    assert np.mean(u > max(seeds)) == pytest.approx(0.02, abs=0.005)
 
 
 def test_an_input_acts_through_its_column_in_every_equation():

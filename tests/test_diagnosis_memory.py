@@ -165,12 +165,18 @@ k = { value = 0.1, bounds = [0.0, 1.0] }
     )
     scale = {s: np.linspace(1.0, 9.0, 21) for s in model.states}
     upper = sites_of(model, scale)[0]
-    lost, led, *higher = overflows(upper)
-    assert [s for s, _ in lost.terms] == ["x1"] and [s for s, _ in led.terms] == ["x1", "x2"]
-    edges = [c.parameters[1].neutral for c in (lost, *higher[::2])]
-    assert len(higher) == 4 and edges == sorted(edges) and edges[-1] < 9.0
+    found = list(overflows(upper))
+    lost = [c for c in found if [s for s, _ in c.terms] == ["x1"]]
+    partly = [c for c in found if any(p.name == "part" for p in c.parameters)]
+    led = next(c for c in found if len(c.terms) == 2 and c not in partly)
+    assert len(found) == 3 * len(lost) == 3 * len(partly)
+    edges = [c.parameters[1].neutral for c in lost]
+    assert len(edges) == 4 and edges == sorted(edges) and edges[-1] < 9.0
     edited = apply_edit(model, led.edit(model, led.names(model.symbols), {"ko": 2.0, "xo": 7.0}))
     assert edited.equations["x2"].endswith("+ ko*Max(x1 - xo, 0)")
+    values = {"ko": 2.0, "xo": 7.0, "part": 0.3}
+    edited = apply_edit(model, partly[0].edit(model, partly[0].names(model.symbols), values))
+    assert edited.equations["x2"].endswith("+ part*ko*Max(x1 - xo, 0)")
 
 
 def test_hysteresis_stores_and_loses_what_is_put_in():

@@ -81,6 +81,8 @@ def rows_for(system: System, mechanism: str) -> list[int]:
         return [0]
     if system.order == 1 and mechanism not in _FLOW:
         return []
+    if mechanism == "input_deadzone" and system.order == 1:
+        return []  # a pump never turns: where commands keep away from zero, it is a constant force
     if mechanism in (*FAMILIES["actuator"], "actuator_lag"):
         return [i for i, d in enumerate(system.drives) if d.actuated]
     if mechanism == "overflow":
