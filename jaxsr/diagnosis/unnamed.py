@@ -33,6 +33,8 @@ BESIDE = 0.1
 """Weight of the other equations, each relative to the size of what it leaves."""
 TRIED = 1000
 """Terms that a search tells apart: a price of naming nothing, in `decide.criterion`."""
+REACH = 10.0
+"""Factor within which constants inside a proposed term are estimated."""
 FORCES = frozenset("dissipative elastic coupling periodic memory".split())
 """Families of forces that the shape of another one can imitate."""
 ProposedForce = tuple[Candidate, np.ndarray]
@@ -175,7 +177,8 @@ def _as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
     ]
     coefficients = [ParameterSpec(f"c{k}") for k in range(1, len(proposal.terms) + 1)]
     constants = [
-        ParameterSpec(f"a{k}", neutral=value, coefficient=False) for k, value in enumerate(inner, 1)
+        ParameterSpec(f"a{k}", None, *sorted((value / REACH, value * REACH)), value, False)
+        for k, value in enumerate(inner, 1)
     ]
     candidate = Candidate(
         mechanism="unnamed",
