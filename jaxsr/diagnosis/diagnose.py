@@ -36,18 +36,22 @@ from jaxsr.diagnosis.exchange import exchange
 from jaxsr.diagnosis.horizon import Outlook
 from jaxsr.diagnosis.integration import choose_stepping, with_smooth
 from jaxsr.diagnosis.located import with_located
-from jaxsr.diagnosis.refine import residual_to_noise
+from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
 from jaxsr.diagnosis.stepwise import glance, grow
-from jaxsr.diagnosis.unnamed import ProposedForce, crowded, propose_instead, propose_unnamed
+from jaxsr.diagnosis.unnamed import (
+    ProposedForce,
+    crowded,
+    propose_instead,
+    propose_unnamed,
+    worth_no_name,
+)
 from jaxsr.models import Simulator
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
 
-LIMITED = 10.0
-"""Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
 PATIENCE = 1.0 / 12.0
 """Share of the time budget after which the estimation of one set stops where it is."""
 MOST_PATIENCE = 10.0
@@ -146,7 +150,7 @@ def diagnose(
         number = len(arena.super_model.candidates)
         again = with_candidate(case, arena, good, chosen, proposal, (rest,))
         decision = decide(case, *again)
-        if number in decision[2].members:
+        if number in decision[2].members and worth_no_name(decision[0], decision[2], chosen):
             arena, good, chosen, detection = decision
     null = next(e for e in good if not e.members)
     ingredients = Ingredients(
@@ -256,6 +260,9 @@ def with_candidate(
     super_model = SuperModel.build(old.given, [*old.candidates, candidate])
     simulator = Simulator(super_model.model, case.simulator.function)
     stepping, scale = arena.problem.stepping, arena.problem.scale
+    if len(simulator.smoothed_arguments) != len(stepping.widths):  # a law that jumps
+        start = np.concatenate([chosen.fit.theta, coefficients])
+        stepping = choose_stepping(simulator, case.prepared, start)
     new = build_arena(super_model, case.prepared, stepping, arena.seconds, scale, simulator)
     number, added = len(old.candidates), neutral_values(super_model)[len(old.model.parameters) :]
     leading = sorted(entries, key=lambda e: e.error)[:4]

@@ -25,6 +25,8 @@ from jaxsr.models import Model, Simulator, apply_edit, with_values
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import noise_level
 
+LIMITED = 10.0
+"""Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
 SMOOTHED_MECHANISMS = frozenset(
     {"coulomb_friction", "stribeck_friction", "position_dependent_friction"}
 )

@@ -19,7 +19,7 @@ from jaxsr.diagnosis.contest import (
 from jaxsr.diagnosis.decide import criterion, independent_residuals, plausible
 from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion
 from jaxsr.diagnosis.reduced import reduce
-from jaxsr.diagnosis.refine import residual_to_noise
+from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
 from jaxsr.diagnosis.screening import redundant
 from jaxsr.models.shooting import linearise_fit
 
@@ -33,8 +33,6 @@ FIRST, LARGE = 2, 0.5
 BROKEN = 0.9
 """Share of the gain promised by one iteration, missed by which an estimate begins anew."""
 PARENTS = 2
-UNEXPLAINED = 10.0
-"""Ratio of the residual to the sensors' noise from which sets grow though none yet pays."""
 WORTH = 0.3
 """Share of the best quick gain from which a mechanism is estimated in full."""
 VARIANT = 0.7
@@ -81,7 +79,7 @@ def grow(
         leaders = [e for e in known if len(e.members) == size][:PARENTS]
         if not leaders:
             break
-        if leaders[0] is not known[0] and residual_to_noise(arena, known[0]) < UNEXPLAINED:
+        if leaders[0] is not known[0] and residual_to_noise(arena, known[0]) <= LIMITED:
             break
     return list(found.values())
 

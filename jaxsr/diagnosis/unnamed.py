@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
 from jaxsr.diagnosis.contest import Arena, Entry, active_parameters, neutral_values
+from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
 from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
 from jaxsr.evolution import SearchConfig, propose
 from jaxsr.evolution.propose import Proposal
@@ -33,6 +34,9 @@ BESIDE = 0.1
 """Weight of the other equations, each relative to the size of what it leaves."""
 TRIED = 1000
 """Terms that a search tells apart: a price of naming nothing, in `decide.criterion`."""
+NAMELESS = 0.7
+"""Cost, relative to that of several named forces, from which one without a name may stand for them
+where neither reaches the noise."""
 REACH = 10.0
 """Factor within which constants inside a proposed term are estimated."""
 FORCES = frozenset("dissipative elastic coupling periodic memory".split())
@@ -103,6 +107,12 @@ def propose_instead(
         return None
     good = _search(case, arena, system, rest, index, rng)
     return _as_candidate(case, index, good[0]) if good else None
+
+
+def worth_no_name(arena: Arena, unnamed: Entry, named: Entry) -> bool:
+    """Whether a law without a name reaches the noise, or leaves far less than the named ones."""
+    near = residual_to_noise(arena, unnamed) <= LIMITED
+    return near or unnamed.fit.cost < NAMELESS * named.fit.cost
 
 
 def _view(case: Case, arena: Arena, theta: np.ndarray) -> WeakSystem:
@@ -177,7 +187,13 @@ def _as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
     ]
     coefficients = [ParameterSpec(f"c{k}") for k in range(1, len(proposal.terms) + 1)]
     constants = [
-        ParameterSpec(f"a{k}", None, *sorted((value / REACH, value * REACH)), value, False)
+        ParameterSpec(
+            f"a{k}",
+            low=min(value / REACH, value * REACH),
+            high=max(value / REACH, value * REACH),
+            neutral=value,
+            coefficient=False,
+        )
         for k, value in enumerate(inner, 1)
     ]
     candidate = Candidate(
