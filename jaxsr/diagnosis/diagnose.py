@@ -142,7 +142,7 @@ def diagnose(
             beside = ((), chosen.members)
             again = with_candidate(case, arena, good, chosen, proposal, beside)
             arena, good, chosen, detection = decide(case, *again)
-    for state, rest in crowded(arena, chosen):
+    for state, rest in crowded(arena, chosen, good):
         progress.stage("searching one law for several forces at one place")
         proposal = propose_instead(case, arena, chosen, state, rest, rng)
         if proposal is None:

@@ -32,6 +32,8 @@ CROWD = 2
 """Forces chosen at one equation from which one law may stand for all of them."""
 BESIDE = 0.1
 """Weight of the other equations, each relative to the size of what it leaves."""
+ALONE = 0.3
+"""Share of the error that is left, from which one force alone explains most of it."""
 TRIED = 1000
 """Terms that a search tells apart: a price of naming nothing, in `decide.criterion`."""
 NAMELESS = 0.7
@@ -69,18 +71,27 @@ def propose_unnamed(
     return _as_candidate(case, state, best)
 
 
-def crowded(arena: Arena, chosen: Entry) -> list[tuple[str, tuple[int, ...]]]:
-    """Return the equations at which several forces were chosen, with the members elsewhere."""
-    every = arena.super_model.candidates
+def crowded(
+    arena: Arena, chosen: Entry, entries: Sequence[Entry]
+) -> list[tuple[str, tuple[int, ...]]]:
+    """Return the equations at which several forces were chosen, with the members elsewhere.
+
+    Where one of them alone explains most, the others are details beside a law with a name.
+    """
+    every, known = arena.super_model.candidates, {frozenset(e.members): e for e in entries}
     at: dict[str, list[int]] = {}
     for number in chosen.members:
         if every[number].family in FORCES:
             at.setdefault(every[number].site, []).append(number)
-    return [
-        (site.partition(":")[2], tuple(i for i in chosen.members if i not in crowd))
-        for site, crowd in at.items()
-        if len(crowd) >= CROWD
-    ]
+    found = []
+    for site, crowd in at.items():
+        rest = tuple(i for i in chosen.members if i not in crowd)
+        without = known.get(frozenset(rest), known[frozenset()]).fit.cost
+        alone = [known.get(frozenset({*rest, i})) for i in crowd]
+        least = min((e.fit.cost for e in alone if e is not None), default=np.inf)
+        if len(crowd) >= CROWD and least > ALONE**2 * without:
+            found.append((site.partition(":")[2], rest))
+    return found
 
 
 def propose_instead(
