@@ -215,7 +215,8 @@ def rare(seed: int, share: float = 0.03) -> dict[str, Any]:
     found, seconds = discovered(ball, data, seed, "auto")
     out = {"seconds": seconds, **score(ball, found, ball.held_out())}
     near = out["guard_error"] is not None and out["guard_error"] <= _AT
-    return out | {"success": bool(out["modes"] == 2 and near)}
+    told = None if found.rare is None else str(found.rare)
+    return out | {"success": bool(out["modes"] == 2 and near), "told": told}
 
 
 def clustered_sindy(system: HybridSystem) -> dict[str, Any] | str:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from diagnosis_systems import CART
 from scipy.integrate import solve_ivp
 
+from jaxsr._progress import Budget
 from jaxsr.diagnosis import diagnose
-from jaxsr.diagnosis.unnamed import _written
+from jaxsr.diagnosis.unnamed import _search, _written
 from jaxsr.expressions import evaluate, parse, to_text
 from jaxsr.models import Simulator, parse_model
 from jaxsr.recordings import Recording
@@ -86,3 +88,8 @@ def test_one_law_stands_for_a_crowd_of_named_ones():
     term = evaluate(parse(first["term"]), {"q": q, "v": v, **values})
     law = -3.0 * v * (q / 0.3) ** 2
     assert np.std(term - law) < 0.05 * np.std(law)
+
+
+def test_a_budget_that_runs_out_before_the_search_proposes_nothing():
+    case = SimpleNamespace(screened=object(), budget=Budget(1e-9))
+    assert _search(case, None, None, (), 0, np.random.default_rng(0)) == []

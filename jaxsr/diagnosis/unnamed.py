@@ -146,6 +146,9 @@ def _search(
     forces and inertias that vanish together.
     """
     assert case.screened is not None
+    seconds = min(SECONDS, case.budget.remaining)
+    if not seconds > 0.0:
+        return []
     rows, sizes = system.state == state, _sizes(case)
     weight = np.zeros(rows.size)
     for index in np.unique(system.state):
@@ -173,7 +176,7 @@ def _search(
         view=view,
         fixed=weight[:, None] * system.jacobian[:, active],
         config=SearchConfig(population=120, generations=25),
-        budget=min(SECONDS, case.budget.remaining),
+        budget=seconds,
     )
     return [p for p in found if 0 < len(p.terms) <= MAX_TERMS and p.relative_loss < WORTH]
 

@@ -1,0 +1,66 @@
+"""How far ahead a verdict looks: as far as errors stay small, or the system forgets its start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.contest import neutral_values
+from jaxsr.diagnosis.horizon import Outlook
+from jaxsr.diagnosis.scoring import horizons
+from jaxsr.models import Model, Simulator, parse_model
+from jaxsr.models.rollout import Stepping
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording
+
+TIME = np.arange(0.0, 20.0, 0.02)
+PARTS = """
+[model]
+states = ["q", "v"]
+inputs = ["u"]
+outputs = ["y"]
+[equations]
+q = "v"
+v = "{force}"
+[readings]
+y = "q"
+[parameters]
+c = {{ value = 1.0, bounds = [0.01, 20] }}
+"""
+
+
+def headline(model: Model, force: Callable[[float, float, float], float]) -> list[float]:
+    """The horizon chosen for a recording of q'' = force(q, v, u), and those to choose from."""
+    rng = np.random.default_rng(0)
+    waves, phases = np.linspace(0.4, 9.0, 8), rng.uniform(0.0, 6.0, 8)
+    u = np.sin(waves * TIME[:, None] + phases).sum(1)
+
+    def rates(t: float, x: np.ndarray) -> list[float]:
+        return [x[1], force(x[0], x[1], float(np.interp(t, TIME, u)))]
+
+    path = solve_ivp(rates, (0.0, TIME[-1]), [0.1, 0.0], t_eval=TIME, rtol=1e-8, max_step=0.02)
+    y = path.y[0] + 1e-4 * rng.normal(size=TIME.size)
+    prepared = (Prepared.build(model, Recording("r", TIME, {"u": u, "y": y})),)
+    super_model = SuperModel.build(model, [])
+    scale = 0.01 * np.array([np.std(y)])
+    outlook = Outlook(super_model, prepared, Stepping("rk4", 2), scale, Simulator(model))
+    chosen, lengths = outlook.headline([((), neutral_values(super_model))])
+    assert max(lengths) <= chosen
+    return [chosen, *horizons(prepared)]
+
+
+def test_a_system_that_forgets_its_start_is_judged_by_whole_recordings():
+    """A damped oscillator lacks a strong cubic spring: its error grows, and then no more."""
+    model = parse_model(PARTS.format(force="u - 10*q - c*v"))
+    chosen, *options = headline(model, lambda q, v, u: u - 10.0 * q - 3.0 * v - 400.0 * q**3)
+    assert chosen == options[-1]
+
+
+def test_a_mass_without_a_spring_is_judged_by_short_runs():
+    """A constant force is missing: errors add up for as long as the run lasts."""
+    model = parse_model(PARTS.format(force="u - c*v"))
+    chosen, *options = headline(model, lambda q, v, u: u - 0.05 * v - 0.6)
+    assert chosen < options[-1]
