@@ -20,6 +20,8 @@ CLOCK_SPREAD = 0.01
 """The same of a clock's rate error."""
 IMPLAUSIBLE = 9.0
 """Squared number of prior standard deviations beyond which an entry is only a last resort."""
+FURTHER = 0.01
+"""Smallest gain in log mean square that a further mechanism must bring, however significant."""
 RICHER = 0.005
 """The same as `MIN_GAIN` for every further constant of a law that jumps."""
 TIE = 0.2
@@ -162,14 +164,15 @@ def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
 
 
 def worth_of_rounding(super_model: SuperModel, entry: Entry) -> float:
-    """Return the log error that a set with jumps must gain beside the price of its constants.
+    """Return the log error that a set must gain beside the price of its constants.
 
-    What rounding leaves of a jump is worth neither another mechanism nor a richer law.
+    What integration leaves is worth no further mechanism, and what rounding leaves of a jump
+    neither that nor a richer law.
     """
+    more = max(len(entry.members) - 1, 0)
     if not any(super_model.candidates[i].sharp for i in entry.members):
-        return 0.0
+        return FURTHER * more
     constants = sum(len(super_model.index(i)) for i in entry.members)
-    more = len(entry.members) - 1
     return MIN_GAIN * more + RICHER * (constants - len(entry.members))
 
 

@@ -123,23 +123,23 @@ class ModeFinder:
         budget : Budget
         """
         laws = {e.state: e for e in equations}
-        root = looked.root
-        if root is None:
-            open_ = [e.state for e in equations if is_open(e)]
-            if not open_ and self.count is not None:
-                open_ = [e.state for e in equations if e.front]
-            if not open_:
-                return None
-            kinds = kinds_of(self.experiments.roles, rates_in(equations))
-            grower = self._grower(open_, kinds, budget, [laws[s] for s in open_])
-            if self.count is None and not grower.is_sharp():
-                return self._rare(grower, laws, equations)
+        root, auto = looked.root, self.count is None
+        open_ = [e.state for e in equations if is_open(e)]
+        if root is None and not open_ and not auto:
+            open_ = [e.state for e in equations if e.front]
+        if root is None and not open_:
+            return None
+        kinds = kinds_of(self.experiments.roles, rates_in(equations))
+        grower = self._grower(open_, kinds, budget, [laws[s] for s in open_])
+        if root is None and (not auto or grower.is_sharp()):
             root = grower.grown({s: laws[s] for s in open_})
-        if len(list(root.leaves())) < 2:
-            return None
-        if self.count is None and not self._pays(root, laws):
-            return None
-        return self._assembled(root, equations)
+        if (
+            root is not None
+            and len(list(root.leaves())) > 1
+            and (not auto or self._pays(root, laws))
+        ):
+            return self._assembled(root, equations)
+        return self._rare(grower, laws, equations) if auto and open_ else None
 
     def _rare(
         self, grower: Grower, laws: Mapping[str, Equation], equations: Sequence[Equation]
