@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -23,6 +24,8 @@ SAMPLES, STRIDE = 300, 3
 """Samples of an experiment, each at most so many sample times of the recordings long."""
 AMPLITUDES = (0.25, 1.0)
 """Of the largest input recorded, 2 % of the samples apart: an experiment stays inside them."""
+PATIENCE = 20.0
+"""Seconds after which the best excitation so far is taken: machines may have many inputs."""
 RELEASES = (0.25, 1.0, 2.0)
 """Of the first states recorded, where a machine has no input."""
 
@@ -48,7 +51,8 @@ def best_experiment(parts: Ingredients, rival: Entry) -> Experiment | None:
 
     Both sets are simulated as estimated under steps, sines from slow to fast and a sum of sines,
     at two amplitudes, for `SAMPLES` samples, or released from other starts where there is no
-    input; None where the simulator is no formula or no simulation holds.
+    input, for `PATIENCE` seconds at most; None where the simulator is no formula or no simulation
+    holds.
     """
     arena = parts.arena
     problem, super_model = arena.problem, arena.super_model
@@ -61,8 +65,9 @@ def best_experiment(parts: Ingredients, rival: Entry) -> Experiment | None:
     used = np.maximum(problem.segments.weights.sum((1, 2)), 1.0)
     noise = problem.scale * np.sqrt((parts.chosen.fit.residual**2).sum((1, 2)) / used)
     best: Experiment | None = None
+    end = time.monotonic() + PATIENCE
     for text, item in _excitations(parts):
-        if parts.case.budget.exhausted:
+        if parts.case.budget.exhausted or (best is not None and time.monotonic() > end):
             break
         with np.errstate(all="ignore"):
             size = _separation(item, (ours, theirs), (parts.chosen, rival), noise)
