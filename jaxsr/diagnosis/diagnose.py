@@ -323,10 +323,9 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float, StoppedBy]:
             again = enter(arena, members, start, None, stop, most)
             entry = min(entry, again, key=lambda e: e.fit.cost)
             broken += _astray(entries[0], entry, promise)
+            if broken == MOST_BROKEN:
+                entries = glance(arena, entries[0], entries, stop)
         entries.append(entry)
-        if number == 0 and entry.fit.usable:
-            arena, entries = _rescaled(arena, entries, stop)
-            entries = glance(arena, entries[0], entries, stop)
         if number == 1:
             arena, entries = _rescaled(arena, entries, stop)
     case.progress.stage("trying every mechanism in free run")
