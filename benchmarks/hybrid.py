@@ -22,7 +22,7 @@ import numpy as np
 
 import jaxsr
 from benchmarks import peers, provenance
-from benchmarks.hybrid_systems import ONE_LAW, STRIBECK, SYSTEMS, HybridSystem
+from benchmarks.hybrid_systems import ONE_LAW, STRIBECK, SYSTEMS, HybridSystem, hardly_touching
 from benchmarks.judging import judge
 from benchmarks.systems import noisy
 from jaxsr import Recording, Simulator
@@ -202,16 +202,7 @@ def trap(system: HybridSystem, seed: int, decibels: float | None = None) -> dict
 
 def rare(seed: int, share: float = 0.03) -> dict[str, Any]:
     """Keep of the ball's contact so many samples that they are ``share`` of all."""
-    ball = SYSTEMS["ball on a soft floor"]
-    rng = np.random.default_rng(seed)
-    data = []
-    for r in ball.training(seed):
-        touch = r.channels["x"] <= 0.1
-        most = int(share * np.count_nonzero(~touch))
-        keep = ~touch
-        keep[rng.choice(np.flatnonzero(touch), min(most, touch.sum()), replace=False)] = True
-        channels = {n: v[keep] for n, v in r.channels.items()}
-        data.append(Recording(r.name, r.time[keep], channels))
+    ball, data = SYSTEMS["ball on a soft floor"], hardly_touching(seed, share)
     found, seconds = discovered(ball, data, seed, "auto")
     out = {"seconds": seconds, **score(ball, found, ball.held_out())}
     near = out["guard_error"] is not None and out["guard_error"] <= _AT

@@ -266,6 +266,20 @@ SYSTEMS = {
 }  # fmt: skip
 
 
+def hardly_touching(seed: int, share: float) -> list[Recording]:
+    """Return recordings of the soft ball, its contact thinned to a share of its flight."""
+    rng = np.random.default_rng(seed)
+    data = []
+    for r in BALL.training(seed):
+        touch = r.channels["x"] <= 0.1
+        keep = ~touch
+        most = int(share * np.count_nonzero(~touch))
+        keep[rng.choice(np.flatnonzero(touch), min(most, touch.sum()), replace=False)] = True
+        channels = {n: v[keep] for n, v in r.channels.items()}
+        data.append(Recording(r.name, r.time[keep], channels))
+    return data
+
+
 def smooth(
     name: str,
     laws: Mapping[str, str],

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import html
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import jaxsr
-from benchmarks.hybrid_systems import SYSTEMS
-from jaxsr import Recording
+from benchmarks.hybrid_systems import hardly_touching
+from jaxsr.discovery.hybrid import Guard, RareMode
 from jaxsr.discovery.hybrid.rare import rare_tail
+from jaxsr.expressions import Term
+from jaxsr.report import write_discovery_report
 
 
 def _columns(*parts: np.ndarray) -> np.ndarray:
@@ -48,15 +53,7 @@ def test_one_law_has_no_rare_end() -> None:
 @pytest.mark.parametrize("seed", [1, 15, 18])
 def test_a_contact_hardly_visited_is_found_or_named(seed: int) -> None:
     """Two in a hundred of a bouncing ball's samples touch the floor."""
-    rng = np.random.default_rng(seed)
-    data = []
-    for r in SYSTEMS["ball on a soft floor"].training(seed):
-        touch = r.channels["x"] <= 0.1
-        keep = ~touch
-        most = int(0.02 * np.count_nonzero(~touch))
-        keep[rng.choice(np.flatnonzero(touch), min(most, touch.sum()), replace=False)] = True
-        channels = {n: v[keep] for n, v in r.channels.items()}
-        data.append(Recording(r.name, r.time[keep], channels))
+    data = hardly_touching(seed, 0.02)
     found = jaxsr.discover(data, states=["x", "v"], derivatives=["d_x", "d_v"], seed=seed)
     if found.modes:
         assert any("x <= " in str(mode) for mode in found.modes)
@@ -65,3 +62,10 @@ def test_a_contact_hardly_visited_is_found_or_named(seed: int) -> None:
     assert str(found.rare.guard.variable.name) == "x" and not found.rare.guard.above
     assert found.rare.guard.threshold == pytest.approx(0.1, abs=0.02)
     assert found.to_dict()["rare_mode"]["samples"] == found.rare.samples
+
+
+def test_a_report_says_where_a_rare_mode_lies(tmp_path: Path) -> None:
+    rare = RareMode(Guard(Term.variable("x"), 0.1, above=False), 30, 1200)
+    write_discovery_report({"equations": [], "rare_mode": {"sentence": str(rare)}}, [], tmp_path)
+    page = html.unescape((tmp_path / "report.html").read_text())
+    assert "30 of 1200 samples, those with x <= 0.1, do not follow the law of the others" in page

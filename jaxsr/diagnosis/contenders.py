@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
+from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import neutral_values
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
@@ -15,9 +14,6 @@ from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.screening import ScreenedSet
 from jaxsr.diagnosis.setup import Screened, sample_step, state_scale
 from jaxsr.models import Model
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.diagnose import Case
 
 SINGLES, PAIRS, LARGER = 3, 3, 3
 VARIANTS = 2

@@ -158,12 +158,12 @@ def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
         choices -= float(scipy.special.gammaln(part + 1.0))
     choices += float(sum(np.log(super_model.candidates[i].tried) for i in entry.members))
     price = entry.fit.active.size * np.log(n) + 2.0 * choices
-    price += n * worth_of_rounding(super_model, entry)
+    price += n * least_gain(super_model, entry)
     price -= 2.0 * log_prior(super_model, entry)
     return float(n * np.log(entry.fit.cost + 1e-300) + price)
 
 
-def worth_of_rounding(super_model: SuperModel, entry: Entry) -> float:
+def least_gain(super_model: SuperModel, entry: Entry) -> float:
     """Return the log error that a set must gain beside the price of its constants.
 
     What integration leaves is worth no further mechanism, and what rounding leaves of a jump
@@ -280,7 +280,7 @@ def _shares(
     passing = any(super_model.candidates[i].passing for e in entries for i in e.members)
     if not passing:
         price = penalties(super_model, entries)
-        price += [worth_of_rounding(super_model, e) for e in entries]
+        price += [least_gain(super_model, e) for e in entries]
         price += [_margin(entries[0], e) for e in entries]
         return weights(entries, _independent(entries[0]), price, rng)
     n = independent_residuals(entries[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +11,10 @@ import numpy as np
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.choice import Decision, decide
 from jaxsr.diagnosis.contenders import contenders, leading_sets
 from jaxsr.diagnosis.contest import (
-    CONTEST_TOLERANCE,
     ITERATIONS,
     Arena,
     Entry,
@@ -21,25 +22,14 @@ from jaxsr.diagnosis.contest import (
     enter,
     neutral_values,
 )
-from jaxsr.diagnosis.corners import out_of_corners
-from jaxsr.diagnosis.decide import (
-    Detection,
-    detect,
-    detect_in_noise,
-    most_credible,
-    plausible,
-    simplest_adequate,
-    without_duplicates,
-)
 from jaxsr.diagnosis.document import UNEXPLAINED, Ingredients, assemble
-from jaxsr.diagnosis.exchange import exchange
 from jaxsr.diagnosis.horizon import Outlook
 from jaxsr.diagnosis.integration import choose_stepping, with_smooth
 from jaxsr.diagnosis.located import with_located
-from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
+from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
-from jaxsr.diagnosis.setup import Screened, prepare, screen_all
+from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.diagnosis.stepwise import glance, grow
 from jaxsr.diagnosis.unnamed import (
     ProposedForce,
@@ -49,7 +39,6 @@ from jaxsr.diagnosis.unnamed import (
     worth_no_name,
 )
 from jaxsr.models import Simulator
-from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
 
 PATIENCE = 1.0 / 12.0
@@ -60,27 +49,12 @@ NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
 GROWING = 0.7
 """Share of the time left that larger sets may take: the rest is for telling rivals apart."""
-ROUNDS = 4
-"""Times that a decision is made anew because a smaller or another set did better than before."""
-MERGED = 3
-"""Single mechanisms that are estimated again from where a larger set ended."""
 PROMISING = 0.7
 """Error left in the weak view, relative to re-calibration, below which a set must do well."""
 MOST_BROKEN = 2
 """Sets that do not do so well, from which the weak view is not believed about larger ones."""
 REMOVED = 0.3
 """Share of the re-calibrated error up to which a mismatch counts as explained."""
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """One diagnosis on its way: the given simulator, its data and the course of the work."""
-
-    simulator: Simulator
-    prepared: tuple[Prepared, ...]
-    screened: Screened | None
-    budget: Budget
-    progress: Progress = field(default_factory=Silent)
 
 
 def diagnose(
@@ -135,23 +109,7 @@ def diagnose(
     arena, entries, headline, grown = contest(case)
     progress.stage("deciding")
     arena, good, chosen, detection = decide(case, arena, entries)
-    if _unexplained(case, arena, good, chosen):
-        progress.stage("searching a term that no named mechanism covers")
-        proposal = propose_unnamed(case, arena, chosen, rng)
-        if proposal is not None:
-            beside = ((), chosen.members)
-            again = with_candidate(case, arena, good, chosen, proposal, beside)
-            arena, good, chosen, detection = decide(case, *again)
-    for state, rest in crowded(arena, chosen, good):
-        progress.stage("searching one law for several forces at one place")
-        proposal = propose_instead(case, arena, chosen, state, rest, rng)
-        if proposal is None:
-            continue
-        number = len(arena.super_model.candidates)
-        again = with_candidate(case, arena, good, chosen, proposal, (rest,))
-        decision = decide(case, *again)
-        if number in decision[2].members and worth_no_name(decision[0], decision[2], chosen):
-            arena, good, chosen, detection = decision
+    arena, good, chosen, detection = with_nameless(case, (arena, good, chosen, detection), rng)
     null = next(e for e in good if not e.members)
     ingredients = Ingredients(
         case=case,
@@ -171,68 +129,26 @@ def diagnose(
     return assemble(ingredients)
 
 
-def decide(
-    case: Case, arena: Arena, entries: list[Entry]
-) -> tuple[Arena, list[Entry], Entry, Detection]:
-    """Choose an entry; re-calibration alone unless another clearly beats it."""
-    exchanged: set[tuple[int, ...]] = set()
-    for _ in range(ROUNDS):
-        good, chosen, detection = _choose(case, arena, entries)
-        if not detection.detected:
-            break
-        simpler = ablate(arena, chosen, entries, case)
-        replaced = {e.members for e in simpler}
-        entries = [e for e in entries if e.members not in replaced] + simpler
-        if not simpler and chosen.members in exchanged:
-            break
-        exchanged.add(chosen.members)
-        entries = exchange(arena, chosen, entries, lambda: case.budget.exhausted)
-        entries = _merged(arena, chosen, entries, lambda: case.budget.exhausted)
-    good, chosen, detection = _choose(case, arena, entries)
-    # The chosen set without a member is reported whatever its estimates.
-    good += [e for e in entries if set(e.members) < set(chosen.members) and e not in good]
-    return arena, good, chosen, detection
-
-
-def _merged(
-    arena: Arena, chosen: Entry, entries: list[Entry], stop: Callable[[], bool]
-) -> list[Entry]:
-    """Estimate the best single mechanisms again from where a larger set ended.
-
-    One law that jumps, caught in a corner of its cost, must not lose to two that imitate it, or
-    to a richer one.
-    """
-    single = [e for e in entries if len(e.members) == 1 and e.fit.usable]
-    if not chosen.members or chosen.fit.path is None:
-        return entries
-    if len(chosen.members) == 1:
-        simpler = [e for e in single if e.fit.active.size < chosen.fit.active.size]
-        every = arena.super_model.candidates
-        single = [e for e in simpler if every[e.members[0]].sharp]
-    best = {}
-    for entry in sorted(single, key=lambda e: e.fit.cost)[:MERGED]:
-        near = enter(arena, entry.members, entry.fit.theta, chosen.fit.path, stop, near=True)
-        near, _ = out_of_corners(arena, min(entry, near, key=lambda e: e.fit.cost), stop)
-        best[entry.members] = near
-    return [best.get(e.members, e) for e in entries]
-
-
-def _choose(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry], Entry, Detection]:
-    """Return the entries to be believed, the one among them to choose, and the test of it."""
-    null = next(e for e in entries if not e.members)
-    good = [e for e in entries if not e.members or plausible(arena, e)]
-    good = without_duplicates(arena.super_model, good)
-    tried = case.screened.super_model if case.screened else arena.super_model
-    count = len({c.label for c in tried.candidates})
-    best = min(good, key=lambda e: e.fit.cost)
-    if residual_to_noise(arena, best) > LIMITED:
-        chosen = simplest_adequate(arena.super_model, good)
-        detection = detect(null, chosen, count)
-    else:
-        chosen = most_credible(arena.super_model, good)
-        places = [arena.super_model.candidates[i].tried for i in chosen.members]
-        detection = detect_in_noise(null, chosen, count * max(places, default=1))
-    return good, chosen if detection.detected else null, detection
+def with_nameless(case: Case, decision: Decision, rng: np.random.Generator) -> Decision:
+    """Let the evolution propose terms: for what is left, and instead of several named forces."""
+    arena, good, chosen, _ = decision
+    if _unexplained(case, arena, good, chosen):
+        case.progress.stage("searching a term that no named mechanism covers")
+        proposal = propose_unnamed(case, arena, chosen, rng)
+        if proposal is not None:
+            beside = ((), chosen.members)
+            again = with_candidate(case, arena, good, chosen, proposal, beside)
+            decision = arena, good, chosen, _ = decide(case, *again)
+    for state, rest in crowded(arena, chosen, good):
+        case.progress.stage("searching one law for several forces at one place")
+        proposal = propose_instead(case, arena, chosen, state, rest, rng)
+        if proposal is None:
+            continue
+        number = len(arena.super_model.candidates)
+        rival = decide(case, *with_candidate(case, arena, good, chosen, proposal, (rest,)))
+        if number in rival[2].members and worth_no_name(rival[0], rival[2], chosen):
+            decision = arena, good, chosen, _ = rival
+    return decision
 
 
 def _unexplained(case: Case, arena: Arena, entries: list[Entry], chosen: Entry) -> bool:
@@ -365,33 +281,3 @@ def _rescaled(
 
 def _label(super_model: SuperModel, members: tuple[int, ...]) -> str:
     return " + ".join(super_model.candidates[i].label for i in members) or "re-calibration"
-
-
-def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> list[Entry]:
-    """Enter the chosen set without each of its members, from where the whole set ended.
-
-    Returned are the entries that the contest lacks or has with a larger cost: a smaller set must
-    not lose because its estimation stopped early.
-    """
-
-    def stop() -> bool:
-        return case.budget.exhausted
-
-    have = {e.members: e for e in entries}
-    neutral = neutral_values(arena.super_model)
-    better = []
-    for number in chosen.members:
-        rest = tuple(i for i in chosen.members if i != number)
-        settled = not rest and rest in have and have[rest].fit.converged
-        if case.budget.exhausted or settled:
-            continue
-        start = chosen.fit.theta.copy()
-        for j in arena.super_model.index(number):
-            start[j] = neutral[j]
-        entry = enter(arena, rest, start, chosen.fit.path, stop, near=True)
-        if rest in have and have[rest].fit.cost < entry.fit.cost:
-            entry = have[rest]
-        entry, _ = out_of_corners(arena, entry, stop)
-        if rest not in have or entry.fit.cost < (1.0 - CONTEST_TOLERANCE) * have[rest].fit.cost:
-            better.append(entry)
-    return better

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from jaxsr._result import StoppedBy, Verdict
+from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import Arena, Entry, enter, gain, neutral_values
 from jaxsr.diagnosis.decide import (
     TIE,
@@ -38,9 +39,6 @@ from jaxsr.diagnosis.uncertainty import sensitivities
 from jaxsr.models import Edit, Model, apply_edit
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import check_recording
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.diagnose import Case
 
 UNEXPLAINED = 5.0
 """Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest import Entry
 from jaxsr.diagnosis.reduced import Lean, lean
 from jaxsr.models import Model
@@ -65,9 +65,9 @@ def best_experiment(parts: Ingredients, rival: Entry) -> Experiment | None:
     used = np.maximum(problem.segments.weights.sum((1, 2)), 1.0)
     noise = problem.scale * np.sqrt((parts.chosen.fit.residual**2).sum((1, 2)) / used)
     best: Experiment | None = None
-    end = time.monotonic() + PATIENCE
+    patience = Budget(PATIENCE)
     for text, item in _excitations(parts):
-        if parts.case.budget.exhausted or (best is not None and time.monotonic() > end):
+        if parts.case.budget.exhausted or (best is not None and patience.exhausted):
             break
         with np.errstate(all="ignore"):
             size = _separation(item, (ours, theirs), (parts.chosen, rival), noise)

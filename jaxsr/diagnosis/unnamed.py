@@ -7,11 +7,11 @@ one law without a name.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
+from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import Arena, Entry, active_parameters, neutral_values
 from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
 from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
@@ -20,9 +20,6 @@ from jaxsr.evolution.propose import Proposal
 from jaxsr.expressions import Term, to_text
 from jaxsr.models.segments import Prepared
 from jaxsr.views import WeakView
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.diagnose import Case
 
 SECONDS = 12.0
 WORTH = 0.7

@@ -32,15 +32,12 @@ class Tail:
     above : bool
         Whether the end is the upper one.
     samples : int
-    gain : float
-        Fall of the log of the mean square of all others.
     """
 
     guard: int
     threshold: float
     above: bool
     samples: int
-    gain: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +92,7 @@ def rare_tail(
                     best = gain, number, above, count
     if best is None or best[0] < np.log(_GAIN):
         return None
-    gain, number, above, count = best
+    _, number, above, count = best
     values = guards[number]
     order = np.argsort(-values if above else values, kind="stable")
     rest = order[count:]
@@ -106,7 +103,7 @@ def rare_tail(
         return None
     last = int(strays[-1])
     edge = 0.5 * (values[order[last]] + values[order[last + 1]])
-    return Tail(number, float(edge), above, last + 1, gain)
+    return Tail(number, float(edge), above, last + 1)
 
 
 def _mean_squares(columns: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
