@@ -11,9 +11,16 @@ from memory_plants import GIVEN, PLANTS, STEP, arena_of, contest, winner
 
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contest import Arena, enter, neutral_values
-from jaxsr.diagnosis.mechanisms.memory import dissipates, memory_candidates, overflows
+from jaxsr.diagnosis.mechanisms.memory import (
+    RESOLVED,
+    STEPS,
+    dissipates,
+    memory_candidates,
+    overflows,
+)
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
+from jaxsr.diagnosis.reduced import reduce
 from jaxsr.diagnosis.setup import state_scale
 from jaxsr.diagnosis.uncertainty import half_widths
 from jaxsr.expressions import parse, to_numpy
@@ -263,4 +270,14 @@ def test_intervals_hold_the_truth(mechanism, truth):
 
 def test_time_constants_stay_resolved():
     lag = next(c for c in mechanisms() if c.mechanism == "actuator_lag").parameters[0]
-    assert lag.low == pytest.approx(2 * STEP) and lag.low < lag.neutral < lag.high
+    assert lag.low == pytest.approx(RESOLVED * STEP) and lag.low < lag.neutral < lag.high
+
+
+@pytest.mark.parametrize("samples", [0.3, 1.0, 3.0])
+def test_a_lag_shorter_than_a_sample_is_estimated(samples):
+    """RK4 would be unstable below 0.36 samples; sets with a lag take shorter steps."""
+    plant = replace(PLANTS["actuator_lag"], lag=samples * STEP)
+    arena = arena_of(plant.record(7), ("actuator_lag",))
+    assert reduce(arena.problem, arena.super_model, (0,)).problem.stepping.substeps >= STEPS
+    tau, half = estimate(arena, "actuator_lag")["tau"]
+    assert abs(tau - plant.lag) < 1.5 * half and half < 0.3 * plant.lag

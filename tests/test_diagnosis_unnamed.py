@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 
 from jaxsr._progress import Budget
 from jaxsr.diagnosis import diagnose
-from jaxsr.diagnosis.unnamed import _search, _written
+from jaxsr.diagnosis.unnamed import _search, _worst_state, _written
+from jaxsr.diagnosis.weak_system import WeakSystem
 from jaxsr.expressions import evaluate, parse, to_text
 from jaxsr.models import Simulator, parse_model
 from jaxsr.recordings import Recording
@@ -88,6 +89,27 @@ def test_one_law_stands_for_a_crowd_of_named_ones():
     term = evaluate(parse(first["term"]), {"q": q, "v": v, **values})
     law = -3.0 * v * (q / 0.3) ** 2
     assert np.std(term - law) < 0.05 * np.std(law)
+
+
+def test_the_search_asks_the_equation_that_fails_most_for_its_size():
+    """An equation without an input, however small its terms, is no worse for that."""
+    rng = np.random.default_rng(2)
+    state = np.repeat([0, 1], 50)
+    terms = np.where(state == 0, 1.0, 1e4)[:, None] * rng.normal(size=(100, 2))
+    for failing in (0, 1):
+        left = np.where(state == failing, 0.3, 0.01) * np.where(state == 0, 1.0, 1e4)
+        residual = left * rng.normal(size=100)
+        system = WeakSystem(
+            residual=residual,
+            jacobian=terms,
+            input_side=np.where(state == 0, rng.normal(size=100), 0.0),
+            state=state,
+            recording=np.zeros(100, dtype=int),
+            centre=np.arange(100.0),
+            theta=np.ones(2),
+            half_width=1.0,
+        )
+        assert _worst_state(system, (0, 1)) == failing
 
 
 def test_a_budget_that_runs_out_before_the_search_proposes_nothing():

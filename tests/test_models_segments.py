@@ -51,3 +51,18 @@ def test_angles_without_a_unit_are_known_by_their_sine():
     )
     turning = {site.position: site.turning for site in sites_of(parse_model(stated), {})}
     assert turning == {"phi": True, "x": False}
+
+
+@pytest.mark.parametrize("hold", ["zero", "linear"])
+@pytest.mark.parametrize(("few", "factor"), [(1, 2), (1, 4), (2, 3), (3, 2)])
+def test_refined_segments_have_the_inputs_of_finer_steps(hold, few, factor):
+    model = parse_model(MODEL.replace("HOLD", hold))
+    rng = np.random.default_rng(few)
+    time = np.cumsum(rng.uniform(0.01, 0.02, 60))
+    signals = {"u": rng.normal(size=60), "y": rng.normal(size=60)}
+    items = [Prepared.build(model, Recording("a.csv", time, signals))]
+    rows = cut(items, 0.3)
+    found = build_segments(model, items, rows, few).refined(factor)
+    expected = build_segments(model, items, rows, few * factor)
+    np.testing.assert_allclose(found.length, expected.length, rtol=1e-12)
+    np.testing.assert_allclose(found.stages, expected.stages, rtol=1e-12, atol=1e-12)

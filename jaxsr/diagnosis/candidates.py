@@ -102,6 +102,8 @@ class Candidate:
         Constants of the mechanism for which parameters of the model stand.
     physical : callable or None
         Tells of values by their own names whether such a thing exists, where bounds cannot.
+    substeps : int
+        Fewest steps of RK4 between two samples that its states need.
     sentence : str
         What it means, with ``{site}``.
     """
@@ -123,6 +125,7 @@ class Candidate:
     tried: int = 1
     borrowed: tuple[tuple[str, str], ...] = ()
     physical: Callable[[Mapping[str, float]], bool] | None = None
+    substeps: int = 1
     source: str = ""
     conflicts: frozenset[str] = field(default_factory=frozenset)
 

@@ -22,7 +22,8 @@ from jaxsr.diagnosis.contest import (
     enter,
     neutral_values,
 )
-from jaxsr.diagnosis.document import UNEXPLAINED, Ingredients, assemble
+from jaxsr.diagnosis.decide import plausible
+from jaxsr.diagnosis.document import Ingredients, assemble
 from jaxsr.diagnosis.horizon import Outlook
 from jaxsr.diagnosis.integration import choose_stepping, with_smooth
 from jaxsr.diagnosis.located import with_located
@@ -53,6 +54,8 @@ PROMISING = 0.7
 """Error left in the weak view, relative to re-calibration, below which a set must do well."""
 MOST_BROKEN = 2
 """Sets that do not do so well, from which the weak view is not believed about larger ones."""
+ABOVE_NOISE = 2.0
+"""Ratio of residual to sensor noise from which a law is searched that no named mechanism covers."""
 REMOVED = 0.3
 """Share of the re-calibrated error up to which a mismatch counts as explained."""
 
@@ -107,6 +110,7 @@ def diagnose(
     progress.stage("screening mechanisms in the weak view")
     case = Case(simulator, prepared, screen_all(simulator, prepared), budget, progress)
     arena, entries, headline, grown = contest(case)
+    arena, entries = with_unnamed(case, arena, entries, rng)
     progress.stage("deciding")
     arena, good, chosen, detection = decide(case, arena, entries)
     arena, good, chosen, detection = with_nameless(case, (arena, good, chosen, detection), rng)
@@ -129,16 +133,29 @@ def diagnose(
     return assemble(ingredients)
 
 
+def with_unnamed(
+    case: Case, arena: Arena, entries: list[Entry], rng: np.random.Generator
+) -> tuple[Arena, list[Entry]]:
+    """Let the evolution write a law where no set of named mechanisms comes near the noise."""
+    null = next(e for e in entries if not e.members)
+    best = min((e for e in entries if e is null or plausible(arena, e)), key=lambda e: e.fit.cost)
+    if not _unexplained(case, arena, null, best):
+        return arena, entries
+    case.progress.stage("searching a term that no named mechanism covers")
+    found = propose_unnamed(case, arena, best, rng)
+    if found is None:
+        return arena, entries
+    proposal, rest = found
+    number = len(arena.super_model.candidates)
+    beside = ((), rest, best.members)
+    wider, again = with_candidate(case, arena, entries, best, proposal, beside)
+    own = min((e for e in again if number in e.members), key=lambda e: e.fit.cost)
+    return (wider, again) if worth_no_name(wider, own, best) else (arena, entries)
+
+
 def with_nameless(case: Case, decision: Decision, rng: np.random.Generator) -> Decision:
-    """Let the evolution propose terms: for what is left, and instead of several named forces."""
+    """Let the evolution write one law in the place of several named forces at one equation."""
     arena, good, chosen, _ = decision
-    if _unexplained(case, arena, good, chosen):
-        case.progress.stage("searching a term that no named mechanism covers")
-        proposal = propose_unnamed(case, arena, chosen, rng)
-        if proposal is not None:
-            beside = ((), chosen.members)
-            again = with_candidate(case, arena, good, chosen, proposal, beside)
-            decision = arena, good, chosen, _ = decide(case, *again)
     for state, rest in crowded(arena, chosen, good):
         case.progress.stage("searching one law for several forces at one place")
         proposal = propose_instead(case, arena, chosen, state, rest, rng)
@@ -151,13 +168,12 @@ def with_nameless(case: Case, decision: Decision, rng: np.random.Generator) -> D
     return decision
 
 
-def _unexplained(case: Case, arena: Arena, entries: list[Entry], chosen: Entry) -> bool:
+def _unexplained(case: Case, arena: Arena, null: Entry, best: Entry) -> bool:
     """Whether a mismatch far above the noise is left that no named mechanism removes."""
-    null = next(e for e in entries if not e.members)
     if case.screened is None or case.budget.exhausted:
         return False
-    left = np.sqrt(chosen.error / max(null.error, 1e-300))
-    return left > REMOVED and residual_to_noise(arena, chosen) > UNEXPLAINED
+    left = np.sqrt(best.error / max(null.error, 1e-300))
+    return left > REMOVED and residual_to_noise(arena, best) > ABOVE_NOISE
 
 
 def with_candidate(
@@ -180,14 +196,16 @@ def with_candidate(
         start = np.concatenate([chosen.fit.theta, coefficients])
         stepping = choose_stepping(simulator, case.prepared, start)
     new = build_arena(super_model, case.prepared, stepping, arena.seconds, scale, simulator)
+    new = replace(new, patience=arena.patience)
     number, added = len(old.candidates), neutral_values(super_model)[len(old.model.parameters) :]
     leading = sorted(entries, key=lambda e: e.error)[:4]
     null = next(e for e in entries if not e.members)
     sets = {e.members: e for e in (null, chosen, *leading)}
-    again = []
-    for members, entry in sets.items():
-        theta = np.concatenate([entry.fit.theta, added])
-        again.append(enter(new, members, theta))
+    if stepping == arena.problem.stepping:
+        again = [replace(e, fit=e.fit.extended(added)) for e in entries]
+    else:
+        starts = {m: np.concatenate([e.fit.theta, added]) for m, e in sets.items()}
+        again = [enter(new, members, theta) for members, theta in starts.items()]
     neutral = neutral_values(old)
     for members in dict.fromkeys(beside):
         theta = sets.get(members, chosen).fit.theta.copy()

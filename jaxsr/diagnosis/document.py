@@ -42,6 +42,8 @@ from jaxsr.recordings import check_recording
 
 UNEXPLAINED = 5.0
 """Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""
+MATTERS = 1e-3
+"""Share of the free-run error that physics left out must remove to be claimed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +185,7 @@ def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate
             e.lean.free_run(parts.case.prepared, e.theta, horizon).nrmse
             for e in (recalibrated, best)
         )
-        return after < before * (1.0 + 1e-3)
+        return after < before * (1.0 - MATTERS)
 
     whole = parts.headline == parts.horizons[-1]
     return (not whole and better(parts.headline)) or better(None)

@@ -76,8 +76,11 @@ def reduce(problem: Problem, super_model: SuperModel, members: Sequence[int]) ->
         free_start=problem.segments.free_start[states],
         override=problem.segments.override[own.parameters],
     )
-    if own.stepping.substeps != problem.stepping.substeps:
-        segments = segments.coarsened(own.stepping.substeps)
+    here, full_steps = own.stepping.substeps, problem.stepping.substeps
+    if here < full_steps:
+        segments = segments.coarsened(here)
+    elif here > full_steps:
+        segments = segments.refined(here // full_steps)
     problem = Problem(own.simulator, own.stepping, segments, problem.scale)
     return Reduced(problem, own.parameters, states)
 
@@ -116,11 +119,14 @@ def lean(
     parameters = np.array([order.index(names.get(n, n)) for n in alone.model.parameters], dtype=int)
     own = Simulator(alone.model)
     if stepping.smooth is not None and not own.smoothed_arguments:
-        return Lean(own, stepping.smooth, parameters)
+        stepping = stepping.smooth
     known = dict(zip(simulator.smoothed_arguments, stepping.widths, strict=False))
     least = min(stepping.widths, default=1e-4)
     widths = tuple(known.get(a, least) for a in own.smoothed_arguments)
-    return Lean(own, replace(stepping, widths=widths), parameters)
+    steps = stepping.substeps
+    if stepping.method == "rk4":
+        steps *= max([-(-c.substeps // steps) for c in alone.candidates], default=1)
+    return Lean(own, replace(stepping, widths=widths, substeps=steps), parameters)
 
 
 def _parameter_names(

@@ -6,7 +6,7 @@ one law without a name.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -21,7 +21,8 @@ from jaxsr.expressions import Term, to_text
 from jaxsr.models.segments import Prepared
 from jaxsr.views import WeakView
 
-SECONDS = 12.0
+SECONDS, SHARE = 12.0, 0.5
+"""Longest search, and its share of the time left: what it finds is to be estimated as well."""
 WORTH = 0.7
 """Residual sum of squares in the weak view, relative to that without, a proposal must reach."""
 MAX_TERMS = 2
@@ -46,26 +47,24 @@ ProposedForce = tuple[Candidate, np.ndarray]
 
 def propose_unnamed(
     case: Case, arena: Arena, entry: Entry, rng: np.random.Generator
-) -> ProposedForce | None:
-    """Search a term for the equation that keeps the largest relative residual.
+) -> tuple[ProposedForce, tuple[int, ...]] | None:
+    """Search one law for the equation that keeps most, in the place of `entry`'s forces there.
 
-    Runs in the weak view with the parameters of `entry` as columns that stay. Returns the
-    candidate and its coefficients, or None where no term of at most `MAX_TERMS` parts removes
-    enough.
+    Where `entry` has forces at all, only their equations are asked. Returns the candidate with
+    its coefficients, and the members of `entry` that stand elsewhere; None where no law of at
+    most `MAX_TERMS` terms removes enough.
     """
+    every = arena.super_model.candidates
+    forces = [i for i in entry.members if every[i].family in (*FORCES, "external")]
     if case.screened is None or case.budget.exhausted:
         return None
-    system = _view(case, arena, entry.fit.theta)
-    state = _worst_state(system)
-    good = _search(case, arena, system, entry.members, state, rng)
-    if not good:
-        return None
-    # A second term, or a longer one, has to halve what the shorter proposal leaves.
-    best = min(good, key=lambda p: p.size)
-    for proposal in sorted(good, key=lambda p: p.size):
-        if proposal.relative_loss < 0.5 * best.relative_loss:
-            best = proposal
-    return _as_candidate(case, state, best)
+    system = _view(case, arena, _without(arena, entry, forces))
+    names, states = case.simulator.model.states, np.unique(system.state)
+    places = {every[i].site.partition(":")[2] for i in forces} & {names[i] for i in states}
+    state = names[_worst_state(system, [i for i in states if not places or names[i] in places])]
+    rest = tuple(i for i in entry.members if i not in forces or not every[i].site.endswith(state))
+    proposal = propose_instead(case, arena, entry, state, rest, rng)
+    return None if proposal is None else (proposal, rest)
 
 
 def crowded(
@@ -105,11 +104,7 @@ def propose_instead(
     """
     if case.screened is None or case.budget.exhausted:
         return None
-    theta, neutral = chosen.fit.theta.copy(), neutral_values(arena.super_model)
-    for number in set(chosen.members) - set(rest):
-        own = arena.super_model.index(number)
-        theta[own] = neutral[own]
-    system = _view(case, arena, theta)
+    system = _view(case, arena, _without(arena, chosen, set(chosen.members) - set(rest)))
     index = case.simulator.model.states.index(state)
     if not (system.state == index).any():
         return None
@@ -121,6 +116,15 @@ def worth_no_name(arena: Arena, unnamed: Entry, named: Entry) -> bool:
     """Whether a law without a name reaches the noise, or leaves far less than the named ones."""
     near = residual_to_noise(arena, unnamed) <= LIMITED
     return near or unnamed.fit.cost < NAMELESS * named.fit.cost
+
+
+def _without(arena: Arena, entry: Entry, members: Iterable[int]) -> np.ndarray:
+    """Parameters of an entry, its `members` put to nothing."""
+    theta, neutral = entry.fit.theta.copy(), neutral_values(arena.super_model)
+    for number in members:
+        own = arena.super_model.index(number)
+        theta[own] = neutral[own]
+    return theta
 
 
 def _view(case: Case, arena: Arena, theta: np.ndarray) -> WeakSystem:
@@ -143,7 +147,7 @@ def _search(
     forces and inertias that vanish together.
     """
     assert case.screened is not None
-    seconds = min(SECONDS, case.budget.remaining)
+    seconds = min(SECONDS, SHARE * case.budget.remaining)
     if not seconds > 0.0:
         return []
     rows, sizes = system.state == state, _sizes(case)
@@ -238,15 +242,15 @@ def _written(term: Term, sizes: dict[str, float], inner: list[float], within: st
     return Term.apply(term.op, *(_written(a, sizes, inner, term.op) for a in term.args))
 
 
-def _worst_state(system: WeakSystem) -> int:
-    """Equation with the largest residual relative to its input side."""
-    ratio = {}
-    for state in np.unique(system.state):
+def _worst_state(system: WeakSystem, states: Iterable[int]) -> int:
+    """Return which equation has the largest residual relative to what its terms bring."""
+    share = {}
+    terms = system.jacobian * system.theta
+    for state in states:
         rows = system.state == state
-        bring = np.mean(system.input_side[rows] ** 2)
-        left = np.mean(system.residual[rows] ** 2)
-        ratio[int(state)] = float(left / bring) if bring > 0 else float(left)
-    return max(ratio, key=lambda s: ratio[s])
+        brought = np.sum(terms[rows] ** 2) + np.sum(system.input_side[rows] ** 2)
+        share[int(state)] = float(np.sum(system.residual[rows] ** 2) / max(brought, 1e-300))
+    return max(share, key=lambda s: share[s])
 
 
 class _WeakColumns:

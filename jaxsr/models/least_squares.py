@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,6 +72,10 @@ class Fit:
             np.abs(self.jacobian).max(initial=0.0), np.abs(self.by_start).max(initial=0.0)
         )
         return bool(np.isfinite(largest) and largest < 1e60 and np.isfinite(self.cost))
+
+    def extended(self, theta: np.ndarray) -> Fit:
+        """Return the fit in a model with further parameters that do not act."""
+        return replace(self, theta=np.concatenate([self.theta, theta]))
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
         """Per segment: the starts projected out of J^T J and J^T r.

@@ -11,10 +11,13 @@ from jaxsr.diagnosis.candidates import AddedState, Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Site, compose, sites_of
 from jaxsr.models import Model
 
-RESOLVED = 2.0
-"""Shortest time constant in samples: below, a lag is a delay to any sensor."""
+RESOLVED, STEPS = 0.2, 4
+"""Shortest lag in samples, and the steps between samples by which RK4 follows it: at 5/4 of a time
+constant a step it leaves 0.290 of a decay instead of exp(-5/4) = 0.287."""
 LONGEST = 400.0
 """Longest time constant in samples."""
+LAGS = (1.0, 8.0)
+"""First guesses of a lag in samples: one nearly absent, and one that is not."""
 LOOP = 1.5
 """Largest abs(g)/b of a hysteresis. 1 is where a loop may bring energy in; estimates scatter."""
 RESONANCES = (1.2, 2.0, 3.5, 6.0)
@@ -46,7 +49,7 @@ def memory_candidates(
 
 def actuator_lags(model: Model, step: float) -> Iterator[Candidate]:
     """Yield a first-order lag, uf' = (u - uf)/tau with uf in place of u, at every input."""
-    for u in model.inputs:
+    for u, first in itertools.product(model.inputs, LAGS):
         yield Candidate(
             "actuator_lag",
             "memory",
@@ -57,13 +60,14 @@ def actuator_lags(model: Model, step: float) -> Iterator[Candidate]:
                     "s",
                     low=RESOLVED * step,
                     high=LONGEST * step,
-                    neutral=4.0 * RESOLVED * step,
+                    neutral=first * step,
                     coefficient=False,
                 ),
             ),
             "The actuator follows {site} with a lag.",
             states=(AddedState("uf", f"({u} - {{uf}})/{{tau}}", model.units.get(u)),),
             replaced=((u, "{uf}"),),
+            substeps=STEPS,
             source="Ljung, System Identification (1999), section 4.2",
         )
 
