@@ -19,6 +19,7 @@ from jaxsr.diagnosis.mechanisms import (
     sites_of,
 )
 from jaxsr.diagnosis.mechanisms.site import compose
+from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.models import (
     Model,
     Simulator,
@@ -364,3 +365,19 @@ def test_sites_know_position_and_unit():
     assert [o.state for o in w2.others] == ["w1"]
     (v,) = sites_of(MASS, {})
     assert (v.position, v.turning, v.force_unit) == ("q", False, "N")
+
+
+def test_a_single_signal_has_no_clock_to_differ_from():
+    falling = parse_model(
+        """
+[model]
+states = ["y", "v"]
+outputs = ["height"]
+[equations]
+y = "v"
+v = "-9.81"
+[readings]
+height = "y"
+"""
+    )
+    assert timing_candidates(falling, 0.01, 1.0) == []

@@ -197,4 +197,5 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     angle = np.degrees(np.arcsin(np.sqrt(np.clip(strength / (raw[position] + 1e-300), 0, 1))))
     used = problem.segments.weights.sum()
     variance = result.cost / max(used - len(base), 1.0) * correlation_length(result.residual)
-    return Sensitivities(numbers, gram, np.sqrt(variance / (strength + 1e-300)), angle)
+    error = np.sqrt(variance) / np.sqrt(strength + 1e-300)  # one root would overflow
+    return Sensitivities(numbers, gram, error, angle)

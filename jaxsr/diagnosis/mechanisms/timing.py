@@ -21,8 +21,10 @@ def timing_candidates(model: Model, step: float, duration: float) -> list[Candid
     Notes
     -----
     With one input and one output the two delays are the same thing: the sensor's stands for
-    both, and for a delay of all outputs at once the input's.
+    both, and for a delay of all outputs at once the input's. A single signal is late for none.
     """
+    if len(model.inputs) + len(model.outputs) < 2:
+        return []
     inputs = model.inputs if len(model.inputs) + len(model.outputs) > 2 else ()
     signals = [("input_delay", "actuator", "input", u) for u in inputs]
     signals += [("sensor_delay", "measurement", "output", y) for y in model.outputs]
