@@ -176,8 +176,8 @@ def _verdict(parts: Ingredients, order: list[int], rivals: list) -> Verdict:
 def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate) -> bool:
     """Whether the explained model beats re-calibration in free run, the measure of the report.
 
-    By `MATTERS`, over the headline's horizon or over whole recordings: short runs begin at noisy readings,
-    which can hide what a model gains, and long ones of an unstable system tell nothing.
+    By `MATTERS`, over the headline's horizon or over whole recordings: short runs begin at noisy
+    readings, which can hide what a model gains, and long ones of an unstable system tell nothing.
     """
 
     def better(horizon: float | None) -> bool:
