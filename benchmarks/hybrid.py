@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -26,6 +27,7 @@ from benchmarks.hybrid_systems import ONE_LAW, STRIBECK, SYSTEMS, HybridSystem, 
 from benchmarks.judging import judge
 from benchmarks.systems import noisy
 from jaxsr import Recording, Simulator
+from jaxsr._files import atomic_write_text
 from jaxsr._result import InputError
 from jaxsr.discovery import Discovery
 from jaxsr.expressions import parse, to_numpy
@@ -163,6 +165,37 @@ def table_3(found: Discovery, most: int = 12) -> list[dict[str, Any]]:
     ]
 
 
+def markdown(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return clusters as the paper's Table 3; a split cluster stands above its two parts.
+
+    Submodel I holds where the mass is slow.
+    """
+
+    def span(values: Sequence[float]) -> str:
+        return f"[{values[0]:.3f}, {values[1]:.3f}]"
+
+    lines = [
+        "| Cluster no. | Submodel | e_T + e_V | Term no. | Complexity index "
+        "| Velocity range (m/s) | Displacement range (m) |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    parts = Counter(row["cluster"] for row in rows)
+    slowest = min(rows, key=lambda row: max(map(abs, row["ranges"]["z2"])))["submodel"]
+    for row in rows:
+        number, split = str(row["cluster"]), row["split"]
+        if parts[row["cluster"]] > 1 and not split:
+            number += f", part of {row['samples']} samples"
+        mode = "-" if row["submodel"] is None else "I" if row["submodel"] == slowest else "II"
+        if split:
+            mode = f"- (split at {split[0]} = {split[1]:.3f})"
+        lines.append(
+            f"| {number} | {mode} | {row['error']:.2g} | {row['terms']} "
+            f"| {row['complexity_index']:.2f} | {span(row['ranges']['z2'])} "
+            f"| {span(row['ranges']['z1'])} |"
+        )
+    return "\n".join([*lines, ""])
+
+
 def displacement_only(seed: int) -> dict[str, Any]:
     """Run example iii from the displacement alone, its rate and acceleration estimated."""
     data = [Recording(r.name, r.time, {"z1": r.channels["z1"]}) for r in STRIBECK.training()]
@@ -298,6 +331,9 @@ def main() -> int:
         show(name.replace("_", " "), body[name])
     body["displacement_only"] = [displacement_only(seed) for seed in range(each)]
     show("displacement only", body["displacement_only"])
+    table = markdown(next(r["table_3"] for r in body["example_iii"] if "table_3" in r))
+    atomic_write_text(provenance.RESULTS / "hybrid_table_3.md", table)
+    print(table)
     title = "modes of systems that switch: example iii over seeds, other systems, smooth traps"
     provenance.write("hybrid", title, range(seeds), body)
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from benchmarks.concealed.figures import draw
 from benchmarks.concealed.judging import Mark, judge
 from benchmarks.concealed.rates import Rate, thresholds
 from benchmarks.concealed.scoring import reliability, risk_coverage, summary
+from benchmarks.concealed.sets import SETS, pooled, row_of
 from benchmarks.concealed.tables import markdown
 
 
@@ -279,3 +281,16 @@ def test_tables_and_figures_come_whole(tmp_path: Path) -> None:
     draw(document, tmp_path)
     names = {"risk_coverage.png", "reliability.png", "detection.png"}
     assert {p.name for p in tmp_path.iterdir()} == names
+
+
+def test_the_sets_of_the_record_add_up_and_end_with_the_score_beside_them() -> None:
+    rows = json.loads(SETS.read_text())
+    assert len({row["seed"] for row in rows}) == len(rows)
+    for row in rows:  # the seed is the first 8 hex digits of the frozen commit
+        assert f"{row['seed']:08x}".startswith(row["commit"][:8])
+    score = json.loads((SETS.parent / "score.json").read_text())
+    assert row_of(score, rows[-1]["commit"]) == rows[-1]
+    total = pooled(rows)["verdict"]
+    assert (total.k, total.n) == tuple(
+        sum(row["counts"]["verdict"][key] for row in rows) for key in ("k", "n")
+    )
