@@ -22,7 +22,7 @@ from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.reduced import reduce
 from jaxsr.diagnosis.setup import state_scale
-from jaxsr.diagnosis.uncertainty import half_widths
+from jaxsr.diagnosis.uncertainty import half_widths, sensitivities
 from jaxsr.expressions import parse, to_numpy
 from jaxsr.models import Model, Simulator, apply_edit, parse_model, read_model
 from jaxsr.models.rollout import Stepping, outputs
@@ -281,3 +281,17 @@ def test_a_lag_shorter_than_a_sample_is_estimated(samples):
     assert reduce(arena.problem, arena.super_model, (0,)).problem.stepping.substeps >= STEPS
     tau, half = estimate(arena, "actuator_lag")["tau"]
     assert abs(tau - plant.lag) < 1.5 * half and half < 0.3 * plant.lag
+
+
+def test_effects_beside_a_lag_shorter_than_a_sample_are_finite():
+    """All candidates at once take the steps that the chosen lag needs."""
+    plant = replace(PLANTS["actuator_lag"], lag=0.25 * STEP)
+    arena = arena_of(plant.record(7), ("actuator_lag", "viscous_damping"))
+    candidates = arena.super_model.candidates
+    number = next(i for i, c in enumerate(candidates) if c.mechanism == "actuator_lag")
+    start = neutral_values(arena.super_model)
+    start[arena.super_model.index(number)[0]] = 0.25 * STEP
+    entry = enter(arena, (number,), start)
+    told = sensitivities(arena, entry.fit, exclude=(number,))
+    damping = next(i for i, c in enumerate(candidates) if c.mechanism == "viscous_damping")
+    assert 0.0 < told.error[told.candidates.index(damping)] < 1.0

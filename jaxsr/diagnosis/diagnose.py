@@ -188,6 +188,10 @@ def with_candidate(
 
     Each of these is a part of the chosen set, and starts from where that ended.
     """
+
+    def stop() -> bool:
+        return case.budget.exhausted
+
     (candidate, coefficients), old = proposal, arena.super_model
     super_model = SuperModel.build(old.given, [*old.candidates, candidate])
     simulator = Simulator(super_model.model, case.simulator.function)
@@ -205,13 +209,14 @@ def with_candidate(
         again = [replace(e, fit=e.fit.extended(added)) for e in entries]
     else:
         starts = {m: np.concatenate([e.fit.theta, added]) for m, e in sets.items()}
-        again = [enter(new, members, theta) for members, theta in starts.items()]
+        again = [enter(new, members, theta, stop=stop) for members, theta in starts.items()]
     neutral = neutral_values(old)
     for members in dict.fromkeys(beside):
         theta = sets.get(members, chosen).fit.theta.copy()
         for i in set(chosen.members) - set(members):
             theta[old.index(i)] = neutral[old.index(i)]
-        again.append(enter(new, (*members, number), np.concatenate([theta, coefficients])))
+        theta = np.concatenate([theta, coefficients])
+        again.append(enter(new, (*members, number), theta, stop=stop))
     return new, again
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contest import Arena, Entry, build_arena, neutral_values
 from jaxsr.diagnosis.mechanisms.site import sites_of
@@ -44,7 +42,5 @@ def _joined(
         Simulator(super_model.model),
     )
     added = neutral_values(super_model)[len(old.model.parameters) :]
-    longer = [
-        replace(e, fit=replace(e.fit, theta=np.concatenate([e.fit.theta, added]))) for e in entries
-    ]
+    longer = [replace(e, fit=e.fit.extended(added)) for e in entries]
     return replace(new, patience=arena.patience), longer

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.scoring import FreeRun, free_run
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.lifting import liftable
@@ -76,11 +76,7 @@ def reduce(problem: Problem, super_model: SuperModel, members: Sequence[int]) ->
         free_start=problem.segments.free_start[states],
         override=problem.segments.override[own.parameters],
     )
-    here, full_steps = own.stepping.substeps, problem.stepping.substeps
-    if here < full_steps:
-        segments = segments.coarsened(here)
-    elif here > full_steps:
-        segments = segments.refined(here // full_steps)
+    segments = _restepped(segments, own.stepping, problem.stepping)
     problem = Problem(own.simulator, own.stepping, segments, problem.scale)
     return Reduced(problem, own.parameters, states)
 
@@ -123,10 +119,31 @@ def lean(
     known = dict(zip(simulator.smoothed_arguments, stepping.widths, strict=False))
     least = min(stepping.widths, default=1e-4)
     widths = tuple(known.get(a, least) for a in own.smoothed_arguments)
-    steps = stepping.substeps
-    if stepping.method == "rk4":
-        steps *= max([-(-c.substeps // steps) for c in alone.candidates], default=1)
-    return Lean(own, replace(stepping, widths=widths, substeps=steps), parameters)
+    stepping = _resolving(stepping, alone.candidates)
+    return Lean(own, replace(stepping, widths=widths), parameters)
+
+
+def resolved(problem: Problem, super_model: SuperModel, members: Sequence[int]) -> Problem:
+    """Return a super-model's problem with as many steps between samples as `members` need."""
+    stepping = _resolving(problem.stepping, [super_model.candidates[i] for i in members])
+    segments = _restepped(problem.segments, stepping, problem.stepping)
+    return replace(problem, stepping=stepping, segments=segments)
+
+
+def _resolving(stepping: Stepping, candidates: Sequence[Candidate]) -> Stepping:
+    """Multiply the steps of RK4 until the states of all candidates are followed."""
+    if stepping.method != "rk4":
+        return stepping
+    factor = max([-(-c.substeps // stepping.substeps) for c in candidates], default=1)
+    return replace(stepping, substeps=factor * stepping.substeps)
+
+
+def _restepped(segments: Segments, new: Stepping, old: Stepping) -> Segments:
+    if new.substeps < old.substeps:
+        return segments.coarsened(new.substeps)
+    return (
+        segments if new.substeps == old.substeps else segments.refined(new.substeps // old.substeps)
+    )
 
 
 def _parameter_names(

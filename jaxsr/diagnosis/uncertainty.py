@@ -8,6 +8,7 @@ import numpy as np
 import scipy.stats
 
 from jaxsr.diagnosis.contest import Arena, column_sizes, correlation_length
+from jaxsr.diagnosis.reduced import resolved
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.shooting import linearise_fit
 
@@ -178,13 +179,13 @@ class Sensitivities:
 
 
 def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> Sensitivities:
-    """Linearise around an estimate along the first coefficient of every candidate."""
+    """Linearise around an estimate along the first coefficient of every candidate but its own."""
     super_model = arena.super_model
     numbers = tuple(i for i in range(len(super_model.candidates)) if i not in exclude)
     own = [super_model.index(i, coefficients_only=True)[0] for i in numbers]
     base = [int(a) for a in result.active]
     active = np.array(list(dict.fromkeys([*base, *own])), dtype=int)
-    problem = arena.problem
+    problem = resolved(arena.problem, super_model, exclude)
     full = linearise_fit(problem, result, active)
     total = full.normal_equations()[0].sum(0)
     raw = np.einsum("poks,poks->p", full.jacobian, full.jacobian)
