@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 import jaxsr
 from jaxsr import Simulator
+from jaxsr._progress import Budget, Silent
 from jaxsr.evolution import SearchConfig
 from jaxsr.expressions import parse, to_numpy
 from jaxsr.models.simulation import simulate_to_csv
@@ -163,3 +164,52 @@ def test_modes_and_impacts_together_name_the_recordings_that_were_given() -> Non
     for rows in document["switching"].values():
         assert rows[0][0] == 0.0 and rows[-1][1] == pytest.approx(t[-1])
         assert all(a[1] == b[0] and a[2] != b[2] for a, b in itertools.pairwise(rows))
+
+
+class AtModes(Silent):
+    """Interrupt a budget as the search for modes begins, the first or the second time."""
+
+    def __init__(self, budget: Budget, turn: int) -> None:
+        self._budget, self._left = budget, turn
+
+    def stage(self, text: str) -> None:
+        self._left -= text == "modes"
+        if self._left == 0:
+            self._budget.interrupt()
+
+
+def test_an_interrupt_in_the_first_look_for_modes_keeps_what_was_found(tmp_path: Path) -> None:
+    budget = Budget()
+    law = jaxsr.discover(
+        [hop((1.3, 0.0))],
+        states=["y", "v"],
+        derivatives=["dy", "dv"],
+        config=QUICK,
+        budget=budget,
+        progress=AtModes(budget, 1),
+    )
+    assert law.provenance["stopped_by"] == "interrupted"
+    assert [e.state for e in law.equations] == ["y", "v"]
+    law.save(tmp_path / "out")
+    document = json.loads((tmp_path / "out" / "discovery.json").read_text())
+    assert document["provenance"]["stopped_by"] == "interrupted"
+    unseen = hop((1.25, 0.3), 0.2)
+    table = simulate_to_csv(Simulator.from_file(tmp_path / "out" / "model.toml"), unseen)
+    assert np.isfinite(table["y"].to_numpy()).all()
+
+
+def test_an_interrupt_after_the_equations_is_told_and_keeps_them() -> None:
+    budget, t = Budget(), np.linspace(0.0, 6.0, 300)
+    x = 1.5 * np.cos(1.3 * t) + 0.4 * np.sin(3.1 * t)
+    rate = 2.0 / (1.0 + x**2) - np.tanh(x) + 0.2 * np.floor(2.0 * x)
+    law = jaxsr.discover(
+        [jaxsr.Recording("a", t, {"x": x, "dx": rate})],
+        states=["x"],
+        derivatives=["dx"],
+        autonomous=True,
+        config=QUICK,
+        budget=budget,
+        progress=AtModes(budget, 2),
+    )
+    assert law.provenance["stopped_by"] == "interrupted"
+    assert law.modes == () and [e.state for e in law.equations] == ["x"]

@@ -168,7 +168,7 @@ def discover(
     if count != 1 and not integrals:
         rng = np.random.default_rng([seed, len(part.states)])
         finder = ModeFinder(rng, tasks, experiments, count)
-    equations, hybrid, rare = _laws(tasks, experiments, finder, seed, limit, show)
+    equations, hybrid, rare, looked = _laws(tasks, experiments, finder, seed, limit, show)
     if hybrid is None and not integrals:
         show.stage("roll-outs")
         equations = _settled(equations, tasks, experiments, limit)
@@ -183,7 +183,8 @@ def discover(
         "seed": seed,
         "command": command,
         "seconds": clock.monotonic() - began,
-        "stopped_by": cut_short(e.stopped_by for e in equations) or StoppedBy.CONVERGED,
+        "stopped_by": cut_short([*(e.stopped_by for e in equations), looked])
+        or StoppedBy.CONVERGED,
         "estimated_derivatives": sorted(experiments.rows.estimated),
         "data_sha256": {r.name: r.sha256 for r in opened if r.sha256},
     }
@@ -235,23 +236,25 @@ def _laws(
     seed: int,
     limit: Budget,
     show: Progress,
-) -> tuple[list[Equation], Hybrid | None, RareMode | None]:
-    """Return the equations, the modes where one law is not enough, or a mode too rare to tell."""
+) -> tuple[list[Equation], Hybrid | None, RareMode | None, StoppedBy]:
+    """Return the equations, the modes where one law is not enough, or a mode too rare to tell.
+
+    Last, why the search for modes ended.
+    """
     if finder is None:
-        return _searched(tasks, experiments, seed, limit, show), None, None
+        return _searched(tasks, experiments, seed, limit, show), None, None, StoppedBy.CONVERGED
     show.stage("modes")
     looked = finder.look(limit.share(_LOOK))
     others = {s: task for s, task in tasks.items() if not looked.sure or s not in looked.laws}
     searched = {e.state: e for e in _searched(others, experiments, seed, limit, show)}
     equations = [searched.get(s) or looked.laws[s] for s in tasks]
     show.stage("modes")
-    if looked.sure:
-        found = finder.modes(looked, equations)
-    else:
-        found = finder.find(looked, equations, limit.share(_MODES))
+    rest = limit.share(_MODES)
+    found = finder.modes(looked, equations) if looked.sure else finder.find(looked, equations, rest)
+    ended = StoppedBy.CONVERGED if looked.sure else rest.stopped_by
     if isinstance(found, Hybrid):
-        return list(found.equations), found, None
-    return equations, None, found
+        return list(found.equations), found, None, ended
+    return equations, None, found, ended
 
 
 def _searched(
