@@ -7,10 +7,16 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from jaxsr._progress import Budget
+from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.choice import decide
 from jaxsr.diagnosis.contest import neutral_values
+from jaxsr.diagnosis.diagnose import Decided, contest, looked_further
 from jaxsr.diagnosis.horizon import Outlook
 from jaxsr.diagnosis.scoring import horizons
+from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.models import Model, Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
@@ -64,3 +70,43 @@ def test_a_mass_without_a_spring_is_judged_by_short_runs():
     model = parse_model(PARTS.format(force="u - c*v"))
     chosen, *options = headline(model, lambda q, v, u: u - 0.05 * v - 0.6)
     assert chosen < options[-1]
+
+
+def limited(seed: int, limit: float) -> Recording:
+    """A damped mass whose motor follows commands up to a limit, by a good sensor."""
+    rng = np.random.default_rng(seed)
+    waves, phases = np.linspace(0.4, 9.0, 8), rng.uniform(0.0, 6.0, 8)
+    u = np.sin(waves * TIME[:, None] + phases).sum(1)
+
+    def rates(t: float, x: np.ndarray) -> list[float]:
+        push = float(np.clip(np.interp(t, TIME, u), -limit, limit))
+        return [x[1], push - 0.3 * x[1]]
+
+    path = solve_ivp(rates, (0.0, TIME[-1]), [0.1, 0.0], t_eval=TIME, rtol=1e-8, max_step=0.02)
+    y = path.y[0] + 2e-4 * np.std(path.y[0]) * rng.normal(size=TIME.size)
+    return Recording(f"r{seed}", TIME, {"u": u, "y": y})
+
+
+def second_look(limit: float) -> tuple[object, Decided]:
+    """Look beyond a headline of a second; return what stood before and what stands after."""
+    simulator = Simulator(parse_model(PARTS.format(force="u - c*v")))
+    prepared = prepare(simulator.model, [limited(s, limit) for s in (1, 2)])
+    case = Case(simulator, prepared, screen_all(simulator, prepared), Budget())
+    field = contest(case)
+    before = (decide(case, field[0], field[1]), 1.0, StoppedBy.CONVERGED)
+    return before, looked_further(case, before, np.random.default_rng(0))
+
+
+def test_a_limit_that_acts_rarely_shows_in_longer_segments() -> None:
+    """Starts estimated for every short segment absorb what acts in 3 % of the samples."""
+    _, ((arena, _, chosen, detection), horizon, _) = second_look(4.5)
+    assert detection.detected and horizon > 1.0
+    super_model = arena.super_model
+    (number,) = chosen.members
+    assert super_model.candidates[number].label == "input_saturation@input:u"
+    assert abs(chosen.fit.theta[super_model.index(number)[0]] - 4.5) < 0.3
+
+
+def test_a_second_look_at_nothing_changes_nothing() -> None:
+    before, after = second_look(100.0)
+    assert after is before

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 
@@ -42,6 +43,11 @@ from jaxsr.diagnosis.unnamed import (
 from jaxsr.models import Simulator
 from jaxsr.recordings import Recording
 
+Contest = tuple[Arena, list[Entry], float, StoppedBy]
+"""The arena, its entries, the headline's horizon in s, and why no more sets were tried."""
+Decided = tuple[Decision, float, StoppedBy]
+"""The decision, its headline's horizon in s, and why no more sets were tried."""
+
 PATIENCE = 1.0 / 12.0
 """Share of the time budget after which the estimation of one set stops where it is."""
 MOST_PATIENCE = 10.0
@@ -56,6 +62,8 @@ MOST_BROKEN = 2
 """Sets that do not do so well, from which the weak view is not believed about larger ones."""
 ABOVE_NOISE = 2.0
 """Ratio of residual to sensor noise from which a law is searched that no named mechanism covers."""
+HIDDEN = 5.0
+"""The same in longer segments from which an effect is looked for that short ones do not show."""
 REMOVED = 0.3
 """Share of the re-calibrated error up to which a mismatch counts as explained."""
 
@@ -109,11 +117,10 @@ def diagnose(
     prepared = prepare(simulator.model, data)
     progress.stage("screening mechanisms in the weak view")
     case = Case(simulator, prepared, screen_all(simulator, prepared), budget, progress)
-    arena, entries, headline, grown = contest(case)
-    arena, entries = with_unnamed(case, arena, entries, rng)
-    progress.stage("deciding")
-    arena, good, chosen, detection = decide(case, arena, entries)
-    arena, good, chosen, detection = with_nameless(case, (arena, good, chosen, detection), rng)
+    decision, headline, grown = decided(case, contest(case), rng)
+    if not decision[-1].detected and not budget.exhausted:
+        decision, headline, grown = looked_further(case, (decision, headline, grown), rng)
+    arena, good, chosen, detection = decision
     null = next(e for e in good if not e.members)
     ingredients = Ingredients(
         case=case,
@@ -131,6 +138,30 @@ def diagnose(
         grown=grown,
     )
     return assemble(ingredients)
+
+
+def decided(case: Case, field: Contest, rng: np.random.Generator) -> Decided:
+    """Choose among the sets of a contest and what the evolution adds to them."""
+    arena, entries, headline, grown = field
+    arena, entries = with_unnamed(case, arena, entries, rng)
+    case.progress.stage("deciding")
+    decision = with_nameless(case, decide(case, arena, entries), rng)
+    return decision, headline, grown
+
+
+def looked_further(case: Case, before: Decided, rng: np.random.Generator) -> Decided:
+    """Decide on longer segments than the headline's, where those show an effect beyond doubt.
+
+    Their errors may grow for other reasons, so that nothing less counts than a set that
+    brings them down to the noise.
+    """
+    field = contest(case, beyond=before[1])
+    if field is None:
+        return before
+    after = decided(case, field, rng)
+    arena, _, chosen, detection = after[0]
+    clear = detection.detected and residual_to_noise(arena, chosen) < ABOVE_NOISE
+    return after if clear else before
 
 
 def with_unnamed(
@@ -220,8 +251,16 @@ def with_candidate(
     return new, again
 
 
-def contest(case: Case) -> tuple[Arena, list[Entry], float, StoppedBy]:
-    """Estimate the leading sets in free run, hold blocks back, and tell why that ended."""
+@overload
+def contest(case: Case) -> Contest: ...
+@overload
+def contest(case: Case, beyond: float) -> Contest | None: ...
+def contest(case: Case, beyond: float | None = None) -> Contest | None:
+    """Estimate the leading sets in free run, hold blocks back, and tell why that ended.
+
+    `beyond` asks for segments longer than a headline that shows nothing: starts estimated for
+    every short segment absorb what acts rarely. None where nothing more is left there either.
+    """
     sets = leading_sets(case)
     super_model, starts = contenders(case, sets)
     promised = {}
@@ -237,7 +276,13 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float, StoppedBy]:
     scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
     outlook = Outlook(super_model, case.prepared, stepping, scale, simulator)
     starts = outlook.usable_starts(starts)
-    headline, lengths = outlook.headline(starts)
+    if beyond is None:
+        headline, lengths = outlook.headline(starts)
+    else:
+        headline = outlook.beyond(beyond)
+        if headline is None:
+            return None
+        lengths = [headline]
     arena = outlook.first_usable(lengths, starts[0][1])
     arena = replace(arena, patience=min(PATIENCE * case.budget.seconds, MOST_PATIENCE))
     case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
@@ -265,6 +310,8 @@ def contest(case: Case) -> tuple[Arena, list[Entry], float, StoppedBy]:
             if broken == MOST_BROKEN:
                 entries = glance(arena, entries[0], entries, stop)
         entries.append(entry)
+        if beyond is not None and not members and residual_to_noise(arena, entry) < HIDDEN:
+            return None
         if number == 1:
             arena, entries = _rescaled(arena, entries, stop)
     case.progress.stage("trying every mechanism in free run")

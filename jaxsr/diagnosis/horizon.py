@@ -106,6 +106,12 @@ class Outlook:
         many = [h for h in fitting if len(cut(self.prepared, h)) >= least]
         return headline, sorted(many or fitting, reverse=True)
 
+    def beyond(self, headline: float) -> float | None:
+        """Return the next longer horizon whose segments a contest can have, None at the end."""
+        step = float(np.median([p.recording.sample_time for p in self.prepared]))
+        longer = [h for h in horizons(self.prepared) if headline * 1.01 < h <= MAX_SAMPLES * step]
+        return min(longer, default=None)
+
     def _jumps(self, starts: list[Start]) -> bool:
         """Whether the given model or a leading set has laws that jump."""
         candidates = self.super_model.candidates
