@@ -38,9 +38,9 @@ c = {{ value = 1.0, bounds = [0.01, 20] }}
 """
 
 
-def headline(model: Model, force: Callable[[float, float, float], float]) -> list[float]:
-    """The horizon chosen for a recording of q'' = force(q, v, u), and those to choose from."""
-    rng = np.random.default_rng(0)
+def driven(seed: int, force: Callable[[float, float, float], float], noise: float) -> Recording:
+    """Record q'' = force(q, v, u) under eight sines."""
+    rng = np.random.default_rng(seed)
     waves, phases = np.linspace(0.4, 9.0, 8), rng.uniform(0.0, 6.0, 8)
     u = np.sin(waves * TIME[:, None] + phases).sum(1)
 
@@ -48,10 +48,16 @@ def headline(model: Model, force: Callable[[float, float, float], float]) -> lis
         return [x[1], force(x[0], x[1], float(np.interp(t, TIME, u)))]
 
     path = solve_ivp(rates, (0.0, TIME[-1]), [0.1, 0.0], t_eval=TIME, rtol=1e-8, max_step=0.02)
-    y = path.y[0] + 1e-4 * rng.normal(size=TIME.size)
-    prepared = (Prepared.build(model, Recording("r", TIME, {"u": u, "y": y})),)
+    y = path.y[0] + noise * rng.normal(size=TIME.size)
+    return Recording(f"r{seed}", TIME, {"u": u, "y": y})
+
+
+def headline(model: Model, force: Callable[[float, float, float], float]) -> list[float]:
+    """The horizon chosen for a recording of q'' = force(q, v, u), and those to choose from."""
+    recording = driven(0, force, 1e-4)
+    prepared = (Prepared.build(model, recording),)
     super_model = SuperModel.build(model, [])
-    scale = 0.01 * np.array([np.std(y)])
+    scale = 0.01 * np.array([np.std(recording.channels["y"])])
     outlook = Outlook(super_model, prepared, Stepping("rk4", 2), scale, Simulator(model))
     chosen, lengths = outlook.headline([((), neutral_values(super_model))])
     assert max(lengths) <= chosen
@@ -72,25 +78,17 @@ def test_a_mass_without_a_spring_is_judged_by_short_runs():
     assert chosen < options[-1]
 
 
-def limited(seed: int, limit: float) -> Recording:
-    """A damped mass whose motor follows commands up to a limit, by a good sensor."""
-    rng = np.random.default_rng(seed)
-    waves, phases = np.linspace(0.4, 9.0, 8), rng.uniform(0.0, 6.0, 8)
-    u = np.sin(waves * TIME[:, None] + phases).sum(1)
-
-    def rates(t: float, x: np.ndarray) -> list[float]:
-        push = float(np.clip(np.interp(t, TIME, u), -limit, limit))
-        return [x[1], push - 0.3 * x[1]]
-
-    path = solve_ivp(rates, (0.0, TIME[-1]), [0.1, 0.0], t_eval=TIME, rtol=1e-8, max_step=0.02)
-    y = path.y[0] + 2e-4 * np.std(path.y[0]) * rng.normal(size=TIME.size)
-    return Recording(f"r{seed}", TIME, {"u": u, "y": y})
-
-
 def second_look(limit: float) -> tuple[object, Decided]:
-    """Look beyond a headline of a second; return what stood before and what stands after."""
+    """Look beyond a headline of a second; return what stood before and what stands after.
+
+    A damped mass whose motor follows commands up to a limit.
+    """
+
+    def force(q: float, v: float, u: float) -> float:
+        return float(np.clip(u, -limit, limit)) - 0.3 * v
+
     simulator = Simulator(parse_model(PARTS.format(force="u - c*v")))
-    prepared = prepare(simulator.model, [limited(s, limit) for s in (1, 2)])
+    prepared = prepare(simulator.model, [driven(s, force, 7e-4) for s in (1, 2)])
     case = Case(simulator, prepared, screen_all(simulator, prepared), Budget())
     field = contest(case)
     before = (decide(case, field[0], field[1]), 1.0, StoppedBy.CONVERGED)

@@ -11,7 +11,7 @@ from diagnosis_systems import CART
 from scipy.integrate import solve_ivp
 
 from jaxsr._progress import Budget
-from jaxsr.diagnosis import diagnose
+from jaxsr.diagnosis import diagnose, unnamed
 from jaxsr.diagnosis.unnamed import _search, _worst_state, _written
 from jaxsr.diagnosis.weak_system import WeakSystem
 from jaxsr.expressions import evaluate, parse, to_text
@@ -170,6 +170,27 @@ def test_the_search_asks_the_equation_that_fails_most_for_its_size():
             half_width=1.0,
         )
         assert _worst_state(system, (0, 1)) == failing
+
+
+def test_forces_at_other_equations_stay_however_alike_their_names(monkeypatch):
+    """The states v and wv: what is chosen at wv is no part of what a law at v replaces."""
+    sites = ("equation:v", "equation:wv", "external:v", "output:v")
+    families = ("elastic", "dissipative", "external", "measurement")
+    candidates = [SimpleNamespace(site=s, family=f) for s, f in zip(sites, families, strict=True)]
+    arena = SimpleNamespace(super_model=SimpleNamespace(candidates=candidates))
+    case = SimpleNamespace(
+        screened=object(),
+        budget=Budget(),
+        simulator=SimpleNamespace(model=SimpleNamespace(states=("v", "wv"))),
+    )
+    view = SimpleNamespace(state=np.array([0, 1]))
+    monkeypatch.setattr(unnamed, "_without", lambda *_: np.zeros(0))
+    monkeypatch.setattr(unnamed, "_view", lambda *_: view)
+    monkeypatch.setattr(unnamed, "_worst_state", lambda system, states: 0)
+    monkeypatch.setattr(unnamed, "propose_instead", lambda *_: "a law")
+    entry = SimpleNamespace(members=(0, 1, 2, 3))
+    found = unnamed.propose_unnamed(case, arena, entry, np.random.default_rng(0))
+    assert found == ("a law", (1, 3))
 
 
 def test_a_budget_that_runs_out_before_the_search_proposes_nothing():

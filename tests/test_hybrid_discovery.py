@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from scipy.integrate import solve_ivp
 import jaxsr
 from jaxsr import Simulator
 from jaxsr._progress import Budget, Silent
+from jaxsr.discovery.discover import _laws
 from jaxsr.evolution import SearchConfig
 from jaxsr.expressions import parse, to_numpy
 from jaxsr.models.simulation import simulate_to_csv
@@ -196,6 +199,17 @@ def test_an_interrupt_in_the_first_look_for_modes_keeps_what_was_found(tmp_path:
     unseen = hop((1.25, 0.3), 0.2)
     table = simulate_to_csv(Simulator.from_file(tmp_path / "out" / "model.toml"), unseen)
     assert np.isfinite(table["y"].to_numpy()).all()
+
+
+def test_a_search_for_modes_cut_short_alone_is_told() -> None:
+    """The equations are there, and an interrupt ends what looks for modes beside them."""
+    budget = Budget()
+    finder = SimpleNamespace(
+        look=lambda _: SimpleNamespace(sure=False, laws={}),
+        find=lambda *_: budget.interrupt(),
+    )
+    *found, ended = _laws({}, cast(Any, None), cast(Any, finder), 0, budget, Silent())
+    assert found == [[], None, None] and ended == "interrupted"
 
 
 def test_an_interrupt_after_the_equations_is_told_and_keeps_them() -> None:

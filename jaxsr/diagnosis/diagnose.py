@@ -200,7 +200,7 @@ def with_nameless(case: Case, decision: Decision, rng: np.random.Generator) -> D
 
 
 def _unexplained(case: Case, arena: Arena, null: Entry, best: Entry) -> bool:
-    """Whether a mismatch far above the noise is left that no named mechanism removes."""
+    """Whether a mismatch above the noise is left that no named mechanism removes."""
     if case.screened is None or case.budget.exhausted:
         return False
     left = np.sqrt(best.error / max(null.error, 1e-300))

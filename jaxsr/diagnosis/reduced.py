@@ -141,9 +141,9 @@ def _resolving(stepping: Stepping, candidates: Sequence[Candidate]) -> Stepping:
 def _restepped(segments: Segments, new: Stepping, old: Stepping) -> Segments:
     if new.substeps < old.substeps:
         return segments.coarsened(new.substeps)
-    return (
-        segments if new.substeps == old.substeps else segments.refined(new.substeps // old.substeps)
-    )
+    if new.substeps > old.substeps:
+        return segments.refined(new.substeps // old.substeps)
+    return segments
 
 
 def _parameter_names(

@@ -55,14 +55,15 @@ def propose_unnamed(
     most `MAX_TERMS` terms removes enough.
     """
     every = arena.super_model.candidates
+    at = {i: every[i].site.partition(":")[2] for i in entry.members}
     forces = [i for i in entry.members if every[i].family in (*FORCES, "external")]
     if case.screened is None or case.budget.exhausted:
         return None
     system = _view(case, arena, _without(arena, entry, forces))
     names, states = case.simulator.model.states, np.unique(system.state)
-    places = {every[i].site.partition(":")[2] for i in forces} & {names[i] for i in states}
+    places = {at[i] for i in forces} & {names[i] for i in states}
     state = names[_worst_state(system, [i for i in states if not places or names[i] in places])]
-    rest = tuple(i for i in entry.members if i not in forces or not every[i].site.endswith(state))
+    rest = tuple(i for i in entry.members if i not in forces or at[i] != state)
     proposal = propose_instead(case, arena, entry, state, rest, rng)
     return None if proposal is None else (proposal, rest)
 

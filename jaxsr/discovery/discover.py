@@ -168,7 +168,7 @@ def discover(
     if count != 1 and not integrals:
         rng = np.random.default_rng([seed, len(part.states)])
         finder = ModeFinder(rng, tasks, experiments, count)
-    equations, hybrid, rare, looked = _laws(tasks, experiments, finder, seed, limit, show)
+    equations, hybrid, rare, ended = _laws(tasks, experiments, finder, seed, limit, show)
     if hybrid is None and not integrals:
         show.stage("roll-outs")
         equations = _settled(equations, tasks, experiments, limit)
@@ -183,8 +183,7 @@ def discover(
         "seed": seed,
         "command": command,
         "seconds": clock.monotonic() - began,
-        "stopped_by": cut_short([*(e.stopped_by for e in equations), looked])
-        or StoppedBy.CONVERGED,
+        "stopped_by": cut_short([*(e.stopped_by for e in equations), ended]) or StoppedBy.CONVERGED,
         "estimated_derivatives": sorted(experiments.rows.estimated),
         "data_sha256": {r.name: r.sha256 for r in opened if r.sha256},
     }
