@@ -157,6 +157,10 @@ class Budget:
         left = max(self.remaining * fraction, sys.float_info.min)
         return Budget(left, time.monotonic(), self._interrupt)
 
+    def keeping(self, seconds: float) -> Budget:
+        """Return a budget that ends so many seconds earlier and hears the same interrupt."""
+        return Budget(max(self.seconds - seconds, sys.float_info.min), self._start, self._interrupt)
+
 
 def as_budget(budget: float | Budget | None) -> Budget:
     """Return `budget` itself, or one of so many seconds, or an unlimited one for ``None``."""

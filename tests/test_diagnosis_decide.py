@@ -11,10 +11,10 @@ from scipy.signal import lfilter
 
 from jaxsr._progress import as_budget
 from jaxsr._result import StoppedBy
+from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.coarse import _gain, rounded_reading
 from jaxsr.diagnosis.contest import Entry
 from jaxsr.diagnosis.decide import SIGNIFICANCE, detect, detect_in_noise, most_credible
-from jaxsr.diagnosis.document import _stopped_by
 from jaxsr.diagnosis.refine import NOISE_ALONE, colour, residual_to_noise
 from jaxsr.models import Simulator, apply_edit, parse_model
 from jaxsr.models.least_squares import Fit
@@ -163,6 +163,5 @@ def test_a_search_cut_short_is_told_though_time_is_left():
         (60.0, StoppedBy.CONVERGED, StoppedBy.CONVERGED),
         (1e-9, StoppedBy.CONVERGED, StoppedBy.BUDGET),
     ):
-        case = SimpleNamespace(budget=as_budget(seconds))
-        parts: Any = SimpleNamespace(case=case, grown=grown)
-        assert _stopped_by(parts) is told
+        own: Any = SimpleNamespace(search=as_budget(seconds))
+        assert Case.stopped_by(own, grown) is told

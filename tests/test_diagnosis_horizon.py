@@ -89,7 +89,7 @@ def second_look(limit: float) -> tuple[object, Decided]:
 
     simulator = Simulator(parse_model(PARTS.format(force="u - c*v")))
     prepared = prepare(simulator.model, [driven(s, force, 7e-4) for s in (1, 2)])
-    case = Case(simulator, prepared, screen_all(simulator, prepared), Budget())
+    case = Case(simulator, prepared, screen_all(simulator, prepared), Budget(), Budget())
     field = contest(case)
     before = (decide(case, field[0], field[1]), 1.0, StoppedBy.CONVERGED)
     return before, looked_further(case, before, np.random.default_rng(0))

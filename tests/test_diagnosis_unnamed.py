@@ -180,7 +180,7 @@ def test_forces_at_other_equations_stay_however_alike_their_names(monkeypatch):
     arena = SimpleNamespace(super_model=SimpleNamespace(candidates=candidates))
     case = SimpleNamespace(
         screened=object(),
-        budget=Budget(),
+        search=Budget(),
         simulator=SimpleNamespace(model=SimpleNamespace(states=("v", "wv"))),
     )
     view = SimpleNamespace(state=np.array([0, 1]))
@@ -194,5 +194,5 @@ def test_forces_at_other_equations_stay_however_alike_their_names(monkeypatch):
 
 
 def test_a_budget_that_runs_out_before_the_search_proposes_nothing():
-    case = SimpleNamespace(screened=object(), budget=Budget(1e-9))
+    case = SimpleNamespace(screened=object(), search=Budget(1e-9))
     assert _search(case, None, None, (), 0, np.random.default_rng(0)) == []

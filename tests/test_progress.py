@@ -64,16 +64,18 @@ def test_an_unlimited_budget_ends_by_interrupt_alone() -> None:
     budget = Budget()
     assert budget.remaining == math.inf and not budget.exhausted
     assert budget.stopped_by is StoppedBy.CONVERGED
-    share = budget.share(0.5)
-    assert share.remaining == math.inf
+    share, kept = budget.share(0.5), budget.keeping(3.0)
+    assert share.remaining == kept.remaining == math.inf
     budget.interrupt()
-    assert budget.exhausted and share.exhausted and share.interrupted
+    assert budget.exhausted and share.exhausted and share.interrupted and kept.interrupted
     assert budget.stopped_by is StoppedBy.INTERRUPTED
 
 
 def test_shares_of_a_budget() -> None:
     budget = Budget(100.0)
     assert budget.share(0.25).remaining == pytest.approx(25.0, rel=1e-3)
+    assert budget.keeping(30.0).remaining == pytest.approx(70.0, rel=1e-3)
+    assert budget.keeping(200.0).exhausted and not budget.exhausted
     assert not Budget(1e-9).share(0.5).interrupted
 
 

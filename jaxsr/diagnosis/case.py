@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from jaxsr._progress import Budget, Progress, Silent
+from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.setup import Screened
 from jaxsr.models import Simulator
 from jaxsr.models.segments import Prepared
@@ -12,10 +13,28 @@ from jaxsr.models.segments import Prepared
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One diagnosis on its way: the given simulator, its data and the course of the work."""
+    """One diagnosis on its way: the given simulator, its data and the course of the work.
+
+    Attributes
+    ----------
+    simulator : Simulator
+    prepared : tuple of Prepared
+    screened : Screened or None
+    budget : Budget
+        Of the whole diagnosis.
+    search : Budget
+        Until when sets are tried: what is left of `budget` is for the report.
+    progress : Progress
+    """
 
     simulator: Simulator
     prepared: tuple[Prepared, ...]
     screened: Screened | None
     budget: Budget
+    search: Budget
     progress: Progress = field(default_factory=Silent)
+
+    def stopped_by(self, grown: StoppedBy) -> StoppedBy:
+        """Why no more sets are tried, where larger ones are not tried by `grown`."""
+        ended = self.search.stopped_by
+        return grown if ended is StoppedBy.CONVERGED else ended

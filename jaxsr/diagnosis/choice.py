@@ -41,8 +41,8 @@ def decide(case: Case, arena: Arena, entries: list[Entry]) -> Decision:
         if not simpler and chosen.members in exchanged:
             break
         exchanged.add(chosen.members)
-        entries = exchange(arena, chosen, entries, lambda: case.budget.exhausted)
-        entries = _merged(arena, chosen, entries, lambda: case.budget.exhausted)
+        entries = exchange(arena, chosen, entries, lambda: case.search.exhausted)
+        entries = _merged(arena, chosen, entries, lambda: case.search.exhausted)
     good, chosen, detection = _choose(case, arena, entries)
     # The chosen set without a member is reported whatever its estimates.
     good += [e for e in entries if set(e.members) < set(chosen.members) and e not in good]
@@ -66,6 +66,8 @@ def _merged(
         single = [e for e in simpler if every[e.members[0]].sharp]
     best = {}
     for entry in sorted(single, key=lambda e: e.fit.cost)[:MERGED]:
+        if stop():
+            break
         near = enter(arena, entry.members, entry.fit.theta, chosen.fit.path, stop, near=True)
         near, _ = out_of_corners(arena, min(entry, near, key=lambda e: e.fit.cost), stop)
         best[entry.members] = near
@@ -98,7 +100,7 @@ def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> lis
     """
 
     def stop() -> bool:
-        return case.budget.exhausted
+        return case.search.exhausted
 
     have = {e.members: e for e in entries}
     neutral = neutral_values(arena.super_model)
@@ -106,7 +108,7 @@ def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> lis
     for number in chosen.members:
         rest = tuple(i for i in chosen.members if i != number)
         settled = not rest and rest in have and have[rest].fit.converged
-        if case.budget.exhausted or settled:
+        if case.search.exhausted or settled:
             continue
         start = chosen.fit.theta.copy()
         for j in arena.super_model.index(number):

@@ -54,6 +54,12 @@ MOST_PATIENCE = 10.0
 """The same in seconds: what takes longer is caught in a law that jumps."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
+SEARCHING = 0.85
+"""Share of the time left after screening that trying sets may take at most."""
+REPORTING = 1.5
+"""Time kept for refining and reporting, relative to that of reading and screening."""
+AGAIN = 0.2
+"""Share of the time budget from which longer segments are still asked."""
 GROWING = 0.7
 """Share of the time left that larger sets may take: the rest is for telling rivals apart."""
 PROMISING = 0.7
@@ -116,9 +122,12 @@ def diagnose(
     rng = np.random.default_rng(seed)
     prepared = prepare(simulator.model, data)
     progress.stage("screening mechanisms in the weak view")
-    case = Case(simulator, prepared, screen_all(simulator, prepared), budget, progress)
+    screened = screen_all(simulator, prepared)
+    # What was slow to set up is slow to report: both compile every equation.
+    search = budget.share(SEARCHING).keeping(REPORTING * budget.elapsed)
+    case = Case(simulator, prepared, screened, budget, search, progress)
     decision, headline, grown = decided(case, contest(case), rng)
-    if not decision[-1].detected and not budget.exhausted:
+    if not decision[-1].detected and case.search.remaining >= AGAIN * budget.seconds:
         decision, headline, grown = looked_further(case, (decision, headline, grown), rng)
     arena, good, chosen, detection = decision
     null = next(e for e in good if not e.members)
@@ -135,7 +144,7 @@ def diagnose(
         rng=rng,
         seed=seed,
         command=command,
-        grown=grown,
+        stopped=case.stopped_by(grown),
     )
     return assemble(ingredients)
 
@@ -201,7 +210,7 @@ def with_nameless(case: Case, decision: Decision, rng: np.random.Generator) -> D
 
 def _unexplained(case: Case, arena: Arena, null: Entry, best: Entry) -> bool:
     """Whether a mismatch above the noise is left that no named mechanism removes."""
-    if case.screened is None or case.budget.exhausted:
+    if case.screened is None or case.search.exhausted:
         return False
     left = np.sqrt(best.error / max(null.error, 1e-300))
     return left > REMOVED and residual_to_noise(arena, best) > ABOVE_NOISE
@@ -221,7 +230,7 @@ def with_candidate(
     """
 
     def stop() -> bool:
-        return case.budget.exhausted
+        return case.search.exhausted
 
     (candidate, coefficients), old = proposal, arena.super_model
     super_model = SuperModel.build(old.given, [*old.candidates, candidate])
@@ -288,12 +297,12 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
 
     def stop() -> bool:
-        return case.budget.exhausted
+        return case.search.exhausted
 
     entries: list[Entry] = []
     broken = 0  # promises of the weak view
     for number, (members, start) in enumerate(starts):
-        if entries and case.budget.exhausted:
+        if entries and case.search.exhausted:
             break
         if broken >= MOST_BROKEN and len(members) > 1:
             continue
@@ -317,7 +326,7 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     case.progress.stage("trying every mechanism in free run")
     if len(starts) == 1:
         arena, entries = _rescaled(arena, entries, stop)
-    growing = case.budget.share(GROWING)
+    growing = case.search.share(GROWING)
     if entries[0].fit.usable:
         arena, entries = with_located(arena, entries)
         entries = grow(arena, entries, lambda: growing.exhausted, case.progress.update)

@@ -21,7 +21,7 @@ from jaxsr.diagnosis.decide import (
     odds,
 )
 from jaxsr.diagnosis.equivalence import equivalent
-from jaxsr.diagnosis.evidence import build_evidence, force_errors
+from jaxsr.diagnosis.evidence import Forces, build_evidence, force_errors
 from jaxsr.diagnosis.explain import (
     calibration_rows,
     confusable_rows,
@@ -42,6 +42,8 @@ from jaxsr.recordings import check_recording
 
 UNEXPLAINED = 5.0
 """Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""
+REFINING = 0.5
+"""Share of the time left that leading estimates out of corners and checking them may take."""
 MATTERS = 1e-3
 """Share of the free-run error that physics left out must remove to be claimed."""
 
@@ -62,7 +64,7 @@ class Ingredients:
     rng: np.random.Generator
     seed: int
     command: str | None
-    grown: StoppedBy  # why larger sets were tried no longer
+    stopped: StoppedBy  # why no more sets were tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +93,13 @@ def assemble(parts: Ingredients) -> Diagnosis:
         case.progress.stage("free runs on the held-out recordings")
     held_runs = _runs(parts, judged, held) if held else None
     half_width = case.screened.half_width if case.screened else None
-    force = force_errors(judged, case.prepared, held, half_width)
+    forces = Forces.of(judged, case.prepared, half_width) if half_width else None
+    others = Forces.of(judged, held, half_width) if half_width and held else None
+    force = force_errors(case.simulator.model, forces, others)
     document = _document(parts, judged, train, held_runs, held, force)
     remarks = len(document["data_checks"])
     evidence = build_evidence(
-        parts, judged, explained_model, train, held_runs, held, half_width, remarks
+        parts, judged, explained_model, train, held_runs, held, forces, remarks
     )
     return Diagnosis(
         verdict=judged.verdict.value,
@@ -116,6 +120,7 @@ def judge(parts: Ingredients) -> Judged:
         case.prepared,
         tuple(h for h in parts.horizons if h <= parts.headline),
         case.screened.half_width if case.screened else None,
+        case.budget.share(REFINING),
     )
     recalibrated = refine(ground, parts.null, thorough=not parts.chosen.members)
     if not parts.chosen.members:
@@ -321,15 +326,12 @@ def _document(
             "seed": parts.seed,
             "command": parts.command,
             "seconds": round(case.budget.elapsed, 1),
-            "stopped_by": _stopped_by(parts).value,
+            "stopped_by": (
+                StoppedBy.INTERRUPTED if case.budget.interrupted else parts.stopped
+            ).value,
             "data_sha256": {p.recording.name: p.recording.sha256 for p in case.prepared},
         },
     }
-
-
-def _stopped_by(parts: Ingredients) -> StoppedBy:
-    ended = parts.case.budget.stopped_by
-    return parts.grown if ended is StoppedBy.CONVERGED else ended
 
 
 def _version() -> str:

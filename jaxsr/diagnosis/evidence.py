@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,8 +11,8 @@ import numpy as np
 from jaxsr.diagnosis.contest import Entry, gain, neutral_values
 from jaxsr.diagnosis.ladder import ladder
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.refine import Estimate
 from jaxsr.diagnosis.scoring import FreeRun
+from jaxsr.diagnosis.weak_system import WeakSystem
 from jaxsr.models import Model, difference
 from jaxsr.models.segments import Prepared
 
@@ -19,35 +20,40 @@ if TYPE_CHECKING:
     from jaxsr.diagnosis.document import Ingredients, Judged
 
 
-def force_errors(
-    judged: Judged,
-    train: Sequence[Prepared],
-    held: Sequence[Prepared],
-    half_width: float | None,
-) -> dict[str, Any] | None:
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """The weak view of one role's recordings, before and after."""
+
+    recalibrated: WeakSystem
+    explained: WeakSystem
+
+    @classmethod
+    def of(cls, judged: Judged, prepared: Sequence[Prepared], half_width: float) -> Forces:
+        """Build the weak view at both estimates, once where they are the same."""
+        before, after = judged.recalibrated, judged.explained
+        first = before.system(tuple(prepared), half_width)
+        second = first if after is before else after.system(tuple(prepared), half_width)
+        return cls(first, second)
+
+
+def force_errors(model: Model, train: Forces | None, held: Forces | None) -> dict[str, Any] | None:
     """Relative force errors per equation in the weak view, before and after."""
-    if half_width is None:
-        return None
     rows: dict[str, Any] = {}
-    for role, prepared in (("train", train), ("held_out", held)):
-        if not prepared:
+    for role, forces in (("train", train), ("held_out", held)):
+        if forces is None:
             continue
-        for name, estimate in (
-            ("recalibrated", judged.recalibrated),
-            ("explained", judged.explained),
+        for name, system in (
+            ("recalibrated", forces.recalibrated),
+            ("explained", forces.explained),
         ):
-            for site, error in relative_force_errors(estimate, prepared, half_width).items():
-                row = rows.setdefault(site, {"half_width_s": half_width, "held_out": None})
+            for site, error in relative_force_errors(model, system).items():
+                row = rows.setdefault(site, {"half_width_s": system.half_width, "held_out": None})
                 row[role] = {**(row.get(role) or {}), name: error}
-    return rows
+    return rows if train else None
 
 
-def relative_force_errors(
-    estimate: Estimate, prepared: Sequence[Prepared], half_width: float
-) -> dict[str, float | None]:
+def relative_force_errors(model: Model, system: WeakSystem) -> dict[str, float | None]:
     """rms of what an equation leaves over rms of what the inputs bring, by site."""
-    system = estimate.system(tuple(prepared), half_width)
-    model = estimate.named.given
     errors: dict[str, float | None] = {}
     for state in np.unique(system.state):
         rows = system.state == state
@@ -65,7 +71,7 @@ def build_evidence(
     train: dict[str, list[FreeRun]],
     held_runs: dict[str, list[FreeRun]] | None,
     held: Sequence[Prepared],
-    half_width: float | None,
+    forces: Forces | None,
     checks: int,
 ) -> Any:
     """Collect what the report draws."""
@@ -81,7 +87,7 @@ def build_evidence(
         model_name=given.name,
         diff=_diff(given, explained_model),
         trajectories=trajectories,
-        residuals=_residuals(parts, judged, half_width) if half_width else [],
+        residuals=_residuals(parts, forces) if forces else [],
         considered=_considered(parts),
         ladder=ladder(parts, judged, checks, scores),
     )
@@ -132,12 +138,11 @@ def _trajectories(
     return rows
 
 
-def _residuals(parts: Ingredients, judged: Judged, half_width: float) -> list[Any]:
+def _residuals(parts: Ingredients, forces: Forces) -> list[Any]:
     from jaxsr.report.evidence import ForceResidual
 
     model, prepared = parts.case.simulator.model, parts.case.prepared
-    before = judged.recalibrated.system(prepared, half_width)
-    after = judged.explained.system(prepared, half_width)
+    before, after = forces.recalibrated, forces.explained
     units = {s.state: s.force_unit for s in sites_of(model, {})}
     rows = []
     for index in np.unique(before.state):

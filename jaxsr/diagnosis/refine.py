@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from jaxsr._progress import Budget
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.contest import (
     Arena,
@@ -78,8 +79,9 @@ class Estimate:
         return lean(self.arena.super_model, problem.simulator, problem.stepping, members)
 
     def system(self, prepared: tuple[Prepared, ...], half_width: float) -> WeakSystem:
-        """The weak view at the estimate."""
-        return weak_system(self.simulator, prepared, self.theta, half_width)
+        """The weak view at the estimate, by the set's own parameters."""
+        own = self.lean
+        return weak_system(own.simulator, prepared, self.theta[own.parameters], half_width)
 
     def interval(self, name: str) -> tuple[float, float]:
         """Value and half-width of a parameter of `named`."""
@@ -129,6 +131,7 @@ class Ground:
     prepared: tuple[Prepared, ...]
     horizons: tuple[float, ...]  # those up to the headline
     half_width: float | None
+    budget: Budget = field(default_factory=Budget)  # of what the report can do without
 
     @property
     def simulator(self) -> Simulator:
@@ -156,13 +159,13 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     and the spread of the three widens the intervals. All this only if `thorough`.
     """
     arena = ground.arena
-    entry, corners = out_of_corners(arena, entry)
+    entry, corners = out_of_corners(arena, entry, lambda: ground.budget.exhausted)
     entry = _anchored(arena, entry)
     theta, numerical = _without_smoothing(arena, entry)
     half = np.zeros_like(theta)
     half[entry.fit.active] = half_widths(arena, entry.fit)
     options = [theta]
-    if thorough and model_limited(arena, entry):
+    if thorough and not ground.budget.exhausted and model_limited(arena, entry):
         others = _other_estimates(ground, entry.members, theta)
         options += [o for o in others if _acts(arena.super_model, entry.members, o)]
     best = _least_error(ground, entry.members, options)
@@ -284,7 +287,7 @@ def _other_estimates(
             arena.problem.simulator,
         )
         short_arena = replace(short_arena, patience=arena.patience)
-        short = enter(short_arena, members, theta).fit
+        short = enter(short_arena, members, theta, stop=lambda: ground.budget.exhausted).fit
         if short.usable:
             found.append(short.theta)
     if ground.half_width is not None:

@@ -57,7 +57,7 @@ def propose_unnamed(
     every = arena.super_model.candidates
     at = {i: every[i].site.partition(":")[2] for i in entry.members}
     forces = [i for i in entry.members if every[i].family in (*FORCES, "external")]
-    if case.screened is None or case.budget.exhausted:
+    if case.screened is None or case.search.exhausted:
         return None
     system = _view(case, arena, _without(arena, entry, forces))
     names, states = case.simulator.model.states, np.unique(system.state)
@@ -103,7 +103,7 @@ def propose_instead(
 
     The shortest description of the data among the proposals, None where none removes enough.
     """
-    if case.screened is None or case.budget.exhausted:
+    if case.screened is None or case.search.exhausted:
         return None
     system = _view(case, arena, _without(arena, chosen, set(chosen.members) - set(rest)))
     index = case.simulator.model.states.index(state)
@@ -148,7 +148,7 @@ def _search(
     forces and inertias that vanish together.
     """
     assert case.screened is not None
-    seconds = min(SECONDS, SHARE * case.budget.remaining)
+    seconds = min(SECONDS, SHARE * case.search.remaining)
     if not seconds > 0.0:
         return []
     rows, sizes = system.state == state, _sizes(case)
