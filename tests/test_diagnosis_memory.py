@@ -171,8 +171,11 @@ k = { value = 0.1, bounds = [0.0, 1.0] }
 """
     )
     scale = {s: np.linspace(1.0, 9.0, 21) for s in model.states}
-    upper = sites_of(model, scale)[0]
-    found = list(overflows(upper))
+    upper, lower = sites_of(model, scale)
+    # What leaves the lower one cannot run up.
+    assert all([s for s, _ in c.terms] == ["x2"] for c in overflows(lower, 0.5))
+    found = list(overflows(upper, 0.5))
+    assert all(c.parameters[0].high == 8.0 and c.parameters[0].hard for c in found)
     lost = [c for c in found if [s for s, _ in c.terms] == ["x1"]]
     partly = [c for c in found if any(p.name == "part" for p in c.parameters)]
     led = next(c for c in found if len(c.terms) == 2 and c not in partly)

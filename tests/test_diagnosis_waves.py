@@ -77,6 +77,8 @@ def arena_of(seed: int, force: Force) -> tuple[Arena, Entry, Responses]:
         ("harmonic_force", "vb", lambda t, x: (0.0, 0.3 * np.sin(FREQUENCY * t + 0.7))),
         ("parametric_excitation", "va", lambda t, x: (-0.5 * x[0] * np.cos(FREQUENCY * t), 0.0)),
         ("position_ripple", "va", lambda t, x: (0.3 * np.sin(FREQUENCY * 2 * x[0] - 1.0), 0.0)),
+        # a rail that ripples under a body without a drive
+        ("position_ripple", "vb", lambda t, x: (0.0, 0.3 * np.sin(FREQUENCY * 2 * x[1] - 1.0))),
     ],
 )
 @pytest.mark.parametrize("seed", range(2))

@@ -37,6 +37,8 @@ class ParameterSpec:
         Whether the effect is linear in it and vanishes at `neutral`.
     fixed : bool
         Whether it is written but never estimated: it only sets the scale of a state.
+    hard : bool
+        Whether `high` stands for a hard edge, so that an estimate may end there.
     """
 
     name: str
@@ -46,6 +48,7 @@ class ParameterSpec:
     neutral: float = 0.0
     coefficient: bool = True
     fixed: bool = False
+    hard: bool = False
 
 
 @dataclass(frozen=True)

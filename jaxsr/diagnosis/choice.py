@@ -82,7 +82,9 @@ def _choose(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry]
     tried = case.screened.super_model if case.screened else arena.super_model
     count = len({c.label for c in tried.candidates})
     best = min(good, key=lambda e: e.fit.cost)
-    if residual_to_noise(arena, best) > LIMITED:
+    # Stretches of one run are no samples of their own: there the likelihood alone tells.
+    blocks = arena.problem.segments.number > 1
+    if blocks and residual_to_noise(arena, best) > LIMITED:
         chosen = simplest_adequate(arena.super_model, good)
         detection = detect(null, chosen, count)
     else:

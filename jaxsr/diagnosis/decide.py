@@ -64,7 +64,7 @@ def plausible(arena: Arena, entry: Entry) -> bool:
         for spec, index in zip(candidate.parameters, super_model.index(number), strict=False):
             value, parameter = entry.fit.theta[index], order[index]
             low, high = parameter.bounds or (spec.low, spec.high)
-            if value <= low or value >= high:
+            if value <= low or (value >= high and not spec.hard):
                 return False
     return True
 

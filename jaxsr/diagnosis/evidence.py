@@ -33,7 +33,8 @@ class Forces:
         before, after = judged.recalibrated, judged.explained
         first = before.system(tuple(prepared), half_width)
         second = first if after is before else after.system(tuple(prepared), half_width)
-        return cls(first, second)
+        both = np.intersect1d(first.state, second.state)  # a mechanism may need a hidden state
+        return cls(first.only(both), second.only(both))
 
 
 def force_errors(model: Model, train: Forces | None, held: Forces | None) -> dict[str, Any] | None:
@@ -49,7 +50,7 @@ def force_errors(model: Model, train: Forces | None, held: Forces | None) -> dic
             for site, error in relative_force_errors(model, system).items():
                 row = rows.setdefault(site, {"half_width_s": system.half_width, "held_out": None})
                 row[role] = {**(row.get(role) or {}), name: error}
-    return rows if train else None
+    return rows or None
 
 
 def relative_force_errors(model: Model, system: WeakSystem) -> dict[str, float | None]:

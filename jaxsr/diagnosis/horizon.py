@@ -18,7 +18,7 @@ from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, cut
 from jaxsr.models.shooting import simulate
 
-MAX_SAMPLES = 1000
+MAX_SAMPLES = 1024
 """Longest segment of the contest, in samples."""
 MANY_SEGMENTS, MANY_WITH_JUMPS = 4, 20
 """Segments from which the work is shared; where friction sticks and slides, short segments keep
@@ -102,7 +102,11 @@ class Outlook:
         if growing and scores[-1] <= min(SATURATED * scores[-2], FORGOTTEN):
             headline = options[-1]
         fitting = [h for h in fitting if h <= headline]
-        least = MANY_WITH_JUMPS if self._jumps(starts[:2]) else MANY_SEGMENTS
+        least = MANY_SEGMENTS
+        if self._jumps(starts[:2]):
+            least = MANY_WITH_JUMPS
+        elif headline == options[-1] and len(self.prepared) == 1 and self.prepared[0].states.hidden:
+            least = 1  # the start of a hidden state, estimated anew, absorbs what is left out
         many = [h for h in fitting if len(cut(self.prepared, h)) >= least]
         return headline, sorted(many or fitting, reverse=True)
 

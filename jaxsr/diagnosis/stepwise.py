@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,6 +117,39 @@ def _estimate(
             full = min(full, again, key=lambda e: e.fit.cost)
         found[full.members] = full
         _without_idle(arena, full, found)
+        for start in _wider_forms(arena.super_model, leader, full, found):
+            if exhausted():
+                break
+            wide = enter(arena, start.members, start.theta, full.fit.path, exhausted)
+            found[wide.members] = wide
+
+
+def _wider_forms(
+    super_model: SuperModel,
+    leader: Entry,
+    full: Entry,
+    found: Mapping[tuple[int, ...], Entry],
+) -> list[Trial]:
+    """Start the forms of the newest mechanism that have more constants where the plain one ended.
+
+    A threshold that begins far from its place hides what the further constants would gain.
+    """
+    (number,) = set(full.members) - set(leader.members)
+    plain, names = super_model.candidates[number], super_model.names[number]
+    forms: dict[tuple[tuple[str, str], ...], int] = {}  # one of those that differ by their seeds
+    for other, candidate in enumerate(super_model.candidates):
+        if candidate.label == plain.label and set(names) < set(super_model.names[other]):
+            forms.setdefault(candidate.terms, other)
+    order, neutral, trials = list(super_model.model.parameters), neutral_values(super_model), []
+    for other in forms.values():
+        members = tuple(sorted({*leader.members, other}))
+        theta = full.fit.theta.copy()
+        theta[super_model.index(other)] = neutral[super_model.index(other)]
+        for spec, name in names.items():
+            theta[order.index(super_model.names[other][spec])] = theta[order.index(name)]
+        if members not in found:
+            trials.append(Trial(members, full.fit.cost, theta))
+    return trials
 
 
 def _without_idle(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> None:

@@ -105,12 +105,11 @@ def _kinds(arena: Arena, responses: Responses) -> Iterator[_Kind]:
         path, speed = path[known], speed[known]
         if np.quantile(speed, 0.05) < 0.0 < np.quantile(speed, 0.95):
             yield _Kind(j, swing, frequencies, _of_stiffness)
-        if site.turning or site.driven:
-            length = float(np.diff(np.quantile(path, [0.02, 0.98]))[0])
-            typical = float(np.sqrt(np.mean(speed**2)))
-            if length > 0.0 and typical > 0.0:
-                top = np.pi / (4.0 * step * typical)
-                yield _Kind(j, ripple, _grid(3.0 * np.pi / length, top, length), _along_path)
+        length = float(np.diff(np.quantile(path, [0.02, 0.98]))[0])
+        typical = float(np.sqrt(np.mean(speed**2)))
+        if length > 0.0 and typical > 0.0:
+            top = np.pi / (4.0 * step * typical)
+            yield _Kind(j, ripple, _grid(3.0 * np.pi / length, top, length), _along_path)
 
 
 def _grid(low: float, high: float, span: float) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -56,6 +56,12 @@ class WeakSystem:
     def at(self, theta: np.ndarray) -> np.ndarray:
         """Return the residual at other parameter values, to first order."""
         return self.residual + self.jacobian @ (theta - self.theta)
+
+    def only(self, states: np.ndarray) -> WeakSystem:
+        """Return the equations of some states alone."""
+        rows = np.isin(self.state, states)
+        names = "residual", "jacobian", "input_side", "state", "recording", "centre"
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 def observable_states(simulator: Simulator, prepared: Sequence[Prepared]) -> tuple[str, ...]:

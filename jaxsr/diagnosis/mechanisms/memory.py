@@ -13,7 +13,7 @@ from jaxsr.models import Model
 
 RESOLVED, STEPS = 0.2, 4
 """Shortest lag in samples, and the steps between samples by which RK4 follows it: at 5/4 of a time
-constant a step it leaves 0.290 of a decay instead of exp(-5/4) = 0.287."""
+constant a step it leaves 0.290 of a decay instead of exp(-5/4) = 0.287. An overflow is as quick."""
 LONGEST = 400.0
 """Longest time constant in samples."""
 LAGS = (1.0, 8.0)
@@ -43,7 +43,7 @@ def memory_candidates(
     for site in sites_of(model, scale):
         if site.reverses:  # a loop and a resonance show in motion that returns
             found += [*hysteresis(site), *hidden_modes(site, step)]
-        found += [*drifts(site), *overflows(site)]
+        found += [*drifts(site), *overflows(site, step)]
     return [*found, *sensor_drifts(model)]
 
 
@@ -181,10 +181,11 @@ def drifts(site: Site) -> Iterator[Candidate]:
     )
 
 
-def overflows(site: Site) -> Iterator[Candidate]:
+def overflows(site: Site, step: float) -> Iterator[Candidate]:
     """Yield the loss of what a level holds above an edge, -ko*Max(x - xo, 0), in models of levels.
 
-    The excess is lost, or a part or all of it runs into another level.
+    The excess is lost, or a part or all of it runs into a level that this one drains into. What
+    is gone within a quarter of a sample interval ran over a hard edge.
     """
     model, x = site.model, site.state
     levels = [s for s in model.dynamic_states if model.kinematic_parent(s) is None]
@@ -193,7 +194,13 @@ def overflows(site: Site) -> Iterator[Candidate]:
         return
     spread = float(values[-1] - values[0])
     lost = f"{{ko}}*Max({x} - {{xo}}, 0)"
-    others = [s for s in levels if s != x and model.units.get(s) == model.units.get(x)]
+    others = [
+        s
+        for s in levels  # those it drains into
+        if s != x
+        and model.units.get(s) == model.units.get(x)
+        and x in model.equation_terms[s].variables
+    ]
     # A level that is limited stays just above the edge.
     near = [float(values[-1]) - share * spread for share in (0.03, 0.008)]
     edges = (float(values[17]), float(values[19]), *near)
@@ -209,7 +216,7 @@ def overflows(site: Site) -> Iterator[Candidate]:
             "memory",
             site.name,
             (
-                ParameterSpec("ko", site.per(x), low=0.0),
+                ParameterSpec("ko", site.per(x), low=0.0, high=STEPS / step, hard=True),
                 ParameterSpec(
                     "xo",
                     model.units.get(x),
@@ -227,6 +234,7 @@ def overflows(site: Site) -> Iterator[Candidate]:
                 else " (overflow)."
             ),
             terms=terms,
+            substeps=STEPS,
             source="Schoukens & Noel, Three benchmarks (2017), cascaded tanks",
         )
 

@@ -1,0 +1,59 @@
+"""The weak view of the re-calibrated and of the explained model, side by side."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from jaxsr.diagnosis.evidence import Forces, force_errors
+from jaxsr.diagnosis.weak_system import WeakSystem
+from jaxsr.models import parse_model
+
+MODEL = parse_model(
+    """
+[model]
+states = ["q", "v"]
+inputs = ["u"]
+outputs = ["y"]
+[equations]
+q = "v"
+v = "u - q"
+[readings]
+y = "q"
+"""
+)
+
+
+def system(states: list[int], size: float) -> WeakSystem:
+    """Three rows for each of the states, with a residual of this size."""
+    rows = np.repeat(np.array(states, dtype=int), 3)
+    one = np.ones(rows.size)
+    return WeakSystem(
+        size * one, np.ones((rows.size, 1)), 2.0 * one, rows, 0 * rows, one, np.zeros(1), 0.1
+    )
+
+
+def forces(before: list[int], after: list[int]) -> Forces:
+    """Both systems as a diagnosis builds them."""
+    given = (system(before, 1.0), system(after, 0.5))
+    old, new = (SimpleNamespace(system=lambda prepared, width, s=s: s) for s in given)
+    judged: Any = SimpleNamespace(recalibrated=old, explained=new)
+    return Forces.of(judged, (), 0.1)
+
+
+def test_only_equations_that_both_models_show_are_compared() -> None:
+    """A mechanism may lead a hidden state into an equation, which then cannot be seen."""
+    both = forces([0, 1], [1])
+    assert both.recalibrated.residual.shape == both.explained.residual.shape == (3,)
+    assert both.recalibrated.jacobian.shape == (3, 1)
+    found = force_errors(MODEL, both, None)
+    assert found is not None and list(found) == ["equation:v"]
+    assert found["equation:v"]["train"] == {"recalibrated": 0.5, "explained": 0.25}
+    assert found["equation:v"]["held_out"] is None
+
+
+def test_forces_that_no_sensor_shows_are_not_reported() -> None:
+    assert force_errors(MODEL, forces([1], []), None) is None
+    assert force_errors(MODEL, None, None) is None

@@ -1,0 +1,121 @@
+"""Tanks of which the upper one is not measured: one recording, overflows at hard edges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from jaxsr import diagnose
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.contest import Entry, neutral_values
+from jaxsr.diagnosis.decide import plausible
+from jaxsr.diagnosis.mechanisms.memory import overflows
+from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.stepwise import _wider_forms
+from jaxsr.models import Simulator, parse_model
+from jaxsr.models.least_squares import Fit
+from jaxsr.recordings import Recording
+
+TANKS = """
+[model]
+name = "two tanks"
+states = ["h1", "h2"]
+inputs = ["u"]
+outputs = ["y"]
+input_hold = "zero"
+[equations]
+h1 = "k4*u - k1*sqrt(Max(h1, 0))"
+h2 = "k2*sqrt(Max(h1, 0)) - k3*sqrt(Max(h2, 0))"
+[readings]
+y = "h2"
+[parameters]
+k1 = { value = 0.06 }
+k2 = { value = 0.05, bounds = [0.001, 0.5] }
+k3 = { value = 0.08, bounds = [0.001, 0.5] }
+k4 = { value = 0.06, bounds = [0.001, 0.5] }
+[initial]
+h1 = "free"
+h2 = "free"
+"""
+STEP, EDGE, PART = 4.0, 6.0, 0.6
+
+
+def recording(seed: int) -> Recording:
+    """The upper tank is full at `EDGE`, and `PART` of what runs over falls into the lower one."""
+    rng = np.random.default_rng(seed)
+    drive = np.repeat(rng.uniform(0.5, 4.5, 70), 10)
+    fine, upper, lower, level = 200, 4.0, 4.0, np.empty(drive.size)
+    for k, u in enumerate(drive):
+        level[k] = lower
+        for _ in range(fine):
+            flow = 0.055 * np.sqrt(upper)
+            rise = upper + (0.065 * u - 0.06 * np.sqrt(upper)) * STEP / fine
+            over, upper = max(rise - EDGE, 0.0), min(rise, EDGE)
+            lower += (flow - 0.07 * np.sqrt(max(lower, 0.0))) * STEP / fine + PART * over
+    time = STEP * np.arange(drive.size)
+    return Recording("run.csv", time, {"u": drive, "y": level + 0.01 * rng.normal(size=level.size)})
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow)])
+def test_an_upper_tank_that_no_sensor_sees_overflows_in_part_into_the_lower(seed: int) -> None:
+    """One recording, estimated as a whole: starts of the hidden level would absorb what spills."""
+    found = diagnose(Simulator(parse_model(TANKS)), [recording(seed)], seed=0)
+    row = found.findings[0]
+    assert (row["mechanism"], row["site"]) == ("overflow", "equation:h1")
+    values = row["parameters"]
+    # The scale of the level that is not seen is held by k1; the edge is not quite hard.
+    assert values["xo"]["value"] == pytest.approx(EDGE, rel=0.05)
+    assert values["part"]["value"] == pytest.approx(PART, rel=0.05)
+    train = found.fit["train"]
+    assert train["explained"][-1] < 0.1 * train["recalibrated"][-1]
+
+
+def entry_at(super_model: SuperModel, members: tuple[int, ...], **values: float) -> Entry:
+    """An entry whose members have these constants."""
+    theta = neutral_values(super_model)
+    order = list(super_model.model.parameters)
+    for number in members:
+        for name, full in super_model.names[number].items():
+            theta[order.index(full)] = values[name]
+    none = np.zeros((0, 1, 2, 1))
+    fit = Fit(theta, np.zeros((2, 1)), 1.0, np.ones((1, 2, 1)), np.zeros(0, int), none, none, True)
+    return Entry(members, fit, np.ones(12))
+
+
+def levels() -> SuperModel:
+    """Every overflow of the upper tank."""
+    model = parse_model(TANKS)
+    site = sites_of(model, {s: np.linspace(1.0, 9.0, 21) for s in model.states})[0]
+    return SuperModel.build(model, list(overflows(site, STEP)))
+
+
+def test_the_form_with_a_part_starts_where_the_plain_one_ended() -> None:
+    super_model = levels()
+    size = [len(c.parameters) for c in super_model.candidates]
+    leader, plain = entry_at(super_model, ()), size.index(2)
+    full = entry_at(super_model, (plain,), ko=0.3, xo=7.25)
+    (trial,) = _wider_forms(super_model, leader, full, {})
+    (number,) = trial.members
+    assert size[number] == 3
+    assert super_model.own_values(number, trial.theta) == {"ko": 0.3, "xo": 7.25, "part": 0.5}
+    assert _wider_forms(super_model, leader, full, {trial.members: full}) == []
+
+
+def test_an_estimate_may_end_at_a_hard_edge_and_at_no_other_bound() -> None:
+    super_model = levels()
+    stepping = SimpleNamespace(widths=())
+    arena: Any = SimpleNamespace(
+        super_model=super_model, problem=SimpleNamespace(stepping=stepping)
+    )
+    highest = super_model.candidates[0].parameters[0].high
+    inside = entry_at(super_model, (0,), ko=0.5 * highest, xo=7.0)
+    assert plausible(arena, inside)
+    assert plausible(arena, entry_at(super_model, (0,), ko=highest, xo=7.0))
+    assert not plausible(arena, entry_at(super_model, (0,), ko=0.0, xo=7.0))
+    far = super_model.candidates[0].parameters[1].high
+    assert not plausible(arena, entry_at(super_model, (0,), ko=0.5 * highest, xo=far))
+    assert not plausible(arena, replace(inside, errors=np.full(12, np.inf)))
