@@ -175,7 +175,7 @@ k = { value = 0.1, bounds = [0.0, 1.0] }
     # What leaves the lower one cannot run up.
     assert all([s for s, _ in c.terms] == ["x2"] for c in overflows(lower, 0.5))
     found = list(overflows(upper, 0.5))
-    assert all(c.parameters[0].high == 8.0 and c.parameters[0].hard for c in found)
+    assert all(c.parameters[0].high == 200.0 and c.parameters[0].hard for c in found)
     lost = [c for c in found if [s for s, _ in c.terms] == ["x1"]]
     partly = [c for c in found if any(p.name == "part" for p in c.parameters)]
     led = next(c for c in found if len(c.terms) == 2 and c not in partly)

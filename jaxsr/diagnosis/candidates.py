@@ -107,6 +107,8 @@ class Candidate:
         Tells of values by their own names whether such a thing exists, where bounds cannot.
     substeps : int
         Fewest steps of RK4 between two samples that its states need.
+    stiff : bool
+        Whether it may be so steep that only an L-stable method follows it.
     sentence : str
         What it means, with ``{site}``.
     """
@@ -129,6 +131,7 @@ class Candidate:
     borrowed: tuple[tuple[str, str], ...] = ()
     physical: Callable[[Mapping[str, float]], bool] | None = None
     substeps: int = 1
+    stiff: bool = False
     source: str = ""
     conflicts: frozenset[str] = field(default_factory=frozenset)
 

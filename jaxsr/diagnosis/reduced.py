@@ -15,6 +15,9 @@ from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments
 from jaxsr.models.simulator import Simulator
 
+STIFF_STEPS = 2
+"""Fewest steps of the L-stable method between two samples."""
+
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
@@ -131,9 +134,11 @@ def resolved(problem: Problem, super_model: SuperModel, members: Sequence[int]) 
 
 
 def _resolving(stepping: Stepping, candidates: Sequence[Candidate]) -> Stepping:
-    """Multiply the steps of RK4 until the states of all candidates are followed."""
+    """Multiply the steps of RK4 until all candidates are followed, or leave RK4."""
     if stepping.method != "rk4":
         return stepping
+    if any(c.stiff for c in candidates):  # explicit steps would make a hard edge a kick
+        return replace(stepping, method="rodas3", substeps=max(STIFF_STEPS, stepping.substeps))
     factor = max([-(-c.substeps // stepping.substeps) for c in candidates], default=1)
     return replace(stepping, substeps=factor * stepping.substeps)
 

@@ -13,7 +13,9 @@ from jaxsr.models import Model
 
 RESOLVED, STEPS = 0.2, 4
 """Shortest lag in samples, and the steps between samples by which RK4 follows it: at 5/4 of a time
-constant a step it leaves 0.290 of a decay instead of exp(-5/4) = 0.287. An overflow is as quick."""
+constant a step it leaves 0.290 of a decay instead of exp(-5/4) = 0.287."""
+HARD = 100.0
+"""Rate of an overflow per sample interval that stands for a hard edge."""
 LONGEST = 400.0
 """Longest time constant in samples."""
 LAGS = (1.0, 8.0)
@@ -184,8 +186,7 @@ def drifts(site: Site) -> Iterator[Candidate]:
 def overflows(site: Site, step: float) -> Iterator[Candidate]:
     """Yield the loss of what a level holds above an edge, -ko*Max(x - xo, 0), in models of levels.
 
-    The excess is lost, or a part or all of it runs into a level that this one drains into. What
-    is gone within a quarter of a sample interval ran over a hard edge.
+    The excess is lost, or a part or all of it runs into a level that this one drains into.
     """
     model, x = site.model, site.state
     levels = [s for s in model.dynamic_states if model.kinematic_parent(s) is None]
@@ -216,7 +217,7 @@ def overflows(site: Site, step: float) -> Iterator[Candidate]:
             "memory",
             site.name,
             (
-                ParameterSpec("ko", site.per(x), low=0.0, high=STEPS / step, hard=True),
+                ParameterSpec("ko", site.per(x), low=0.0, high=HARD / step, hard=True),
                 ParameterSpec(
                     "xo",
                     model.units.get(x),
@@ -234,7 +235,7 @@ def overflows(site: Site, step: float) -> Iterator[Candidate]:
                 else " (overflow)."
             ),
             terms=terms,
-            substeps=STEPS,
+            stiff=True,
             source="Schoukens & Noel, Three benchmarks (2017), cascaded tanks",
         )
 
