@@ -26,6 +26,8 @@ AMPLITUDES = (0.25, 1.0)
 """Of the largest input recorded, 2 % of the samples apart: an experiment stays inside them."""
 PATIENCE = 20.0
 """Seconds after which the best excitation so far is taken: machines may have many inputs."""
+SHARE = 0.4
+"""Share of the time left after which it is taken as well, or none."""
 RELEASES = (0.25, 1.0, 2.0)
 """Of the first states recorded, where a machine has no input."""
 
@@ -65,9 +67,10 @@ def best_experiment(parts: Ingredients, rival: Entry) -> Experiment | None:
     used = np.maximum(problem.segments.weights.sum((1, 2)), 1.0)
     noise = problem.scale * np.sqrt((parts.chosen.fit.residual**2).sum((1, 2)) / used)
     best: Experiment | None = None
+    left = parts.case.budget.share(SHARE)
     patience = Budget(PATIENCE)
     for text, item in _excitations(parts):
-        if parts.case.budget.exhausted or (best is not None and patience.exhausted):
+        if left.exhausted or (best is not None and patience.exhausted):
             break
         with np.errstate(all="ignore"):
             size = _separation(item, (ours, theirs), (parts.chosen, rival), noise)

@@ -72,9 +72,9 @@ class Search:
         for _ in range(max_iterations):
             if stop() or not best.fit.usable:
                 break
-            trial, damping = self._improved(best, damping)
+            trial, damping = self._improved(best, damping, stop)
             if trial is None:
-                best = replace(best, fit=replace(best.fit, converged=True))
+                best = replace(best, fit=replace(best.fit, converged=not stop()))
                 break
             gain = (best.fit.cost - trial.fit.cost) / max(best.fit.cost, 1e-300)
             settled = best.closed and trial.closed and abs(gain) < self.tolerance
@@ -94,9 +94,9 @@ class Search:
         for _ in range(POLISHING):
             if stop():
                 break
-            trial, damping = closing._improved(best, damping)
+            trial, damping = closing._improved(best, damping, stop)
             if trial is None:
-                return replace(best.fit, converged=True)
+                return replace(best.fit, converged=not stop())
             gain = (best.fit.cost - trial.fit.cost) / max(best.fit.cost, 1e-300)
             best, damping = trial, max(damping / 8.0, 1e-12)
             if gain < self.tolerance:
@@ -162,11 +162,15 @@ class Search:
         closed = gap <= CLOSED * fitted.cost or gap < 1e-20
         return Attempt(replace(fitted, path=path), found, closed, gap)
 
-    def _improved(self, best: Attempt, damping: float) -> tuple[Attempt | None, float]:
+    def _improved(
+        self, best: Attempt, damping: float, stop: Callable[[], bool]
+    ) -> tuple[Attempt | None, float]:
         """Take a step that lowers the cost, or that closes the simulation."""
         low, high = self.bounds
         share = 1.0
         for _ in range(3 if self.closing else 8):
+            if stop():
+                break
             step, starts = levenberg_step(best.fit, damping, low, high)
             theta = best.fit.theta.copy()
             theta[self.active] = np.clip(
