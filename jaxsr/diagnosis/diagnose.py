@@ -123,7 +123,7 @@ def diagnose(
     prepared = prepare(simulator.model, data)
     progress.stage("screening mechanisms in the weak view")
     screened = screen_all(simulator, prepared)
-    # What was slow to set up is slow to report: both compile every equation.
+    # What was slow to read and to screen is slow to report.
     search = budget.share(SEARCHING).keeping(REPORTING * budget.elapsed)
     case = Case(simulator, prepared, screened, budget, search, progress)
     decision, headline, grown = decided(case, contest(case), rng)
