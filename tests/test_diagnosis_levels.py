@@ -60,7 +60,8 @@ def recording(seed: int) -> Recording:
     return Recording("run.csv", time, {"u": drive, "y": level + 0.01 * rng.normal(size=level.size)})
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
 def test_an_upper_tank_that_no_sensor_sees_overflows_in_part_into_the_lower(seed: int) -> None:
     """One recording, estimated as a whole: starts of the hidden level would absorb what spills."""
     found = diagnose(Simulator(parse_model(TANKS)), [recording(seed)], seed=0)
