@@ -86,6 +86,11 @@ class Case:
         self.checks.append(Check(what, str(value), target, bool(met)))
         print(f"  {'met    ' if met else 'NOT MET'} {what}: {value} (target {target})", flush=True)
 
+    def find(self, found: Diagnosis, mechanism: str, site: str) -> None:
+        """Check that a mechanism is among the findings."""
+        met = (mechanism, site) in effects(found)
+        self.check("finding", named(found), f"{mechanism}@{site}", met)
+
 
 def diagnose(
     case: Case, name: str, model: Path, train: list[Path], held_out: list[Path]
@@ -175,8 +180,7 @@ def emps(folder: Path, quick: bool) -> Case:
     files = folder / "emps_train.csv", folder / "emps_pulses.csv"
     found = diagnose(case, "emps", folder / "emps.toml", [files[0]], [files[1]])
     case.check("verdict", found.verdict, "structure", found.verdict == "structure")
-    coulomb = ("coulomb_friction", "equation:v") in effects(found)
-    case.check("finding", named(found), "coulomb_friction@equation:v", coulomb)
+    case.find(found, "coulomb_friction", "equation:v")
     fc = sum(r["parameters"]["Fc"]["value"] for r in found.findings if "Fc" in r["parameters"])
     case.check("Fc", f"{fc:.2f} N", "20.4 N within 3 %", abs(fc / 20.4 - 1.0) <= 0.03)
     offered = {r["mechanism"] for r in found.findings} | alternatives(found).keys()
@@ -248,8 +252,7 @@ def silverbox(folder: Path, quick: bool) -> Case:
     train = [folder / f"silverbox_multisine_{k:02d}.csv" for k in (1, 2, 3)]
     arrow = folder / "silverbox_arrow.csv"
     found = diagnose(case, "silverbox", folder / "silverbox.toml", train, [arrow])
-    cubic = ("cubic_stiffness", "equation:v") in effects(found)
-    case.check("finding", named(found), "cubic_stiffness@equation:v", cubic)
+    case.find(found, "cubic_stiffness", "equation:v")
     errors = {name: 1e3 * volts for name, volts in whole_rmse(found, arrow).items()}
     case.figures["arrow_rmse_mV"] = errors
     text = f"{errors['explained']:.3f} mV (re-calibrated {errors['recalibrated']:.2f})"
@@ -288,8 +291,7 @@ def ur10e(folder: Path, quick: bool) -> Case:
     files = [folder / f"ur10e_{name}.csv" for name in ("ident", "unloaded", "ptp")]
     found = diagnose(case, "ur10e", folder / "ur10e.toml", files[:1], files[1:])
     for mechanism in ("viscous_damping", "coulomb_friction"):
-        present = (mechanism, "equation:v1") in effects(found)
-        case.check("finding", named(found), f"{mechanism}@equation:v1", present)
+        case.find(found, mechanism, "equation:v1")
     case.figures["relative_current_error"] = errors = {}
     for path in files:
         errors[path.stem] = current_error(found.model, prepare(found.model, [path])[0])
@@ -322,8 +324,7 @@ def tanks(folder: Path, quick: bool) -> Case:
     case = Case()
     files = folder / "tanks_train.csv", folder / "tanks_validation.csv"
     found = diagnose(case, "tanks", folder / "cascaded_tanks.toml", [files[0]], [files[1]])
-    present = ("overflow", "equation:h1") in effects(found)
-    case.check("finding", named(found), "overflow@equation:h1", present)
+    case.find(found, "overflow", "equation:h1")
     case.figures["validation_rmse_V"] = errors = whole_rmse(found, files[1])
     print("    validation RMSE: " + ", ".join(f"{k} {v:.3f} V" for k, v in errors.items()))
     met = errors["explained"] <= 0.30

@@ -74,3 +74,9 @@ def test_an_excitation_is_found_that_two_springs_answer_differently():
     itself = best_experiment(parts, parts.chosen)
     assert itself is not None
     assert itself.separation < 1e-6
+
+
+def test_no_excitation_is_tried_when_the_time_is_spent():
+    parts, rival = parts_of(2e-3)
+    parts.case.budget = Budget(1e-9)
+    assert best_experiment(parts, rival) is None

@@ -15,9 +15,11 @@ from jaxsr.diagnosis.contest import Entry, neutral_values
 from jaxsr.diagnosis.decide import plausible
 from jaxsr.diagnosis.mechanisms.memory import overflows
 from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.reduced import STIFF_STEPS, lean
 from jaxsr.diagnosis.stepwise import _wider_forms
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.least_squares import Fit
+from jaxsr.models.rollout import Stepping
 from jaxsr.recordings import Recording
 
 TANKS = """
@@ -120,3 +122,13 @@ def test_an_estimate_may_end_at_a_hard_edge_and_at_no_other_bound() -> None:
     far = super_model.candidates[0].parameters[1].high
     assert not plausible(arena, entry_at(super_model, (0,), ko=0.5 * highest, xo=far))
     assert not plausible(arena, replace(inside, errors=np.full(12, np.inf)))
+
+
+def test_sets_that_may_be_steep_leave_the_explicit_method() -> None:
+    super_model = levels()
+    simulator = Simulator(super_model.model)
+    for substeps in (1, 4):
+        stepping = Stepping("rk4", substeps)
+        steep = lean(super_model, simulator, stepping, (0,)).stepping
+        assert (steep.method, steep.substeps) == ("rodas3", max(substeps, STIFF_STEPS))
+        assert lean(super_model, simulator, stepping, ()).stepping == stepping

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import CONTEST_TOLERANCE, Arena, Entry, enter, neutral_values
-from jaxsr.diagnosis.stepwise import Trial, promising, tried
+from jaxsr.diagnosis.contest import CONTEST_TOLERANCE, Arena, Entry, enter
+from jaxsr.diagnosis.stepwise import Trial, continued, promising, tried
 
 RIVALS, KIN, RIVAL_PATIENCE = 4, 3, 3.0
 """Mechanisms estimated in the place of each of the chosen, wherever they act and at its own site,
@@ -75,7 +75,6 @@ def _richer(
     that it contains.
     """
     site = super_model.candidates[number].site
-    order, neutral = list(super_model.model.parameters), neutral_values(super_model)
     trials = []
     for other, candidate in enumerate(super_model.candidates):
         if candidate.site != site or candidate.mechanism not in INSIDE or other in rest.members:
@@ -89,15 +88,7 @@ def _richer(
             (inner,) = more
             if super_model.candidates[inner].label != f"{simpler}@{site}":
                 continue
-            theta = entry.fit.theta.copy()
-            theta[super_model.index(other)] = neutral[super_model.index(other)]
-            for own, value in values.items():
-                at = order.index(super_model.names[other][own])
-                theta[at] = (
-                    theta[order.index(super_model.names[inner][value])]
-                    if isinstance(value, str)
-                    else value
-                )
+            theta = continued(super_model, entry.fit.theta, inner, other, values)
             trials.append(Trial(members, entry.fit.cost, theta, entry.fit.path))
             break
     return trials

@@ -67,11 +67,6 @@ class Estimate:
     told: np.ndarray
     named: SuperModel
 
-    @property
-    def simulator(self) -> Simulator:
-        """Simulator of the super-model, in which all sets are compared."""
-        return self.arena.problem.simulator
-
     @cached_property
     def lean(self) -> Lean:
         """The same with the set's own mechanisms alone."""

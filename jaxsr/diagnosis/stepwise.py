@@ -140,16 +140,34 @@ def _wider_forms(
     for other, candidate in enumerate(super_model.candidates):
         if candidate.label == plain.label and set(names) < set(super_model.names[other]):
             forms.setdefault(candidate.terms, other)
-    order, neutral, trials = list(super_model.model.parameters), neutral_values(super_model), []
+    trials = []
     for other in forms.values():
         members = tuple(sorted({*leader.members, other}))
-        theta = full.fit.theta.copy()
-        theta[super_model.index(other)] = neutral[super_model.index(other)]
-        for spec, name in names.items():
-            theta[order.index(super_model.names[other][spec])] = theta[order.index(name)]
+        theta = continued(super_model, full.fit.theta, number, other, {n: n for n in names})
         if members not in found:
             trials.append(Trial(members, full.fit.cost, theta))
     return trials
+
+
+def continued(
+    super_model: SuperModel,
+    theta: np.ndarray,
+    inner: int,
+    richer: int,
+    values: Mapping[str, str | float],
+) -> np.ndarray:
+    """Return `theta` with a richer law where the one inside it stands.
+
+    `values` gives constants of the richer law, by their own names, as constants of the inner one
+    or as numbers; the others are neutral.
+    """
+    order, theta = list(super_model.model.parameters), theta.copy()
+    theta[super_model.index(richer)] = neutral_values(super_model)[super_model.index(richer)]
+    for own, value in values.items():
+        if isinstance(value, str):
+            value = theta[order.index(super_model.names[inner][value])]
+        theta[order.index(super_model.names[richer][own])] = value
+    return theta
 
 
 def _without_idle(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> None:
