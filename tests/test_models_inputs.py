@@ -8,6 +8,7 @@ from model_runs import model, quiet, rolled
 
 from jaxsr._result import InputError
 from jaxsr.models import Simulator
+from jaxsr.models.delays import smoothly_interpolated
 from jaxsr.models.free_run import free_run
 from jaxsr.models.inputs import fill_missing, stage_inputs
 from jaxsr.models.rollout import Stepping
@@ -110,10 +111,33 @@ def test_delay_and_clock_on_an_output() -> None:
     exact = np.exp(-np.maximum(recording.time - 0.13, 0.0) / 0.5)
     np.testing.assert_allclose(run.outputs[:, 0], exact, atol=1e-7)
     _, y = rolled(late, recording, [1.0], Stepping("rk4", 1))
-    np.testing.assert_allclose(y[:, 0], exact, atol=1e-4)  # lines between samples
+    np.testing.assert_allclose(y[:, 0], exact, atol=3e-8)  # cubics between samples
     fast = lag(extra='[clock]\ny = "1 - d"\n')
     run = free_run(fast, recording, np.ones(1))
     exact = np.exp(-recording.time * (1 - 0.13) / 0.5)
     np.testing.assert_allclose(run.outputs[:, 0], exact, atol=1e-7)
     _, y = rolled(fast, recording, [1.0], Stepping("rk4", 1))
-    np.testing.assert_allclose(y[:, 0], exact, atol=1e-4)
+    np.testing.assert_allclose(y[:, 0], exact, atol=3e-8)
+
+
+def test_readings_between_samples_are_of_fourth_order() -> None:
+    def error(samples: int) -> float:
+        time = np.linspace(0.0, 2.0, samples)[:, None]
+        at = np.random.default_rng(0).uniform(0.0, 2.0, (400, 1))
+        value, slope = smoothly_interpolated(time, np.sin(3.0 * time)[None], at)
+        assert np.abs(slope[0] - 3.0 * np.cos(3.0 * at)).max() < 500.0 / samples**3
+        return float(np.abs(value[0] - np.sin(3.0 * at)).max())
+
+    orders = np.log2([error(n + 1) / error(2 * n + 1) for n in (20, 40, 80)])
+    np.testing.assert_allclose(orders, 4.0, atol=0.25)
+
+
+def test_readings_between_samples_of_a_padded_segment_stay_inside_it() -> None:
+    time = np.array([0.0, 0.1, 0.25, 0.3, 0.45, 0.45, 0.45])[:, None]
+    values = (time**3 - time)[None]
+    at = np.array([-1.0, 0.05, 0.2, 0.4, 0.5])[:, None]
+    found, slopes = smoothly_interpolated(time, values, at)
+    inside = np.clip(at, 0.0, 0.45)
+    np.testing.assert_allclose(found[0], inside**3 - inside, atol=1e-14)
+    moving = np.array([0.0, 1.0, 1.0, 1.0, 0.0])[:, None]
+    np.testing.assert_allclose(slopes[0], moving * (3.0 * at**2 - 1.0), atol=1e-12)

@@ -56,7 +56,7 @@ NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
 SEARCHING = 0.85
 """Share of the time left after screening that trying sets may take at most."""
-REPORTING = 1.5
+REPORTING = 2.0
 """Time kept for refining and reporting, relative to that of reading and screening."""
 AGAIN = 0.2
 """Share of the time budget from which longer segments are still asked."""

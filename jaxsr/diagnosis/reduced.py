@@ -37,8 +37,7 @@ class Reduced:
 
     def active(self, wanted: np.ndarray) -> np.ndarray:
         """Positions here of parameters of the super-model."""
-        place = {int(full): own for own, full in enumerate(self.parameters)}
-        return np.array([place[int(j)] for j in wanted], dtype=int)
+        return _places(self.parameters, wanted)
 
     def restored(self, result: Fit, theta: np.ndarray, full: Segments) -> Fit:
         """Return the fit in the order of the super-model's parameters and states.
@@ -92,6 +91,10 @@ class Lean:
     stepping: Stepping
     parameters: np.ndarray
 
+    def active(self, wanted: np.ndarray) -> np.ndarray:
+        """Positions here of parameters of the full one."""
+        return _places(self.parameters, wanted)
+
     def free_run(
         self,
         prepared: Sequence[Prepared],
@@ -124,6 +127,11 @@ def lean(
     widths = tuple(known.get(a, least) for a in own.smoothed_arguments)
     stepping = _resolving(stepping, alone.candidates)
     return Lean(own, replace(stepping, widths=widths), parameters)
+
+
+def _places(parameters: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    place = {int(full): own for own, full in enumerate(parameters)}
+    return np.array([place[int(j)] for j in wanted], dtype=int)
 
 
 def resolved(problem: Problem, super_model: SuperModel, members: Sequence[int]) -> Problem:

@@ -128,11 +128,6 @@ class Ground:
     half_width: float | None
     budget: Budget = field(default_factory=Budget)  # of what the report can do without
 
-    @property
-    def simulator(self) -> Simulator:
-        """Simulator of the super-model."""
-        return self.arena.problem.simulator
-
 
 def named_super_model(given: Model, candidates: list[Candidate]) -> SuperModel:
     """Apply candidates under the names a reader expects (Fc, not Fc__3)."""
@@ -292,17 +287,19 @@ def _other_estimates(
 
 def _weak_estimate(ground: Ground, members: tuple[int, ...], theta: np.ndarray) -> np.ndarray:
     """Gauss-Newton in the weak view, every equation weighted by its own residual."""
-    super_model = ground.arena.super_model
+    super_model, problem = ground.arena.super_model, ground.arena.problem
+    own = lean(super_model, problem.simulator, problem.stepping, members)
     active = active_parameters(super_model, members)
     low, high = parameter_bounds(super_model)
-    theta = theta.copy()
+    theta, inside = theta.copy(), own.active(active)
     for _ in range(3):
-        system = weak_system(ground.simulator, ground.prepared, theta, ground.half_width or 0.0)
+        mine = theta[own.parameters]
+        system = weak_system(own.simulator, ground.prepared, mine, ground.half_width or 0.0)
         weight = np.ones(system.residual.size)
         for state in np.unique(system.state):
             rows = system.state == state
             weight[rows] = 1.0 / (np.sqrt(np.mean(system.residual[rows] ** 2)) + 1e-300)
-        a = system.jacobian[:, active] * weight[:, None]
+        a = system.jacobian[:, inside] * weight[:, None]
         size = np.sqrt((a**2).sum(0))
         size = np.where(size > 0, size, 1.0)
         step = np.linalg.lstsq(a / size, -system.residual * weight, rcond=1e-9)[0] / size

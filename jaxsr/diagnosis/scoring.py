@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.models.least_squares import Problem
-from jaxsr.models.model import Model
+from jaxsr.models.lifting import liftable
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments, build_segments, cut
 from jaxsr.models.shooting import fit, simulate
@@ -17,7 +17,8 @@ from jaxsr.models.simulator import Simulator
 DIVERGED = 10.0
 START_SHARE = 0.05
 LONG = 3000
-"""Samples from which only the beginning of a segment is simulated to estimate its start."""
+"""Samples from which only the beginning of a segment is simulated to estimate its start, where
+every length of it is compiled anew."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,7 @@ def free_run(
     segments = build_segments(model, prepared, rows, stepping.substeps, shape, theta)
     least = 50 if whole else 3
     first = [min(b - a, max(least, int(np.ceil(START_SHARE * (b - a))))) for _, a, b in rows]
-    begin = _beginnings(model, prepared, rows, first, segments, stepping, theta)
+    begin = _beginnings(simulator, prepared, rows, first, segments, stepping, theta)
     problem = Problem(simulator, stepping, begin, _scales(prepared).mean(0))
     none = np.zeros(0, dtype=int)
     start = fit(problem, theta, none, (theta, theta), max_iterations=8, tolerance=1e-3)
@@ -87,7 +88,7 @@ def free_run(
 
 
 def _beginnings(
-    model: Model,
+    simulator: Simulator,
     prepared: Sequence[Prepared],
     rows: list[tuple[int, int, int]],
     first: list[int],
@@ -97,13 +98,13 @@ def _beginnings(
 ) -> Segments:
     """Return the segments with the outputs of all but their first samples left out.
 
-    Long segments are cut short instead: simulating them only to look at their start is dear.
+    Where that spares work, segments are cut short instead.
     """
-    if segments.time.shape[0] > LONG:
+    if liftable(simulator) or segments.time.shape[0] > LONG:
         short = [(r, a, a + n) for (r, a, _), n in zip(rows, first, strict=True)]
         size = max(n for n in first)
         shape = (size, segments.number)
-        return build_segments(model, prepared, short, stepping.substeps, shape, theta)
+        return build_segments(simulator.model, prepared, short, stepping.substeps, shape, theta)
     measured = segments.outputs.copy()
     for s, n in enumerate(first):
         measured[:, n:, s] = np.nan

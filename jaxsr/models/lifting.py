@@ -18,13 +18,13 @@ Albersmeyer & Diehl, SIAM J. Optim. 20 (2010); Bock & Plitt, IFAC Proc. 17 (1984
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from jaxsr.models.delays import delay_of, delayed_stages, interpolated, stage_of
+from jaxsr.models.delays import delay_of, delayed_stages, smoothly_interpolated, stage_of
 from jaxsr.models.field import Field, Point
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments
@@ -37,6 +37,8 @@ CLOSING, CLOSING_LONG, SHORT = 8, 20, 60
 which are dear to simulate from sample to sample."""
 CLOSE = 1e-9
 """Step of a path, in sizes of the states, at which it is a simulation."""
+LEAST_WINDOW, MOST_WINDOW, CLOSING_WINDOW = 8, 128, 6
+"""Samples that are closed at once, and Newton iterations for them, where all are too many."""
 
 
 def liftable(simulator: Simulator) -> bool:
@@ -189,29 +191,27 @@ def simulated(
 
 
 def closed(
-    simulator: Simulator, stepping: Stepping, segments: Segments, theta: Array, path: Array
+    simulator: Simulator,
+    stepping: Stepping,
+    segments: Segments,
+    theta: Array,
+    path: Array,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Array | None:
     """Return the simulation from a path's starts, shape (states, samples, segments).
 
     Newton's method from that path; what `CLOSING` iterations do not close, where a law has
-    corners, is simulated from sample to sample. None where states are not finite.
+    corners, is simulated piece by piece. None where states are not finite, or `stop` says so.
     """
     ground = _Ground.of(simulator, stepping, segments, theta, ())
     long = path.shape[1] > SHORT
     with np.errstate(all="ignore"):
-        for _ in range(CLOSING_LONG if long else CLOSING):
-            ends, slopes = ground.step(path)
-            _, shift = condensed(slopes, ends - path[:, 1:])
-            moved = path + shift
-            size = np.abs(moved).max((1, 2)) + 1e-300
-            far = np.abs(shift).max((1, 2)) / size
-            if not np.isfinite(far).all():
-                break
-            path = moved
-            if far.max() < CLOSE:
-                return path
-        path = ground.forward(path)
-    return path if np.isfinite(path).all() else None
+        first, found = ground.newton(path, CLOSING_LONG if long else CLOSING, stop)
+        if first < path.shape[1] - 1:
+            # Where Newton's method went astray, the path that it came from is nearer.
+            begun = np.concatenate([found[:, : first + 1], path[:, first + 1 :]], axis=1)
+            found = ground.forward(begun, first, stop)
+    return found if found is not None and np.isfinite(found).all() else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,38 +246,64 @@ class _Ground:
         stages = delayed_stages(model, segments, values, chosen)
         return _Ground(stepping, segments, values, field, to, stages, own)
 
-    def step(self, path: Array) -> tuple[Array, Array]:
-        """Integrate from every sample to the next, with derivatives in all directions."""
-        segments = self.segments
-        ends, tangents = advanced(
+    def step(self, path: Array, first: int = 0, tangents: bool = True) -> tuple[Array, Array]:
+        """Integrate from every sample to the next, with derivatives in all directions.
+
+        The path begins at sample `first` of the segments.
+        """
+        here = slice(first, first + path.shape[1] - 1)
+        inputs, rates = self.stages
+        stages = inputs[:, :, here], {i: rate[:, here] for i, rate in rates.items()}
+        ends, slopes = advanced(
             self.field,
-            self.to,
+            self.to if tangents else None,
             self.stepping.method,
             list(path[:, :-1]),
-            segments.time[:-1],
-            segments.length,
-            functools.partial(stage_of, *self.stages),
+            self.segments.time[here],
+            self.segments.length[here],
+            functools.partial(stage_of, *stages),
         )
-        return np.stack(ends), tangents
+        return np.stack(ends), slopes
 
-    def forward(self, path: Array) -> Array:
-        """Simulate from the starts of a path, one sample after the other."""
-        segments, path = self.segments, path.copy()
-        inputs, rates = self.stages
-        for k in range(path.shape[1] - 1):
-            here = slice(k, k + 1)
-            stages = inputs[:, :, here], {i: rate[:, here] for i, rate in rates.items()}
-            ends, _ = advanced(
-                self.field,
-                None,
-                self.stepping.method,
-                list(path[:, here]),
-                segments.time[here],
-                segments.length[here],
-                functools.partial(stage_of, *stages),
-            )
-            path[:, k + 1] = np.stack(ends)[:, 0]
-        return path
+    def newton(
+        self, path: Array, iterations: int, stop: Callable[[], bool], first: int = 0
+    ) -> tuple[int, Array]:
+        """Move a path towards the simulation; return up to which sample it is one, and the path."""
+        done, last = 0, path.shape[1] - 1
+        for _ in range(iterations):
+            if stop():
+                break
+            ends, slopes = self.step(path, first)
+            _, shift = condensed(slopes, ends - path[:, 1:])
+            moved = path + shift
+            size = np.abs(moved).max((1, 2))[:, None] + 1e-300
+            far = (np.abs(shift).max(2) / size).max(0)
+            if not np.isfinite(far).all():
+                break
+            path, apart = moved, np.flatnonzero(far >= CLOSE)
+            done = int(apart[0]) - 1 if apart.size else last
+            if done == last:
+                break
+        return done, path
+
+    def forward(self, path: Array, first: int, stop: Callable[[], bool]) -> Array | None:
+        """Simulate from sample `first` on: what Newton's method closes at once, else one by one."""
+        path, last = path.copy(), path.shape[1] - 1
+        window = MOST_WINDOW if last > SHORT else 0
+        while first < last and not stop() and np.isfinite(path[:, first]).all():
+            if window:
+                end = min(first + window, last)
+                here = slice(first, end + 1)
+                done, found = self.newton(path[:, here], CLOSING_WINDOW, stop, first)
+                path[:, first : first + done + 1] = found[:, : done + 1]
+                first, whole = first + done, first + done == end
+                window = min(2 * window, MOST_WINDOW) if whole else max(window // 2, LEAST_WINDOW)
+                if whole:
+                    continue
+            for k in range(first, min(first + LEAST_WINDOW, last)):
+                path[:, k + 1] = self.step(path[:, k : k + 2], k, tangents=False)[0][:, 0]
+            first = min(first + LEAST_WINDOW, last)
+        return path if first == last else None
 
     def at(self, path: Array) -> Point:
         """A path with its times and inputs."""
@@ -344,7 +370,7 @@ def _late(
                 at_rates[c] = at_rates.get(c, 0.0) + at * slope
             at = at * scale
         both = np.concatenate([y[None, k], by[:, k]])
-        found, slopes_in_time = interpolated(time, both, at)
+        found, slopes_in_time = smoothly_interpolated(time, both, at)
         y[k], by[:, k] = found[0], found[1:]
         for c, rate in at_rates.items():
             by[c, k] += slopes_in_time[0] * rate

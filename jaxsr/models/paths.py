@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr._progress import Budget
 from jaxsr.models.arrow import levenberg_step
 from jaxsr.models.least_squares import Fit, Problem, weighed
 from jaxsr.models.lifting import Linear, closed, linear
@@ -23,6 +24,8 @@ POLISHING = 5
 ROUGH = 1e-2
 ROUGH_ITERATIONS = 8
 """Where the estimation with rounded steps ends: it only has to lead near."""
+GRACE = 3.0
+"""Seconds in which an estimation that was stopped may still close its simulation."""
 FAR = 0.5
 """Gap, in standard deviations of the readings, from which a first path is smoothed."""
 
@@ -82,7 +85,7 @@ class Search:
             if settled:
                 best = replace(best, fit=replace(best.fit, converged=True))
                 break
-        best = self._closed(best)
+        best = self._closed(best, stop)
         return best.fit if best.closed else replace(best.fit, cost=np.inf)
 
     def polished(self, found: Fit, stop: Callable[[], bool]) -> Fit:
@@ -179,7 +182,9 @@ class Search:
             moved = theta[self.active] - best.fit.theta[self.active]
             path = best.linear.moved(share * starts, share * moved, share)
             if self.closing:  # trials are simulations
-                own = closed(*self.setting, theta, path)
+                own = closed(*self.setting, theta, path, stop)
+                if own is None and stop():
+                    break
                 path = path if own is None else own
             trial = self.at(theta, path)
             better = trial.fit.cost < best.fit.cost
@@ -190,11 +195,13 @@ class Search:
                 share *= 0.5
         return None, damping
 
-    def _closed(self, best: Attempt) -> Attempt:
+    def _closed(self, best: Attempt, stop: Callable[[], bool]) -> Attempt:
         """Close what is left of the gap; a path that does not close is no simulation."""
         if best.closed or not best.fit.usable:
             return best
-        path = closed(*self.setting, best.fit.theta, best.fit.path)
+        grace = Budget(GRACE)
+        theta, path = best.fit.theta, best.fit.path
+        path = closed(*self.setting, theta, path, lambda: stop() and grace.exhausted)
         return best if path is None else self.at(best.fit.theta, path)
 
     @property

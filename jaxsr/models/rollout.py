@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsr.models.delays import cubic
 from jaxsr.models.model import Model
 from jaxsr.models.segments import Segments
 from jaxsr.models.simulator import Simulator
@@ -175,6 +176,20 @@ def _shifted(time: Array, values: Array, at: Array) -> Array:
     return jax.vmap(jnp.interp, in_axes=(1, 1, 1), out_axes=1)(at, time, values)
 
 
+def _smoothly(time: Array, values: Array, at: Array) -> Array:
+    """Interpolate per segment like `delays.smoothly_interpolated`."""
+
+    def one(at: Array, t: Array, y: Array) -> Array:
+        size = 1 + jnp.sum(jnp.diff(t) > 0)  # padding repeats the last time
+        begin = jnp.clip(jnp.searchsorted(t, at, side="right") - 2, 0, jnp.maximum(size - 4, 0))
+        nodes = [jnp.where(size < 4, float(i), t[begin + i]) for i in range(4)]
+        curve = sum(w * y[begin + i] for i, (w, _) in enumerate(cubic(nodes, at)))
+        inside = (at > t[0]) & (at < t[-1]) & (size >= 4)
+        return jnp.where(inside, curve, jnp.interp(at, t, y))
+
+    return jax.vmap(one, in_axes=(1, 1, 1), out_axes=1)(at, time, values)
+
+
 def _delayed_stages(model: Model, data: dict, p: tuple) -> Array:
     """Inputs at the stages, with [delays] applied by linear interpolation of the samples."""
     stages = jnp.asarray(data["stages"])
@@ -242,7 +257,7 @@ def _outputs(simulator: Simulator, method: str, data: dict, theta: Array, x0: Ar
 
                 env = simulator.environment(data["time"], tuple(x), u, p)
                 at = at * evaluate(model.term(model.clock[name]), env, "jax")
-            signal = _shifted(data["time"], signal, at)
+            signal = _smoothly(data["time"], signal, at)
         signals.append(signal)
     return jnp.stack(signals)
 
