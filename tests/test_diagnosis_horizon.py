@@ -59,9 +59,9 @@ def headline(model: Model, force: Callable[[float, float, float], float]) -> lis
     super_model = SuperModel.build(model, [])
     scale = 0.01 * np.array([np.std(recording.channels["y"])])
     outlook = Outlook(super_model, prepared, Stepping("rk4", 2), scale, Simulator(model))
-    chosen, lengths = outlook.headline([((), neutral_values(super_model))])
-    assert max(lengths) <= chosen
-    return [chosen, *horizons(prepared)]
+    chosen = outlook.headline([((), neutral_values(super_model))])
+    assert max(chosen.lengths) <= chosen.seconds
+    return [chosen.seconds, *horizons(prepared)]
 
 
 def test_a_system_that_forgets_its_start_is_judged_by_whole_recordings():

@@ -25,7 +25,7 @@ from jaxsr.diagnosis.contest import (
 )
 from jaxsr.diagnosis.decide import plausible
 from jaxsr.diagnosis.document import Ingredients, assemble
-from jaxsr.diagnosis.horizon import Outlook
+from jaxsr.diagnosis.horizon import Headline, Outlook
 from jaxsr.diagnosis.integration import choose_stepping, with_smooth
 from jaxsr.diagnosis.located import with_located
 from jaxsr.diagnosis.refine import residual_to_noise
@@ -286,13 +286,13 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     outlook = Outlook(super_model, case.prepared, stepping, scale, simulator)
     starts = outlook.usable_starts(starts)
     if beyond is None:
-        headline, lengths = outlook.headline(starts)
+        headline = outlook.headline(starts)
     else:
-        headline = outlook.beyond(beyond)
-        if headline is None:
+        longer = outlook.beyond(beyond)
+        if longer is None:
             return None
-        lengths = [headline]
-    arena = outlook.first_usable(lengths, starts[0][1])
+        headline = Headline(longer, [longer])
+    arena = outlook.first_usable(headline, starts[0][1])
     arena = replace(arena, patience=min(PATIENCE * case.budget.seconds, MOST_PATIENCE))
     case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
 
@@ -310,6 +310,10 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
         path = entries[0].fit.path if entries and entries[0].fit.usable else None
         most = ITERATIONS if members else NULL_ITERATIONS
         entry = enter(arena, members, start, path, stop, most)
+        before = headline.calibrated.get(arena.seconds)
+        if not members and before is not None and before.fit.cost < entry.fit.cost:
+            # estimates over shorter segments led where the weak view does not
+            entry = enter(arena, (), before.fit.theta, before.fit.path, stop, most)
         promise = promised.get(members, 1.0)
         if path is not None and broken < MOST_BROKEN and _astray(entries[0], entry, promise):
             # Along the re-calibrated model's path, what is missing seemed not to act.
@@ -330,7 +334,7 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     if entries[0].fit.usable:
         arena, entries = with_located(arena, entries)
         entries = grow(arena, entries, lambda: growing.exhausted, case.progress.update)
-    return arena, entries, headline, growing.stopped_by
+    return arena, entries, headline.seconds, growing.stopped_by
 
 
 def _astray(null: Entry, entry: Entry, promised: float) -> bool:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contenders import Start
-from jaxsr.diagnosis.contest import Arena, build_arena, enter, neutral_values
+from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
 from jaxsr.diagnosis.reduced import lean, reduce
 from jaxsr.diagnosis.scoring import horizons
 from jaxsr.models import Simulator
@@ -26,6 +27,24 @@ an estimate from being caught among the many orders in which it can."""
 SMALL, SATURATED, FORGOTTEN = 0.1, 1.3, 0.7
 """Error of re-calibration that is small, its growth that counts as none, and the error below which
 a growth that ended tells a system that forgets its start; unrelated motions differ by 1.4."""
+
+
+@dataclass(frozen=True, eq=False)
+class Headline:
+    """How far the verdict looks ahead.
+
+    Attributes
+    ----------
+    seconds : float
+    lengths : list of float
+        Of the segments that a contest can have, the longest first.
+    calibrated : mapping of float to Entry
+        Re-calibration over segments of a length, from the estimate over the next shorter ones.
+    """
+
+    seconds: float
+    lengths: list[float]
+    calibrated: Mapping[float, Entry] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +83,17 @@ class Outlook:
             better[0] = ((), calibrated.theta)
         return better
 
-    def first_usable(self, lengths: list[float], start: np.ndarray) -> Arena:
+    def first_usable(self, headline: Headline, start: np.ndarray) -> Arena:
         """Take the longest segments over which the re-calibrated model can be simulated."""
-        for seconds in lengths:
-            arena = self.arena(seconds)
+        for seconds in headline.lengths:
+            arena, known = self.arena(seconds), headline.calibrated.get(seconds)
+            if known is not None and known.fit.usable:
+                break
             if enter(arena, (), start, max_iterations=4).fit.usable:
                 break
         return arena
 
-    def headline(self, starts: list[Start]) -> tuple[float, list[float]]:
+    def headline(self, starts: list[Start]) -> Headline:
         """Choose the horizon of the verdict, and segment lengths for the contest, in seconds.
 
         The longest horizon up to which the re-calibrated model's error stays small, or no longer
@@ -86,10 +107,12 @@ class Outlook:
         step = float(np.median([p.recording.sample_time for p in self.prepared]))
         fitting = [h for h in options if h / step <= MAX_SAMPLES] or options[:1]
         headline, growing, scores, theta = options[0], False, list[float](), starts[0][1]
+        calibrated = {}
         for horizon in options:
             if horizon in fitting:
                 arena = self.arena(horizon)
-                fitted = enter(arena, (), theta, max_iterations=8).fit
+                calibrated[horizon] = entry = enter(arena, (), theta, max_iterations=8)
+                fitted = entry.fit
                 theta = fitted.theta if fitted.usable else theta
                 score = _relative_error(arena, fitted) if fitted.usable else np.inf
             else:
@@ -108,7 +131,7 @@ class Outlook:
         elif headline == options[-1] and len(self.prepared) == 1 and self.prepared[0].states.hidden:
             least = 1  # the start of a hidden state, estimated anew, absorbs what is left out
         many = [h for h in fitting if len(cut(self.prepared, h)) >= least]
-        return headline, sorted(many or fitting, reverse=True)
+        return Headline(headline, sorted(many or fitting, reverse=True), calibrated)
 
     def beyond(self, headline: float) -> float | None:
         """Return the next longer horizon whose segments a contest can have, None at the end."""
