@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import CONTEST_TOLERANCE, Arena, Entry, enter, neutral_values
@@ -35,10 +35,10 @@ def decide(case: Case, arena: Arena, entries: list[Entry]) -> Decision:
         good, chosen, detection = _choose(case, arena, entries)
         if not detection.detected:
             break
-        simpler = ablate(arena, chosen, entries, case)
-        replaced = {e.members for e in simpler}
-        entries = [e for e in entries if e.members not in replaced] + simpler
-        if not simpler and chosen.members in exchanged:
+        before = entries
+        entries = _with(entries, alone(arena, chosen, entries, case))
+        entries = _with(entries, ablate(arena, chosen, entries, case))
+        if entries == before and chosen.members in exchanged:
             break
         exchanged.add(chosen.members)
         entries = exchange(arena, chosen, entries, lambda: case.search.exhausted)
@@ -94,12 +94,45 @@ def _choose(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry]
     return good, chosen if detection.detected else null, detection
 
 
+def with_parts(case: Case, arena: Arena, entries: list[Entry]) -> list[Entry]:
+    """Return the entries, the members of the leading set estimated alone from where it ended."""
+    good = [e for e in entries if not e.members or plausible(arena, e)]
+    return _with(entries, alone(arena, min(good, key=lambda e: e.fit.cost), entries, case))
+
+
+def _with(entries: list[Entry], better: list[Entry]) -> list[Entry]:
+    """Put better estimates in the places of those of the same sets."""
+    replaced = {e.members for e in better}
+    return [e for e in entries if e.members not in replaced] + better
+
+
+def alone(arena: Arena, whole: Entry, entries: list[Entry], case: Case) -> list[Entry]:
+    """Enter each member of a larger set alone, from where the whole set ended.
+
+    Returned are those that do better than before. A resonator's frequency or a threshold may be
+    found only while others stand beside it, which are not needed once it is.
+    """
+    singles = [(number,) for number in whole.members] if len(whole.members) > 1 else []
+    return _reduced(arena, whole, singles, entries, case)
+
+
 def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> list[Entry]:
     """Enter the chosen set without each of its members, from where the whole set ended.
 
     Returned are the entries that the contest lacks or has with a larger cost: a smaller set must
     not lose because its estimation stopped early.
     """
+    rests = [tuple(i for i in chosen.members if i != number) for number in chosen.members]
+    have = {e.members: e for e in entries}
+    # what is left of one mechanism is re-calibration, which began from nothing else
+    settled = () in have and have[()].fit.converged
+    return _reduced(arena, chosen, [r for r in rests if r or not settled], entries, case)
+
+
+def _reduced(
+    arena: Arena, whole: Entry, sets: Sequence[tuple[int, ...]], entries: list[Entry], case: Case
+) -> list[Entry]:
+    """Enter sets with some of the members of another, from where that ended; return the better."""
 
     def stop() -> bool:
         return case.search.exhausted
@@ -107,18 +140,17 @@ def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> lis
     have = {e.members: e for e in entries}
     neutral = neutral_values(arena.super_model)
     better = []
-    for number in chosen.members:
-        rest = tuple(i for i in chosen.members if i != number)
-        settled = not rest and rest in have and have[rest].fit.converged
-        if case.search.exhausted or settled:
-            continue
-        start = chosen.fit.theta.copy()
-        for j in arena.super_model.index(number):
-            start[j] = neutral[j]
-        entry = enter(arena, rest, start, chosen.fit.path, stop, near=True)
-        if rest in have and have[rest].fit.cost < entry.fit.cost:
-            entry = have[rest]
+    for members in sets:
+        if stop():
+            break
+        start = whole.fit.theta.copy()
+        for number in set(whole.members) - set(members):
+            start[arena.super_model.index(number)] = neutral[arena.super_model.index(number)]
+        entry = enter(arena, members, start, whole.fit.path, stop, near=True)
+        known = have.get(members)
+        if known is not None and known.fit.cost < entry.fit.cost:
+            entry = known
         entry, _ = out_of_corners(arena, entry, stop)
-        if rest not in have or entry.fit.cost < (1.0 - CONTEST_TOLERANCE) * have[rest].fit.cost:
+        if known is None or entry.fit.cost < (1.0 - CONTEST_TOLERANCE) * known.fit.cost:
             better.append(entry)
     return better

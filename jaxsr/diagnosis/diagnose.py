@@ -13,7 +13,7 @@ from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.choice import Decision, decide
+from jaxsr.diagnosis.choice import Decision, decide, with_parts
 from jaxsr.diagnosis.contenders import contenders, leading_sets
 from jaxsr.diagnosis.contest import (
     ITERATIONS,
@@ -152,6 +152,7 @@ def diagnose(
 def decided(case: Case, field: Contest, rng: np.random.Generator) -> Decided:
     """Choose among the sets of a contest and what the evolution adds to them."""
     arena, entries, headline, grown = field
+    entries = with_parts(case, arena, entries)
     arena, entries = with_unnamed(case, arena, entries, rng)
     case.progress.stage("deciding")
     decision = with_nameless(case, decide(case, arena, entries), rng)
