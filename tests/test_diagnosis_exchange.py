@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import jax
 import numpy as np
 import pytest
@@ -9,6 +12,7 @@ from diagnosis_systems import RAIL, STIFF
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.choice import alone
 from jaxsr.diagnosis.contest import build_arena, enter, neutral_values
 from jaxsr.diagnosis.exchange import INSIDE, exchange
 from jaxsr.diagnosis.integration import choose_stepping
@@ -68,7 +72,7 @@ def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monke
     model = parse_model(RAIL)
     prepared = [Prepared.build(model, Recording("a.csv", t, {"force": push(t), "y": q + noise}))]
     offered = force_candidates(model, SCALE)
-    names = ("coulomb_friction", "stribeck_friction")
+    names = ("coulomb_friction", "stribeck_friction", "constant_force")
     chosen = [next(c for c in offered if c.mechanism == name) for name in names]
     super_model = SuperModel.build(model, chosen)
     simulator = Simulator(super_model.model)
@@ -85,6 +89,11 @@ def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monke
     found = {e.members: e for e in exchange(arena, coulomb, [null, coulomb, bad], lambda: False)}
     stribeck = found[1,]
     assert stribeck.fit.cost < 0.2 * coulomb.fit.cost
+    # From a larger set that found the law, the law alone is found as well.
+    both = enter(arena, (1, 2), stribeck.fit.theta, stribeck.fit.path, near=True)
+    case: Any = SimpleNamespace(search=SimpleNamespace(exhausted=False))
+    better = {e.members: e for e in alone(arena, both, [null, coulomb, bad], case)}
+    assert better[1,].fit.cost < 1.01 * stribeck.fit.cost
     refined = refine(Ground(arena, tuple(prepared), (1.0,), None), stribeck)
     for name, truth in {"Fc": 2.0, "Fs": 4.0, "vs": 0.4}.items():
         value, half = refined.interval(name)

@@ -124,6 +124,18 @@ def test_an_estimate_may_end_at_a_hard_edge_and_at_no_other_bound() -> None:
     assert not plausible(arena, replace(inside, errors=np.full(12, np.inf)))
 
 
+def test_an_edge_is_as_hard_whatever_the_cross_section() -> None:
+    """Equations of volumes, A h' = ..., and of levels, h' = ..., tell the same."""
+    model = parse_model(TANKS)
+    rows = "\n".join(f'{s} = {{ {s} = "250.0" }}' for s in model.states)
+    volumes = parse_model(TANKS.replace("[parameters]", f"[inertia]\n{rows}\n[parameters]"))
+    hardest = []
+    for one in (model, volumes):
+        site = sites_of(one, {s: np.linspace(1.0, 9.0, 21) for s in one.states})[0]
+        hardest.append(next(overflows(site, STEP)).parameters[0].high)
+    assert hardest[1] == pytest.approx(250.0 * hardest[0])
+
+
 def test_sets_that_may_be_steep_leave_the_explicit_method() -> None:
     super_model = levels()
     simulator = Simulator(super_model.model)

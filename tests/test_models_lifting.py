@@ -203,6 +203,21 @@ def test_a_path_closes_through_sticking_and_equals_the_run_from_sample_to_sample
     assert np.abs(found.shift).max() < 1e-7
     slow = np.abs(path[1]) < 2e-3
     assert 0.02 < slow.mean() < 0.9  # it does stick
+    assert closed(simulator, stepping, segments, theta, other, lambda: True) is None
+
+
+@pytest.mark.parametrize("window", [8, 64])
+def test_windows_that_newton_closes_lead_where_single_steps_lead(window, monkeypatch):
+    monkeypatch.setattr("jaxsr.models.lifting.CLOSING_LONG", 1)  # all of it by windows
+    simulator, rng = Simulator(RUB), np.random.default_rng(4)
+    segments, stepping = segments_of(simulator, rng, 2, None), Stepping("rodas3", 2, (1e-3,))
+    theta = np.array(simulator.values())
+    monkeypatch.setattr("jaxsr.models.lifting.MOST_WINDOW", window)
+    path = closed(simulator, stepping, segments, theta, segments.course)
+    monkeypatch.setattr("jaxsr.models.lifting.SHORT", 10**9)
+    single = closed(simulator, stepping, segments, theta, segments.course)
+    assert path.shape[1] > 1.5 * window
+    np.testing.assert_allclose(path, single, atol=1e-7)
 
 
 def test_products_of_maps_carry_derivatives_and_defects():

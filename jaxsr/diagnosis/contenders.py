@@ -171,7 +171,9 @@ def _best_variants(screened: Screened) -> set[int]:
     for numbers in by_label.values():
         brief = super_model.candidates[numbers[0]].mechanism in BRIEF
         ranked = sorted(numbers, key=lambda i: (error.get(i, np.inf), _reach(screened, i)))
-        chosen |= set(ranked if brief else ranked[:VARIANTS])
+        # A wall on the left is no start for one on the right.
+        forms = {super_model.candidates[i].terms: i for i in reversed(ranked)}
+        chosen |= set(ranked if brief else [*ranked[:VARIANTS], *forms.values()])
     return chosen
 
 

@@ -193,7 +193,7 @@ def overflows(site: Site, step: float) -> Iterator[Candidate]:
     values = site.scale.get(x)
     if len(levels) < len(model.dynamic_states) or values is None or not values[-1] > values[0]:
         return
-    spread = float(values[-1] - values[0])
+    spread, hardest = float(values[-1] - values[0]), HARD * abs(site.mass) / step
     lost = f"{{ko}}*Max({x} - {{xo}}, 0)"
     others = [
         s
@@ -217,7 +217,7 @@ def overflows(site: Site, step: float) -> Iterator[Candidate]:
             "memory",
             site.name,
             (
-                ParameterSpec("ko", site.per(x), low=0.0, high=HARD / step, hard=True),
+                ParameterSpec("ko", site.per(x), low=0.0, high=hardest, hard=True),
                 ParameterSpec(
                     "xo",
                     model.units.get(x),

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.motion import Motion
+from jaxsr.expressions import evaluate
 from jaxsr.models import Model
 from jaxsr.models.units import dimension, unit_of
 
@@ -88,6 +89,18 @@ class Site:
     def driven(self) -> bool:
         """Whether an input enters the equation itself."""
         return bool(self.model.equation_terms[self.state].variables & set(self.model.inputs))
+
+    @property
+    def mass(self) -> float:
+        """What the equation's rate is multiplied by, at the given values amid the recordings."""
+        term = self.model.inertia_terms.get(self.state, {}).get(self.state)
+        if term is None:
+            return 1.0
+        values = {s: float(q[len(q) // 2]) for s, q in self.scale.items()}
+        values |= {n: p.value for n, p in self.model.parameters.items()}
+        if not term.variables <= values.keys():
+            return 1.0
+        return float(evaluate(term, values))
 
     def per(self, *symbols: str) -> str | None:
         """Unit of a coefficient that makes a force with the product of `symbols`."""
