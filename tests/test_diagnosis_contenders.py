@@ -1,0 +1,49 @@
+"""Which starts of the mechanisms enter the contest."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+from diagnosis_systems import SPRUNG
+from scipy.integrate import solve_ivp
+
+from jaxsr._progress import Budget
+from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.contenders import contenders, leading_sets
+from jaxsr.diagnosis.setup import prepare, screen_all
+from jaxsr.models import Simulator, parse_model
+from jaxsr.recordings import Recording
+
+
+def test_walls_on_both_sides_enter_wherever_the_weak_view_sees_one() -> None:
+    """A mass between a spring and a damper meets a second spring below -0.5 m, rarely."""
+    rng = np.random.default_rng(0)
+    t = np.arange(1200) * 0.02
+    tones, phases = rng.uniform(0.5, 6.0, 6), rng.uniform(0.0, 6.28, 6)
+
+    def push(s: float | np.ndarray) -> np.ndarray:
+        return 6.0 * np.sin(np.multiply.outer(s, tones) + phases).sum(-1)
+
+    def rate(s: float, x: np.ndarray) -> list[float]:
+        wall = -40.0 * min(x[0] + 0.5, 0.0)
+        return [x[1], (push(s) - 30.0 * x[0] - 3.0 * x[1] + wall) / 2.0]
+
+    q = solve_ivp(rate, (0.0, t[-1]), [0.0, 0.0], "RK45", t, rtol=1e-8, atol=1e-10).y[0]
+    assert 0.01 < np.mean(q < -0.5) < 0.2
+    y = q + 1e-4 * rng.standard_normal(t.size)
+    simulator = Simulator(parse_model(SPRUNG))
+    prepared = prepare(simulator.model, [Recording("a.csv", t, {"u": push(t), "y": y})])
+    case = Case(simulator, prepared, screen_all(simulator, prepared), Budget(), Budget())
+    super_model, starts = contenders(case, leading_sets(case))
+    assert starts[0][0] == ()
+    screened = case.screened
+    assert screened is not None
+    entered, offered = defaultdict(set), defaultdict(set)
+    for candidate in super_model.candidates:
+        entered[candidate.label].add(candidate.terms)
+    for number, candidate in enumerate(screened.super_model.candidates):
+        if number not in screened.screening.collinear:
+            offered[candidate.label].add(candidate.terms)
+    assert sum(len(forms) > 1 for forms in offered.values()) > 1
+    assert {label: entered[label] for label in offered} == offered
