@@ -35,8 +35,8 @@ Array = Any
 CLOSING, CLOSING_LONG, SHORT = 8, 20, 60
 """Newton iterations to a simulation, for segments of up to `SHORT` samples and for longer ones,
 which are dear to simulate from sample to sample."""
-CLOSE = 1e-9
-"""Step of a path, in sizes of the states, at which it is a simulation."""
+CLOSE, CLOSE_WINDOW = 1e-9, 1e-12
+"""Step of a path, in sizes of the states, at which it is a simulation, and at which a part is."""
 LEAST_WINDOW, MOST_WINDOW, CLOSING_WINDOW = 8, 128, 6
 """Samples that are closed at once, and Newton iterations for them, where all are too many."""
 
@@ -201,17 +201,21 @@ def closed(
     """Return the simulation from a path's starts, shape (states, samples, segments).
 
     Newton's method from that path; what `CLOSING` iterations do not close, where a law has
-    corners, is simulated piece by piece. None where states are not finite, or `stop` says so.
+    corners, is simulated step by step. None where states are not finite, or `stop` says so.
     """
     ground = _Ground.of(simulator, stepping, segments, theta, ())
-    long = path.shape[1] > SHORT
+    long, last = path.shape[1] > SHORT, path.shape[1] - 1
     with np.errstate(all="ignore"):
         first, found = ground.newton(path, CLOSING_LONG if long else CLOSING, stop)
-        if first < path.shape[1] - 1:
-            # Where Newton's method went astray, the path that it came from is nearer.
-            begun = np.concatenate([found[:, : first + 1], path[:, first + 1 :]], axis=1)
-            found = ground.forward(begun, first, stop)
-    return found if found is not None and np.isfinite(found).all() else None
+        if first == last:
+            return found
+        # Where Newton's method went astray, the path that it came from is nearer.
+        begun = np.concatenate([found[:, : first + 1], path[:, first + 1 :]], axis=1)
+        if long and stepping.method == "rodas3":  # explicit steps at a corner multiply errors
+            found = ground.by_windows(begun, first, stop)
+            if found is not None and ground.newton(found, 1, stop)[0] == last:
+                return found
+        return ground.forward(begun, stop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,40 +274,52 @@ class _Ground:
     ) -> tuple[int, Array]:
         """Move a path towards the simulation; return up to which sample it is one, and the path."""
         done, last = 0, path.shape[1] - 1
+        usual = np.abs(self.segments.course).max((1, 2))[:, None] + 1e-300
+        close = CLOSE if last == self.segments.time.shape[0] - 1 else CLOSE_WINDOW
         for _ in range(iterations):
             if stop():
                 break
             ends, slopes = self.step(path, first)
             _, shift = condensed(slopes, ends - path[:, 1:])
             moved = path + shift
-            size = np.abs(moved).max((1, 2))[:, None] + 1e-300
+            # Beyond a corner a path may be anywhere: sizes are those up to a sample.
+            size = np.maximum.accumulate(np.maximum(np.abs(moved).max(2), usual), axis=1)
             far = (np.abs(shift).max(2) / size).max(0)
             if not np.isfinite(far).all():
                 break
-            path, apart = moved, np.flatnonzero(far >= CLOSE)
+            path, apart = moved, np.flatnonzero(far >= close)
             done = int(apart[0]) - 1 if apart.size else last
             if done == last:
                 break
         return done, path
 
-    def forward(self, path: Array, first: int, stop: Callable[[], bool]) -> Array | None:
+    def by_windows(self, path: Array, first: int, stop: Callable[[], bool]) -> Array | None:
         """Simulate from sample `first` on: what Newton's method closes at once, else one by one."""
-        path, last = path.copy(), path.shape[1] - 1
-        window = MOST_WINDOW if last > SHORT else 0
-        while first < last and not stop() and np.isfinite(path[:, first]).all():
-            if window:
-                end = min(first + window, last)
-                here = slice(first, end + 1)
-                done, found = self.newton(path[:, here], CLOSING_WINDOW, stop, first)
-                path[:, first : first + done + 1] = found[:, : done + 1]
-                first, whole = first + done, first + done == end
-                window = min(2 * window, MOST_WINDOW) if whole else max(window // 2, LEAST_WINDOW)
-                if whole:
-                    continue
-            for k in range(first, min(first + LEAST_WINDOW, last)):
-                path[:, k + 1] = self.step(path[:, k : k + 2], k, tangents=False)[0][:, 0]
-            first = min(first + LEAST_WINDOW, last)
-        return path if first == last else None
+        path, last, window = path.copy(), path.shape[1] - 1, MOST_WINDOW
+        while first < last:
+            end = min(first + window, last)
+            done, found = self.newton(path[:, first : end + 1], CLOSING_WINDOW, stop, first)
+            path[:, first : first + done + 1] = found[:, : done + 1]
+            first += done
+            whole = first == end
+            window = min(2 * window, MOST_WINDOW) if whole else max(window // 2, LEAST_WINDOW)
+            if whole:
+                continue
+            end = min(first + LEAST_WINDOW, last)
+            part = self.forward(path[:, first : end + 1], stop, first)
+            if part is None:
+                return None
+            path[:, first : end + 1], first = part, end
+        return path
+
+    def forward(self, path: Array, stop: Callable[[], bool], first: int = 0) -> Array | None:
+        """Simulate from the start of a path, one sample after the other; None if it diverges."""
+        path = path.copy()
+        for k in range(path.shape[1] - 1):
+            path[:, k + 1] = self.step(path[:, k : k + 2], first + k, tangents=False)[0][:, 0]
+            if stop() or not np.isfinite(path[:, k + 1]).all():
+                return None
+        return path
 
     def at(self, path: Array) -> Point:
         """A path with its times and inputs."""
