@@ -54,9 +54,9 @@ MOST_PATIENCE = 10.0
 """The same in seconds: what takes longer is caught in a law that jumps."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
-SEARCHING = 0.85
+SEARCHING = 0.8
 """Share of the time left after screening that trying sets may take at most."""
-REPORTING = 2.0
+REPORTING = 3.0
 """Time kept for refining and reporting, relative to that of reading and screening."""
 AGAIN = 0.2
 """Share of the time budget from which longer segments are still asked."""

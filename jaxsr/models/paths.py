@@ -24,7 +24,7 @@ POLISHING = 5
 ROUGH = 1e-2
 ROUGH_ITERATIONS = 8
 """Where the estimation with rounded steps ends: it only has to lead near."""
-GRACE = 3.0
+GRACE = 2.0
 """Seconds in which an estimation that was stopped may still close its simulation."""
 FAR = 0.5
 """Gap, in standard deviations of the readings, from which a first path is smoothed."""
