@@ -107,6 +107,17 @@ class Term:
             yield node
             stack.extend(reversed(node.args))
 
+    def distinct(self) -> Iterator[Term]:
+        """Yield every different subtree once: definitions of a model share a lot of them."""
+        seen: set[Term] = {self}
+        stack: list[Term] = [self]
+        while stack:
+            node = stack.pop()
+            yield node
+            new = [arg for arg in dict.fromkeys(node.args) if arg not in seen]
+            seen.update(new)
+            stack.extend(reversed(new))
+
     @property
     def depth(self) -> int:
         """Number of levels below the root."""
@@ -115,11 +126,11 @@ class Term:
     @property
     def variables(self) -> frozenset[str]:
         """Names of the variables that occur."""
-        return frozenset(node.name for node in self.walk() if node.is_variable)
+        return frozenset(node.name for node in self.distinct() if node.is_variable)
 
     def uses(self, ops: frozenset[str]) -> bool:
         """Whether any of the primitives `ops` occurs."""
-        return any(node.op in ops for node in self.walk())
+        return any(node.op in ops for node in self.distinct())
 
     def substitute(self, replacements: Mapping[str, Term]) -> Term:
         """Replace variables by terms, all at once."""

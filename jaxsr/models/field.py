@@ -193,24 +193,34 @@ class Field:
 @functools.lru_cache(maxsize=4096)
 def _without(simulator: Simulator, known: tuple[tuple[str, float], ...]) -> tuple[Any, ...]:
     """Equations, mass matrix and readings in which mechanisms that are switched off are gone."""
-    values = dict(known)
+    values, done = dict(known), dict[Term, Term]()
     return (
-        {s: folded(e, values) for s, e in simulator.smooth_equations.items()},
+        {s: folded(e, values, done) for s, e in simulator.smooth_equations.items()},
         {
-            i: {j: folded(e, values) for j, e in row.items()}
+            i: {j: folded(e, values, done) for j, e in row.items()}
             for i, row in simulator.model.inertia_terms.items()
         },
-        {y: folded(e, values) for y, e in simulator.smooth_readings.items()},
+        {y: folded(e, values, done) for y, e in simulator.smooth_readings.items()},
     )
 
 
-def folded(term: Term, values: Mapping[str, float]) -> Term:
-    """Insert zeros and ones, and leave out what they make void."""
+def folded(term: Term, values: Mapping[str, float], done: dict[Term, Term] | None = None) -> Term:
+    """Insert zeros and ones, and leave out what they make void.
+
+    `done` holds subtrees met before and is filled on the way.
+    """
     if term.is_variable and term.name in values:
         return Term.constant(values[term.name])
     if not term.args:
         return term
-    args = tuple(folded(arg, values) for arg in term.args)
+    done = {} if done is None else done
+    if term not in done:
+        done[term] = _folded(term, values, done)
+    return done[term]
+
+
+def _folded(term: Term, values: Mapping[str, float], done: dict[Term, Term]) -> Term:
+    args = tuple(folded(arg, values, done) for arg in term.args)
     zero = [a.is_constant and a.value == 0.0 for a in args]
     one = [a.is_constant and a.value == 1.0 for a in args]
     match term.op:
@@ -228,7 +238,7 @@ def folded(term: Term, values: Mapping[str, float]) -> Term:
             return args[0]
         case "neg" if zero[0]:
             return args[0]
-    return Term(term.op, args)
+    return term if args == term.args else Term(term.op, args)
 
 
 def _less(slopes: Slopes, other: Slopes, factor: Array) -> Slopes:

@@ -82,7 +82,7 @@ class Simulator(eqx.Module):
         """Distinct arguments of sign and Heaviside that depend on a state."""
         found: dict[Term, None] = {}
         for term in self._all_terms():
-            for node in term.walk():
+            for node in term.distinct():
                 if node.op in SMOOTHED and node.args[0].variables & set(self.model.states):
                     found.setdefault(node.args[0])
         return tuple(found)
@@ -165,16 +165,24 @@ class Simulator(eqx.Module):
 
     @cached_property
     def smooth_equations(self) -> dict[str, Term]:
-        return {s: self._smooth(e) for s, e in self.model.equation_terms.items()}
+        known: dict[Term, Term] = {}
+        return {s: self._smooth(e, known) for s, e in self.model.equation_terms.items()}
 
     @cached_property
     def smooth_readings(self) -> dict[str, Term]:
-        return {y: self._smooth(e) for y, e in self.model.reading_terms.items()}
+        known: dict[Term, Term] = {}
+        return {y: self._smooth(e, known) for y, e in self.model.reading_terms.items()}
 
-    def _smooth(self, term: Term) -> Term:
+    def _smooth(self, term: Term, known: dict[Term, Term]) -> Term:
+        """Return a term with rounded steps; `known` holds those of subtrees met before."""
         if not term.args:
             return term
-        args = tuple(self._smooth(arg) for arg in term.args)
+        if term not in known:
+            known[term] = self._rounded(term, known)
+        return known[term]
+
+    def _rounded(self, term: Term, known: dict[Term, Term]) -> Term:
+        args = tuple(self._smooth(arg, known) for arg in term.args)
         if term.op in SMOOTHED and term.args[0] in self.smoothed_arguments:
             width = Term.variable(f"width {self.smoothed_arguments.index(term.args[0])}")
             sign = Term.apply("tanh", Term.apply("div", args[0], width))
@@ -182,7 +190,7 @@ class Simulator(eqx.Module):
                 return sign
             half = Term.constant(0.5)
             return Term.apply("add", half, Term.apply("mul", half, sign))
-        return Term(term.op, args)
+        return term if args == term.args else Term(term.op, args)
 
     def _accelerations(self, rates: dict, env: dict, shared: dict) -> dict:
         """Solve the mass matrix for the rates of the states that have a row in it."""

@@ -18,6 +18,8 @@ _SCALE_FREE = frozenset(
 )
 # A whole signature of dimensions; None stands for "not known" and silences the check.
 Dimension = Any
+Met = dict[tuple[Term, bool], Dimension]
+"""Units of terms, literals read inside a function or not."""
 
 
 def check_units(model: Model, source: str) -> None:
@@ -38,12 +40,15 @@ def check_units(model: Model, source: str) -> None:
         if parameter.unit is not None:
             known[name] = dimension(parameter.unit, f"{source} [parameters] {name}")
     second = dimension("s")
+    met: Met = {}
     for state, term in model.equation_terms.items():
         where = f"{source} [equations] {state}"
-        found = unit_of(term, known, where)
+        found = unit_of(term, known, where, met=met)
         for column, entry in model.inertia_terms.get(state, {state: None}).items():
             inertia = (
-                unit_of(entry, known, f"{source} [inertia] {state}") if entry else dimension("")
+                unit_of(entry, known, f"{source} [inertia] {state}", met=met)
+                if entry
+                else dimension("")
             )
             rate = known.get(column)
             if found is None or inertia is None or rate is None:
@@ -65,14 +70,29 @@ def check_units(model: Model, source: str) -> None:
 
 
 def unit_of(
-    term: Term, known: dict[str, Dimension], where: str = "", argument: bool = False
+    term: Term,
+    known: dict[str, Dimension],
+    where: str = "",
+    argument: bool = False,
+    met: Met | None = None,
 ) -> Dimension:
     """Return the dimension of a term, or None where a symbol has none declared.
 
     Literal numbers are dimensionless as factors and fit anything as summands. In the argument
     of a function (`argument` true) a literal factor carries a unit that nobody wrote down, as
-    the 2.0 of sin(2.0*t) does: the product is not known.
+    the 2.0 of sin(2.0*t) does: the product is not known. `met` holds subtrees met before with
+    the same `known`, and is filled on the way.
     """
+    met = {} if met is None else met
+    key = term, argument
+    if key not in met:
+        met[key] = _unit_of(term, known, where, argument, met)
+    return met[key]
+
+
+def _unit_of(
+    term: Term, known: dict[str, Dimension], where: str, argument: bool, met: Met
+) -> Dimension:
     if term.is_constant:
         return None if argument else dimension("")
     if term.is_variable:
@@ -80,7 +100,7 @@ def unit_of(
     if term.op == BOOLEAN:
         return dimension("")
     inside = argument or term.op in _SCALE_FREE
-    parts = [unit_of(arg, known, where, inside) for arg in term.args]
+    parts = [unit_of(arg, known, where, inside, met) for arg in term.args]
     if term.op in ("add", "sub", "max", "min", "lt", "le", "gt", "ge", "eq", "ne"):
         return _same(term, list(zip(term.args, parts, strict=True)), where)
     if term.op == "piecewise":
