@@ -20,14 +20,18 @@ import re
 from collections.abc import Iterable, Sequence
 from itertools import product
 
-from jaxsr.datasets.urdf import AXES, Body, read_arm, turned
+from jaxsr.datasets.urdf import AXES, SNAP, Body, read_arm, turned
 
 GRAVITY = 9.81
+TINY = 1e-15
+"""Numbers up to which a factor is what rounding leaves of zero."""
 CROSS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Axes k, i, j of (a x b)_k = a_i b_j - a_j b_i."""
-SPREAD = 0.3
+SPREAD = 0.5
 """Share of a link's mass by which re-calibration may change it."""
-HEAVIEST_DRIVE = 20.0
+DRIVE, HEAVIEST_DRIVE = 0.1, 20.0
+"""Inertia of a drive, seen from its joint, and the largest that re-calibration may find. Without
+any, the last links of an arm weigh so little that a motor throws them at 1e5 rad/s^2."""
 
 Poly = dict[tuple[str, ...], float]
 """A sum of products of symbols: sorted names to the number before them."""
@@ -90,12 +94,12 @@ def arm_model(urdf: str, name: str, gains: Sequence[float]) -> str:
         lines.append(f"{row} = {{ {inner} }}")
     lines += ["", *_table("readings", readings), "[parameters]"]
     lines += [_parameter(f"K{k}", gain, "N*m/A") for k, gain in enumerate(gains, start=1)]
-    lines += [
-        _parameter(f"m{k}", b.mass, "kg", (1.0 - SPREAD) * b.mass, (1.0 + SPREAD) * b.mass)
-        for k, b in enumerate(bodies, start=1)
-        if b.mass
-    ]
-    lines += [_parameter(f"Ia{k}", 0.0, "kg*m^2", 0.0, HEAVIEST_DRIVE) for k in numbers]
+    # A first link that turns about the vertical does nothing but add to its drive's inertia.
+    idle = abs((bodies[0].turn @ bodies[0].axis)[2]) > 1.0 - SNAP
+    for k, mass_k in enumerate((body.mass for body in bodies), start=1):
+        reach = 0.0 if idle and k == 1 else SPREAD * mass_k
+        lines.append(_parameter(f"m{k}", mass_k, "kg", *_around(mass_k, reach)))
+    lines += [_parameter(f"Ia{k}", DRIVE, "kg*m^2", 0.0, HEAVIEST_DRIVE) for k in numbers]
     lines += [_parameter("g", GRAVITY, "m/s^2"), _parameter("metre", 1.0, "m"), ""]
     return "\n".join([*lines, *_table("units", units)])
 
@@ -106,6 +110,11 @@ def _quoted(texts: Iterable[str]) -> list[str]:
 
 def _table(name: str, entries: dict[str, str]) -> list[str]:
     return [f"[{name}]", *(f'{key} = "{text}"' for key, text in entries.items()), ""]
+
+
+def _around(value: float, reach: float) -> tuple[float, ...]:
+    """Return bounds at a distance, none for no distance."""
+    return (value - reach, value + reach) if reach else ()
 
 
 def _parameter(name: str, value: float, unit: str, *bounds: float) -> str:
@@ -234,13 +243,16 @@ class Script:
 
     def __init__(self) -> None:
         self.lines: dict[str, str] = {}
+        self.known: dict[str, str] = {}  # the same the other way round
 
     def name(self, name: str, value: Poly, always: bool = False) -> Poly:
         """Define a symbol for a value, where it is more than a number or a multiple of one."""
         if not always and (not value or (len(value) == 1 and len(next(iter(value))) <= 1)):
             return value
-        self.lines[name] = text_of(value)
-        return {(name,): 1.0}
+        text = text_of(value)
+        known = self.known.setdefault(text, name)
+        self.lines.setdefault(known, text)
+        return {(known,): 1.0}
 
     def vector(self, name: str, values: Vector) -> Vector:
         """Define symbols for the components of a vector."""
@@ -283,7 +295,7 @@ def plus(*parts: Poly) -> Poly:
     for part in parts:
         for names, number in part.items():
             total[names] = total.get(names, 0.0) + number
-    return {names: number for names, number in total.items() if number}
+    return {names: number for names, number in total.items() if abs(number) > TINY}
 
 
 def times(*parts: Poly) -> Poly:
@@ -297,7 +309,7 @@ def times(*parts: Poly) -> Poly:
 
 def number(value: float, *names: str) -> Poly:
     """Return a number before symbols."""
-    return {tuple(sorted(names)): float(value)} if value else {}
+    return {tuple(sorted(names)): float(value)} if abs(value) > TINY else {}
 
 
 def dot(a: Vector, b: Vector) -> Poly:
