@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from jaxsr._result import InputError
@@ -20,6 +21,8 @@ from jaxsr.models import (
     read_model,
     write_model,
 )
+from jaxsr.models.field import Field, Point
+from jaxsr.models.reading import build_model
 
 SHIPPED = sorted((Path(__file__).resolve().parents[1] / "jaxsr" / "datasets").rglob("*.toml"))
 
@@ -316,3 +319,21 @@ def test_models_compare_by_value() -> None:
     a, b = parse_model(EVERYTHING), parse_model(EVERYTHING)
     assert a == b and hash(a) == hash(b)
     assert isinstance(a, Model) and a != replace(a, inputs=())
+
+
+def test_definitions_that_double_each_other_are_walked_once() -> None:
+    # Written out, the last of them would have 2**60 symbols.
+    doubled = {"d0": "sin(q)", **{f"d{k}": f"d{k - 1} + d{k - 1}" for k in range(1, 60)}}
+    document = {
+        "model": {"states": ["q"], "outputs": ["y"]},
+        "definitions": doubled,
+        "equations": {"q": "-r*d59 - Fc*sign(q)"},
+        "readings": {"y": "d59"},
+        "parameters": {name: {"value": 1.0, "unit": "1/s"} for name in ("r", "Fc")},
+        "units": {"q": "rad"},
+    }
+    simulator = Simulator(build_model(document))
+    assert simulator.model.equation_terms["q"].variables == {"q", "r", "Fc"}
+    (rate,), (slopes,) = Field(simulator, [1.0, 0.0]).slopes(Point(0.0, [np.array([0.5])], []))
+    np.testing.assert_allclose(rate, -(2.0**59) * np.sin(0.5))
+    np.testing.assert_allclose(slopes["q"], -(2.0**59) * np.cos(0.5))
