@@ -57,7 +57,7 @@ URDF = """
 </robot>
 """
 DRIVES = np.array([0.1, 0.2, 0.3])
-MODEL = parse_model(arm_model(URDF, "made up", [1.0, 2.0, 3.0]))
+MODEL = parse_model(arm_model(URDF, "made up", [1.0, 2.0, 3.0], {"t": "t_s", "q1_meas": "q1"}))
 
 
 def dynamics(q: np.ndarray, v: np.ndarray, **values: float) -> tuple[np.ndarray, np.ndarray]:
@@ -158,6 +158,7 @@ def test_quarter_turns_and_zeros_leave_no_factors() -> None:
 
 def test_free_are_masses_and_drives() -> None:
     assert MODEL.free_parameters == ("m2", "m3", "Ia1", "Ia2", "Ia3")
+    assert MODEL.columns == {"t": "t_s", "q1_meas": "q1"}
     assert MODEL.units["v3_meas"] == "rad/s"  # with all units known, reading has checked them
 
 

@@ -16,30 +16,39 @@ Featherstone, Rigid Body Dynamics Algorithms (2008), section 6.2 (composite bodi
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Sequence
-from itertools import product
+from collections.abc import Iterable, Mapping, Sequence
 
-from jaxsr.datasets.urdf import AXES, SNAP, Body, read_arm, turned
+from jaxsr.datasets.script import (
+    CROSS,
+    Matrix,
+    Poly,
+    Script,
+    Vector,
+    added,
+    applied,
+    cross,
+    dot,
+    matmul,
+    minus,
+    number,
+    plus,
+    text_of,
+    times,
+    transposed,
+)
+from jaxsr.datasets.urdf import SNAP, Body, read_arm, turned
 
 GRAVITY = 9.81
-TINY = 1e-15
-"""Numbers up to which a factor is what rounding leaves of zero."""
-CROSS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-"""Axes k, i, j of (a x b)_k = a_i b_j - a_j b_i."""
 SPREAD = 0.5
 """Share of a link's mass by which re-calibration may change it."""
 DRIVE, HEAVIEST_DRIVE = 0.1, 20.0
 """Inertia of a drive, seen from its joint, and the largest that re-calibration may find. Without
 any, the last links of an arm weigh so little that a motor throws them at 1e5 rad/s^2."""
 
-Poly = dict[tuple[str, ...], float]
-"""A sum of products of symbols: sorted names to the number before them."""
-Vector = list[Poly]
-Matrix = list[Vector]
 
-
-def arm_model(urdf: str, name: str, gains: Sequence[float]) -> str:
+def arm_model(
+    urdf: str, name: str, gains: Sequence[float], columns: Mapping[str, str] | None = None
+) -> str:
     """Write the model file of an arm whose joints are driven by motor currents.
 
         K_k i_k = sum_j M_kj(q) dv_j/dt + Ia_k dv_k/dt + load_k(q, v)
@@ -52,6 +61,8 @@ def arm_model(urdf: str, name: str, gains: Sequence[float]) -> str:
         Of the model.
     gains : sequence of float
         Torque per current at each joint, in N m/A.
+    columns : mapping of str to str, optional
+        Columns of the recordings, by their role in the model.
 
     Returns
     -------
@@ -101,7 +112,8 @@ def arm_model(urdf: str, name: str, gains: Sequence[float]) -> str:
         lines.append(_parameter(f"m{k}", mass_k, "kg", *_around(mass_k, reach)))
     lines += [_parameter(f"Ia{k}", DRIVE, "kg*m^2", 0.0, HEAVIEST_DRIVE) for k in numbers]
     lines += [_parameter("g", GRAVITY, "m/s^2"), _parameter("metre", 1.0, "m"), ""]
-    return "\n".join([*lines, *_table("units", units)])
+    lines += _table("units", units) + (_table("columns", dict(columns)) if columns else [])
+    return "\n".join(lines)
 
 
 def _quoted(texts: Iterable[str]) -> list[str]:
@@ -236,112 +248,3 @@ class _Arm:
             spread = [added(*rows) for rows in parts]
             h = added(h, [times(m, p) for p in place])
         return matrix
-
-
-class Script:
-    """Definitions of a model file, each a sum of products of earlier ones."""
-
-    def __init__(self) -> None:
-        self.lines: dict[str, str] = {}
-        self.known: dict[str, str] = {}  # the same the other way round
-
-    def name(self, name: str, value: Poly, always: bool = False) -> Poly:
-        """Define a symbol for a value, where it is more than a number or a multiple of one."""
-        if not always and (not value or (len(value) == 1 and len(next(iter(value))) <= 1)):
-            return value
-        text = text_of(value)
-        known = self.known.setdefault(text, name)
-        self.lines.setdefault(known, text)
-        return {(known,): 1.0}
-
-    def vector(self, name: str, values: Vector) -> Vector:
-        """Define symbols for the components of a vector."""
-        return [self.name(f"{name}{a}", v) for a, v in zip(AXES, values, strict=True)]
-
-    def rows(self, name: str, values: Matrix) -> Matrix:
-        """Define symbols for the entries of a matrix."""
-        return [self.vector(f"{name}{a}", row) for a, row in zip(AXES, values, strict=True)]
-
-    def symmetric(self, name: str, values: Matrix) -> Matrix:
-        """Define symbols for the entries of a symmetric matrix."""
-        pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-        own = {(i, j): self.name(f"{name}{AXES[i]}{AXES[j]}", values[i][j]) for i, j in pairs}
-        return [[own[min(i, j), max(i, j)] for j in range(3)] for i in range(3)]
-
-    def needed(self, texts: Iterable[str]) -> dict[str, str]:
-        """Return the definitions that expressions rest on."""
-        wanted: set[str] = set()
-        texts = list(texts)
-        while texts:
-            names = set(re.findall(r"[A-Za-z_]\w*", texts.pop())) & self.lines.keys() - wanted
-            wanted |= names
-            texts += [self.lines[name] for name in names]
-        return {name: text for name, text in self.lines.items() if name in wanted}
-
-
-def text_of(value: Poly) -> str:
-    """Write a sum of products."""
-    text = ""
-    for names, number in value.items():
-        factors = [repr(abs(number))] if abs(number) != 1.0 or not names else []
-        sign = (" + " if text else "") if number > 0 else (" - " if text else "-")
-        text += sign + "*".join([*factors, *names])
-    return text or "0"
-
-
-def plus(*parts: Poly) -> Poly:
-    """Add sums of products, and leave out what cancels."""
-    total: Poly = {}
-    for part in parts:
-        for names, number in part.items():
-            total[names] = total.get(names, 0.0) + number
-    return {names: number for names, number in total.items() if abs(number) > TINY}
-
-
-def times(*parts: Poly) -> Poly:
-    """Multiply sums of products."""
-    total: Poly = {(): 1.0}
-    for part in parts:
-        pairs = product(total.items(), part.items())
-        total = plus(*({tuple(sorted(a + b)): x * y} for (a, x), (b, y) in pairs))
-    return total
-
-
-def number(value: float, *names: str) -> Poly:
-    """Return a number before symbols."""
-    return {tuple(sorted(names)): float(value)} if abs(value) > TINY else {}
-
-
-def dot(a: Vector, b: Vector) -> Poly:
-    """Return the inner product."""
-    return plus(*(times(x, y) for x, y in zip(a, b, strict=True)))
-
-
-def minus(value: Poly) -> Poly:
-    """Change the sign."""
-    return {names: -number for names, number in value.items()}
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return the vector product."""
-    return [plus(times(a[i], b[j]), minus(times(a[j], b[i]))) for _, i, j in CROSS]
-
-
-def added(*vectors: Vector) -> Vector:
-    """Add vectors."""
-    return [plus(*parts) for parts in zip(*vectors, strict=True)]
-
-
-def applied(matrix: Matrix, vector: Vector) -> Vector:
-    """Return matrix times vector."""
-    return [dot(row, vector) for row in matrix]
-
-
-def transposed(matrix: Matrix) -> Matrix:
-    """Return the transpose."""
-    return [list(row) for row in zip(*matrix, strict=True)]
-
-
-def matmul(a: Matrix, b: Matrix) -> Matrix:
-    """Return the product of two matrices."""
-    return transposed([applied(a, column) for column in transposed(b)])
