@@ -6,6 +6,7 @@ import tomllib
 from importlib.resources import files
 from pathlib import Path
 
+import jax
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,6 +15,7 @@ import scipy.io
 import sympy
 
 from jaxsr.datasets import fetch, list_datasets
+from jaxsr.models import Simulator
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 NAMES = [dataset.name for dataset in list_datasets()]
@@ -47,6 +49,23 @@ def _model(dataset_name: str) -> dict:
     dataset = next(one for one in list_datasets() if one.name == dataset_name)
     text = (files("jaxsr.datasets") / "models" / dataset.model).read_text(encoding="utf-8")
     return tomllib.loads(text)
+
+
+@needs_recordings
+def test_the_whole_arm_stands_beside_its_first_joint(folder: Path) -> None:
+    """Gravity on the rigid arm is most of what the motors of the shoulder and the elbow hold."""
+    simulator = Simulator.from_file(folder / "ur10e" / "ur10e_arm.toml")
+    model = simulator.model
+    assert [s for s in model.states if s in model.inertia] == [f"v{k}" for k in range(1, 7)]
+    table = pd.read_csv(folder / "ur10e" / "ur10e_ident.csv")
+    columns = [[table[f"{c}{k}"].to_numpy() for k in range(1, 7)] for c in ("q", "qd", "i")]
+    still = [*columns[0], *(np.zeros(len(table)) for _ in range(6))]
+    with jax.enable_x64(True):
+        forces = simulator.forces(0.0, tuple(still), tuple(columns[2]), simulator.values())
+    for joint, share in ((2, 0.3), (3, 0.4)):
+        torque = model.parameters[f"K{joint}"].value * columns[2][joint - 1]
+        left = np.asarray(forces[model.states.index(f"v{joint}")])
+        assert np.std(left) < share * np.std(torque)
 
 
 @needs_recordings

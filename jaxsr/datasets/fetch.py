@@ -37,6 +37,10 @@ _CONVERTERS: Mapping[str, Converter] = {
     "cascaded_tanks": cascaded_tanks.convert,
     "falling_balls": falling_balls.convert,
 }
+# Models that are written from a data set's own sources, beside the textbook simulator.
+_MODELS: Mapping[str, Callable[[Mapping[str, Path]], Mapping[str, str]]] = {
+    "ur10e": ur10e.models,
+}
 
 
 def list_datasets() -> list[Dataset]:
@@ -61,7 +65,8 @@ def fetch(name: str, directory: Path | str | None = None) -> list[Path]:
     Returns
     -------
     list of Path
-        The CSV files, then the model file ``<name>.toml``, then licence and readme files.
+        The CSV files, then the model file ``<name>.toml``, further models, then licence and
+        readme files.
 
     Raises
     ------
@@ -71,9 +76,10 @@ def fetch(name: str, directory: Path | str | None = None) -> list[Path]:
     dataset = _find(name)
     sources = {source.path: _locate(dataset, source) for source in dataset.sources}
     tables = _CONVERTERS[name](sources)
+    further = _MODELS[name](sources) if name in _MODELS else {}
     target = Path(directory) if directory is not None else Path(name)
     try:
-        return _write(dataset, tables, sources, target)
+        return _write(dataset, tables, further, sources, target)
     except OSError as error:
         raise InputError(
             f"cannot write the recordings: {error}", str(target), "Choose a writable directory"
@@ -143,6 +149,7 @@ def _download(dataset: Dataset, source: SourceFile) -> Path:
 def _write(
     dataset: Dataset,
     tables: Mapping[str, pd.DataFrame],
+    further: Mapping[str, str],
     sources: Mapping[str, Path],
     target: Path,
 ) -> list[Path]:
@@ -155,11 +162,13 @@ def _write(
             table.to_csv(built / file_name, index=False, lineterminator="\n")
         models = importlib.resources.files("jaxsr.datasets") / "models"
         model_text = (models / dataset.model).read_text(encoding="utf-8")
-        (built / f"{dataset.name}.toml").write_text(model_text, encoding="utf-8")
+        texts = {f"{dataset.name}.toml": model_text, **further}
+        for file_name, text in texts.items():
+            (built / file_name).write_text(text, encoding="utf-8")
         notices = [source for source in dataset.sources if source.notice]
         for source in notices:
             shutil.copyfile(sources[source.path], built / source.notice)
-        names = [*tables, f"{dataset.name}.toml", *(source.notice for source in notices)]
+        names = [*tables, *texts, *(source.notice for source in notices)]
         for file_name in names:
             os.replace(built / file_name, target / file_name)
     return [target / file_name for file_name in names]

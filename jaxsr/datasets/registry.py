@@ -129,6 +129,11 @@ _UR10E = Dataset(
             "dataset_ur10e/validation_data/ur-20_01_17-ptp_10_points.csv",
             "d97a4ac0c8b892b565d12f33af2bf0ef18183f7742e49d847d8ba92a041b56d8",
         ),
+        SourceFile(
+            "ur10e.urdf",
+            "URe/urdf/ur10e.urdf",
+            "0d2abc6ebc70725c691a35aa6c2d03fd6e8158017a1b7da7a10a3ef52de7b821",
+        ),
     ),
     model="ur10e_joint1.toml",
     licence="none stated: for evaluation only, not to be redistributed",
