@@ -54,6 +54,12 @@ def test_oscillator_follows_its_closed_form() -> None:
     assert np.abs(x - wanted).max() < 1e-9
 
 
+def test_a_truth_that_is_too_stiff_is_given_up() -> None:
+    world = World.of(SYSTEMS["oscillator"], {"m1": 1.0, "c1": 1e9, "k1": 70.0})
+    with pytest.raises(FloatingPointError, match="too stiff at sample 0"):
+        run(world, silent("oscillator"), np.array([[0.1], [0.0]]), 3)
+
+
 @pytest.mark.parametrize("hold", ["zero", "linear"])
 def test_cart_follows_its_closed_form_under_a_held_ramp(hold: str) -> None:
     m, c, dt, n = 3.0, 7.0, 0.02, 50

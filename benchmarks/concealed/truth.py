@@ -13,6 +13,8 @@ from benchmarks.concealed.effects import Effect, Look
 from benchmarks.concealed.systems import Array, System, solve
 
 RTOL = 1e-9
+FIRST_STEPS, STEPS = 5000, 100
+"""Steps from which a truth is too stiff to be had: in all, and for every sample beside."""
 
 
 class Plant(Protocol):
@@ -165,6 +167,7 @@ class Exact:
         self.x = np.array(x0)
         self.k = 0
         self.step = tape.dt
+        self.steps = 0
         self.scale = np.abs(self.x) + 1e-12
 
     def rates(self) -> Array:
@@ -195,8 +198,11 @@ class Exact:
         )
         while solver.status == "running":
             solver.step()
+            self.steps += 1
             if solver.status == "running":
                 self.step = solver.h_abs
+            if self.steps > FIRST_STEPS + STEPS * k:
+                raise FloatingPointError(f"the truth is too stiff at sample {k}")
         if solver.status == "failed" or not np.isfinite(solver.y).all():
             raise FloatingPointError(f"the truth could not be integrated past sample {k}")
         self.step = max(self.step, float(solver.h_abs))
