@@ -14,6 +14,7 @@ from jaxsr.diagnosis.decide import (
     most_credible,
     plausible,
     simplest_adequate,
+    sound_members,
     without_duplicates,
 )
 from jaxsr.diagnosis.exchange import exchange
@@ -98,6 +99,16 @@ def with_parts(case: Case, arena: Arena, entries: list[Entry]) -> list[Entry]:
     """Return the entries, the members of the leading set estimated alone from where it ended."""
     good = [e for e in entries if not e.members or plausible(arena, e)]
     return _with(entries, alone(arena, min(good, key=lambda e: e.fit.cost), entries, case))
+
+
+def with_sound_part(case: Case, arena: Arena, whole: Entry, entries: list[Entry]) -> list[Entry]:
+    """Return the entries, those members of one that keep to physics estimated without the others.
+
+    A law that the weak view put beside them must not keep them from the contest.
+    """
+    part = sound_members(arena, whole) if whole.fit.usable else ()
+    rest = [part] if part and part != whole.members else []
+    return _with(entries, _reduced(arena, whole, rest, entries, case))
 
 
 def _with(entries: list[Entry], better: list[Entry]) -> list[Entry]:

@@ -57,12 +57,9 @@ def leading_sets(case: Case) -> list[ScreenedSet]:
     keep += [s for s in chosen if len(s.members) == 2 and best[2] < limit * best[1]]
     below = min(best.values())
     keep += [s for s in chosen if len(s.members) == 3 and s.error < limit * below]
+    # Behind the leader the quick ones first: where estimates are slow, time ends with the others.
     keep.sort(key=lambda s: s.error)
-    # Where each estimate of a large set is slow, the best single mechanism must not come too late.
-    single = next((s for s in keep[1:] if len(s.members) == 1), None)
-    if single is not None and len(keep[0].members) > 1:
-        keep.remove(single)
-        keep.insert(1, single)
+    keep[1:] = sorted(keep[1:], key=lambda s: (len(s.members), s.error))
     return keep
 
 

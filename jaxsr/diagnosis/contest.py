@@ -11,6 +11,7 @@ import numpy as np
 import scipy.stats
 
 from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.integration import accurate, steady
 from jaxsr.diagnosis.reduced import cropped, reduce
 from jaxsr.models import Model
 from jaxsr.models.driven import known_states
@@ -45,11 +46,14 @@ class Entry:
     fit : Fit
     errors : ndarray, shape (blocks,)
         Mean squared scaled residual of each block, estimated without it.
+    stepping : Stepping, optional
+        How its own laws were integrated.
     """
 
     members: tuple[int, ...]
     fit: Fit
     errors: np.ndarray
+    stepping: Stepping | None = None
 
     @property
     def error(self) -> float:
@@ -183,32 +187,47 @@ def enter(
     active = own.active(active_parameters(super_model, members))
     theta = super_model.switched(members, start)
     inner, course = theta[own.parameters], None if path is None else path[own.states]
+    careful = max_iterations >= ITERATIONS and _steps_matter(arena, members)
+    if careful:
+        own = replace(own, problem=steady(own.problem, inner))
+        if near and course is not None:
+            own = replace(own, problem=accurate(own.problem, inner, course))
+
+    def late_or(stop: Callable[[], bool]) -> bool:
+        return stop() or time.monotonic() > end
+
+    def estimate(x0: np.ndarray | None, near: bool) -> Fit:
+        limits = max_iterations, lambda: late_or(stop), CONTEST_TOLERANCE
+        return fit(own.problem, inner, active, (low, high), x0, *limits, course, near)
+
     for _ in range(1 + REFRESHES * super_model.remembers(members)):
         driven = own.problem.simulator.model.driven
         x0 = None
         if driven:
             x0 = _driven(arena, own.problem, inner, None if course is None else course[:, 0])
-        result = fit(
-            own.problem,
-            inner,
-            active,
-            (low, high),
-            x0,
-            max_iterations,
-            lambda: stop() or time.monotonic() > end,
-            CONTEST_TOLERANCE,
-            course,
-            near,
-        )
+        result = estimate(x0, near)
         moved = np.abs(result.theta - inner) > 1e-3 * np.abs(inner)
         inner, course = result.theta, result.path
         if not driven or not moved.any() or not result.usable:
             break
+    if careful and result.usable and course is not None and not late_or(stop):
+        finer = accurate(steady(own.problem, inner), inner, course)
+        if finer.stepping != own.problem.stepping:
+            own = replace(own, problem=finer)
+            again = estimate(None, near=True)
+            result = again if again.usable else result
     segments = problem.segments
     result = own.restored(result, theta, segments)
     if late:
         result = cropped(result, problem, arena.problem.segments)
-    return Entry(members, result, held_back(arena, result))
+    return Entry(members, result, held_back(arena, result), own.problem.stepping)
+
+
+def _steps_matter(arena: Arena, members: tuple[int, ...]) -> bool:
+    """Whether a member's law jumps, but for hard edges, which have a method of their own."""
+    chosen = [arena.super_model.candidates[i] for i in members]
+    sharp = any(c.sharp for c in chosen) and not any(c.stiff for c in chosen)
+    return sharp and liftable(arena.problem.simulator)
 
 
 def _extended(path: np.ndarray, narrow: Segments, wide: Segments) -> np.ndarray:

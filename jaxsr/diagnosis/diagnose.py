@@ -13,7 +13,7 @@ from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.choice import Decision, decide, with_parts
+from jaxsr.diagnosis.choice import Decision, decide, with_parts, with_sound_part
 from jaxsr.diagnosis.contenders import contenders, leading_sets
 from jaxsr.diagnosis.contest import (
     ITERATIONS,
@@ -323,7 +323,7 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
             broken += _astray(entries[0], entry, promise)
             if broken == MOST_BROKEN:
                 entries = glance(arena, entries[0], entries, stop)
-        entries.append(entry)
+        entries = with_sound_part(case, arena, entry, [*entries, entry])
         if beyond is not None and not members and residual_to_noise(arena, entry) < HIDDEN:
             return None
         if number == 1:

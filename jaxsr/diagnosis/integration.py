@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxsr.diagnosis.reduced import restepped
 from jaxsr.models.driven import known_states
 from jaxsr.models.field import Field, Point
-from jaxsr.models.lifting import carried_errors, liftable
+from jaxsr.models.least_squares import Problem
+from jaxsr.models.lifting import carried_errors, liftable, readings_along
 from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import Prepared, Segments, build_segments
 from jaxsr.models.simulator import Simulator, width_scales
@@ -21,6 +23,10 @@ STABLE = 2.5
 MOST_SUBSTEPS = 16
 LIFTED_SUBSTEPS = 4
 """The same where an implicit step needs few sensitivities: it is the cheaper one from here on."""
+TOLERABLE = 0.1
+"""Integration error of a set with laws that jump, relative to what it leaves unexplained."""
+FINEST = {"rk4": 8, "rodas3": 4}
+"""Substeps up to which that is held to."""
 POINTS = 200
 TRIAL = 400
 
@@ -43,7 +49,7 @@ def choose_stepping(
     at = np.concatenate([x[pick], np.zeros((1, x.shape[1]))])
     fastest = _fastest(simulator, theta, widths, at, np.concatenate([u[pick], u[:1]]))
     step = min(p.recording.sample_time for p in prepared)
-    needed = int(2 ** np.ceil(np.log2(max(fastest * step / STABLE, 1.0))))
+    needed = _substeps(fastest * step)
     if needed > (LIFTED_SUBSTEPS if liftable(simulator) else MOST_SUBSTEPS):
         return Stepping("rodas3", 2 if liftable(simulator) else 4, widths)
     method, order = "rk4", 4
@@ -69,6 +75,57 @@ def with_smooth(
     dearer = smooth.method == "rodas3" or stepping.substeps % smooth.substeps > 0
     same = (smooth.method, smooth.substeps) == (stepping.method, stepping.substeps)
     return stepping if dearer or same else replace(stepping, smooth=smooth)
+
+
+def steady(problem: Problem, theta: np.ndarray) -> Problem:
+    """Return the problem of a set with laws that jump, stepped stably with these constants."""
+    stepping, segments = problem.stepping, problem.segments
+    inside = np.arange(segments.time.shape[0])[:, None] < segments.count
+    pick = np.linspace(0, inside.sum() - 1, min(POINTS, inside.sum())).astype(int)
+    x, u = (np.moveaxis(a, 0, -1)[inside][pick] for a in (segments.course, segments.inputs))
+    x, u = np.concatenate([x, np.zeros((1, x.shape[1]))]), np.concatenate([u, u[:1]])
+    fastest = _fastest(problem.simulator, theta, stepping.widths, x, u)
+    step = float(np.max(segments.length)) * stepping.substeps
+    needed = _substeps(fastest * step)
+    if needed <= FINEST["rk4"]:
+        least = stepping.substeps if stepping.method == "rk4" else 1
+        return with_steps(problem, "rk4", max(needed, least))
+    return problem if stepping.method == "rodas3" else with_steps(problem, "rodas3", 2)
+
+
+def accurate(problem: Problem, theta: np.ndarray, path: np.ndarray) -> Problem:
+    """Return the problem stepped so finely that errors along a path leave its fit alone.
+
+    A step across a jump has an error of first order, whatever the method. Those of four times as
+    many steps are left out of account.
+    """
+    stepping, most = problem.stepping, FINEST[problem.stepping.method]
+    if stepping.substeps >= most:
+        return problem
+    fine = with_steps(problem, stepping.method, 4 * stepping.substeps)
+    setting = (stepping, problem.segments), (fine.stepping, fine.segments)
+    with np.errstate(all="ignore"):
+        apart = carried_errors(problem.simulator, *setting, theta, path)
+        apart = apart / problem.scale[:, None, None]
+        y, _ = readings_along(problem.simulator, *setting[0], theta, path)
+        error = float(np.sum(problem.segments.weights * apart**2))
+        ratio = np.sqrt(error / (float(np.sum(problem.residual(y) ** 2)) + 1e-300)) / TOLERABLE
+    if not np.isfinite(ratio) or ratio <= 1.0:
+        return problem
+    factor = int(2 ** np.ceil(np.log2(min(ratio, most))))
+    return with_steps(problem, stepping.method, min(factor * stepping.substeps, most))
+
+
+def with_steps(problem: Problem, method: str, substeps: int) -> Problem:
+    """Return a problem with another method and number of steps between samples."""
+    stepping = replace(problem.stepping, method=method, substeps=substeps)
+    segments = restepped(problem.segments, stepping, problem.stepping)
+    return replace(problem, stepping=stepping, segments=segments)
+
+
+def _substeps(product: float) -> int:
+    """Powers of two that bring a product of step and fastest rate into RK4's stable range."""
+    return int(2 ** np.ceil(np.log2(max(product / STABLE, 1.0))))
 
 
 def _fastest(
@@ -115,7 +172,7 @@ def _change(
     with np.errstate(all="ignore"):
         if liftable(simulator):
             first, second = (coarse, segments(coarse)), (fine, segments(fine))
-            difference = carried_errors(simulator, first, second, theta)
+            difference = carried_errors(simulator, first, second, theta, first[1].course)
         else:
             runs = []
             for stepping in (coarse, fine):

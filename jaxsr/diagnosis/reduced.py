@@ -78,7 +78,7 @@ def reduce(problem: Problem, super_model: SuperModel, members: Sequence[int]) ->
         free_start=problem.segments.free_start[states],
         override=problem.segments.override[own.parameters],
     )
-    segments = _restepped(segments, own.stepping, problem.stepping)
+    segments = restepped(segments, own.stepping, problem.stepping)
     problem = Problem(own.simulator, own.stepping, segments, problem.scale)
     return Reduced(problem, own.parameters, states)
 
@@ -137,7 +137,7 @@ def _places(parameters: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 def resolved(problem: Problem, super_model: SuperModel, members: Sequence[int]) -> Problem:
     """Return a super-model's problem with as many steps between samples as `members` need."""
     stepping = _resolving(problem.stepping, [super_model.candidates[i] for i in members])
-    segments = _restepped(problem.segments, stepping, problem.stepping)
+    segments = restepped(problem.segments, stepping, problem.stepping)
     return replace(problem, stepping=stepping, segments=segments)
 
 
@@ -151,7 +151,8 @@ def _resolving(stepping: Stepping, candidates: Sequence[Candidate]) -> Stepping:
     return replace(stepping, substeps=factor * stepping.substeps)
 
 
-def _restepped(segments: Segments, new: Stepping, old: Stepping) -> Segments:
+def restepped(segments: Segments, new: Stepping, old: Stepping) -> Segments:
+    """Return segments with the steps between samples of another stepping."""
     if new.substeps < old.substeps:
         return segments.coarsened(new.substeps)
     if new.substeps > old.substeps:

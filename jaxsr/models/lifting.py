@@ -154,13 +154,13 @@ def carried_errors(
     coarse: tuple[Stepping, Segments],
     fine: tuple[Stepping, Segments],
     theta: Array,
+    path: Array,
 ) -> Array:
     """Return how far two ways to integrate lead apart in the readings, to first order.
 
-    Both start from the states that the sensors tell, sample by sample; the differences are
-    carried along by the model's own derivatives.
+    Both start from the states of a path, sample by sample; the differences are carried along by
+    the model's own derivatives.
     """
-    path = coarse[1].course
     ends, slopes = one_step(simulator, *coarse, theta, path)
     other, _ = one_step(simulator, *fine, theta, path)
     _, apart = condensed(slopes, other - ends)
