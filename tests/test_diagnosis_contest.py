@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from diagnosis_systems import simulator_of
 
+from jaxsr.diagnosis.blocks import gain, held_back, weights
 from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, gain, held_back, weights
+from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter
 from jaxsr.diagnosis.decide import detect, simplest_adequate
 from jaxsr.diagnosis.uncertainty import half_widths
 from jaxsr.models import Model, parse_model
@@ -145,7 +146,7 @@ def refitted(arena: Arena, scale: float) -> np.ndarray:
 def test_held_back_errors_equal_refitting_for_a_linear_model(horizon):
     scale = 0.1
     arena = arena_of(LINEAR, linear_recording(1), horizon, scale)
-    errors = held_back(arena, enter(arena, (), np.zeros(2)).fit)
+    errors = held_back(arena.pieces, arena.problem.segments, enter(arena, (), np.zeros(2)).fit)
     expected = refitted(arena, scale)
     assert errors.size == expected.size >= 10
     np.testing.assert_allclose(errors, expected, rtol=1e-6)
@@ -201,7 +202,7 @@ def test_leaving_out_costs_more_than_fitting():
     arena = arena_of(LINEAR, linear_recording(3), 4.0, 0.1)
     result = enter(arena, (), np.zeros(2)).fit
     inside = result.cost / np.count_nonzero(result.residual)
-    assert np.mean(held_back(arena, result)) > inside
+    assert np.mean(held_back(arena.pieces, arena.problem.segments, result)) > inside
 
 
 @dataclass(frozen=True)
@@ -294,20 +295,23 @@ def test_weights_are_probabilities():
     rng = np.random.default_rng(10)
     errors = Equal().draw(rng, 4)
     entries = [entry(e, 2) for e in (*errors[:3], errors[3] * 1.8)]
-    share = weights(entries, 40.0, np.zeros(4), rng)
+    share = weights([e.errors for e in entries], 40.0, np.zeros(4), rng)
     assert (share >= 0).all()
     assert share.sum() == pytest.approx(1.0)
     assert share[3] < 1e-3
-    same = weights([entries[0], entries[0]], 40.0, np.zeros(2), rng)
+    same = weights([entries[0].errors] * 2, 40.0, np.zeros(2), rng)
     np.testing.assert_allclose(same, 0.5)
     # A price of 0.1 on the log error: odds of exp(40/2 * 12 blocks * 0.1) to 1.
-    odds = weights([entries[0], entries[0]], 40.0, np.array([0.0, 0.1]), rng)
+    odds = weights([entries[0].errors] * 2, 40.0, np.array([0.0, 0.1]), rng)
     np.testing.assert_allclose(odds[0] / odds[1], np.exp(24.0), rtol=1e-6)
 
 
 def test_weights_are_those_of_the_same_generator():
     entries = [entry(e, 2) for e in Equal().draw(np.random.default_rng(11), 3)]
-    a, b = (weights(entries, 5.0, np.zeros(3), np.random.default_rng(1)) for _ in range(2))
+    a, b = (
+        weights([e.errors for e in entries], 5.0, np.zeros(3), np.random.default_rng(1))
+        for _ in range(2)
+    )
     np.testing.assert_array_equal(a, b)
 
 

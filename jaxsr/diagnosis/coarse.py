@@ -10,7 +10,8 @@ import scipy.optimize
 import scipy.special
 import scipy.stats
 
-from jaxsr.diagnosis.contest import Arena, Entry, correlation_length
+from jaxsr.diagnosis.blocks import correlation_length
+from jaxsr.diagnosis.contest import Arena, Entry
 from jaxsr.models import Edit, Model, Parameter
 from jaxsr.recordings import quantisation_step
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import scipy.stats
 
+from jaxsr.diagnosis.blocks import held_back
 from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.integration import accurate, steady
-from jaxsr.diagnosis.reduced import cropped, reduce
+from jaxsr.diagnosis.integration import accurate, rounding, steady
+from jaxsr.diagnosis.reduced import Reduced, cropped, reduce
 from jaxsr.models import Model
 from jaxsr.models.driven import known_states
 from jaxsr.models.least_squares import Fit, Problem
@@ -31,9 +31,6 @@ MARGIN = 25
 longest delay that a segment can tell."""
 REFRESHES = 1
 """Times that the starts of driven states are renewed at the latest parameters."""
-MIN_GAIN = 0.05
-"""Smallest gain in log held-back mean square that counts, whatever its significance: smoothing
-sign() alone can move the error of a friction model by half of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,17 +45,26 @@ class Entry:
         Mean squared scaled residual of each block, estimated without it.
     stepping : Stepping, optional
         How its own laws were integrated.
+    blur : float
+        What rounding its jumps and the size of its steps may change its cost by, relative.
     """
 
     members: tuple[int, ...]
     fit: Fit
     errors: np.ndarray
     stepping: Stepping | None = None
+    blur: float = 0.0
 
     @property
     def error(self) -> float:
         """Geometric mean over the blocks."""
         return float(np.exp(np.mean(np.log(self.errors + 1e-300))))
+
+    def lost(self) -> Entry:
+        """Return the entry as one that could not be simulated."""
+        return replace(
+            self, fit=replace(self.fit, cost=np.inf), errors=np.full_like(self.errors, np.inf)
+        )
 
     def scaled(self, factor: float) -> Entry:
         """Return the entry with residuals divided by a factor."""
@@ -188,39 +194,37 @@ def enter(
     theta = super_model.switched(members, start)
     inner, course = theta[own.parameters], None if path is None else path[own.states]
     careful = max_iterations >= ITERATIONS and _steps_matter(arena, members)
-    if careful:
-        own = replace(own, problem=steady(own.problem, inner))
-        if near and course is not None:
-            own = replace(own, problem=accurate(own.problem, inner, course))
 
-    def late_or(stop: Callable[[], bool]) -> bool:
+    def stopped() -> bool:
         return stop() or time.monotonic() > end
 
-    def estimate(x0: np.ndarray | None, near: bool) -> Fit:
-        limits = max_iterations, lambda: late_or(stop), CONTEST_TOLERANCE
+    def estimate(own: Reduced, inner: np.ndarray, course: np.ndarray | None, near: bool) -> Fit:
+        x0, limits = None, (max_iterations, stopped, CONTEST_TOLERANCE)
+        if own.problem.simulator.model.driven:
+            x0 = _driven(arena, own.problem, inner, None if course is None else course[:, 0])
         return fit(own.problem, inner, active, (low, high), x0, *limits, course, near)
 
+    if careful and near and course is not None:
+        own = replace(own, problem=accurate(steady(own.problem, inner), inner, course))
     for _ in range(1 + REFRESHES * super_model.remembers(members)):
-        driven = own.problem.simulator.model.driven
-        x0 = None
-        if driven:
-            x0 = _driven(arena, own.problem, inner, None if course is None else course[:, 0])
-        result = estimate(x0, near)
+        result = estimate(own, inner, course, near)
         moved = np.abs(result.theta - inner) > 1e-3 * np.abs(inner)
         inner, course = result.theta, result.path
-        if not driven or not moved.any() or not result.usable:
+        if not own.problem.simulator.model.driven or not moved.any() or not result.usable:
             break
-    if careful and result.usable and course is not None and not late_or(stop):
-        finer = accurate(steady(own.problem, inner), inner, course)
-        if finer.stepping != own.problem.stepping:
-            own = replace(own, problem=finer)
-            again = estimate(None, near=True)
-            result = again if again.usable else result
-    segments = problem.segments
-    result = own.restored(result, theta, segments)
+    blur = 0.0
+    if careful and result.usable and course is not None:
+        finer = replace(own, problem=accurate(steady(own.problem, inner), inner, course))
+        if finer.problem.stepping != own.problem.stepping and not stopped():
+            again = estimate(finer, inner, course, near=True)
+            if again.usable and again.path is not None:
+                own, result, inner, course = finer, again, again.theta, again.path
+        blur = rounding(own.problem, inner, course)
+    result = own.restored(result, theta, problem.segments)
     if late:
         result = cropped(result, problem, arena.problem.segments)
-    return Entry(members, result, held_back(arena, result), own.problem.stepping)
+    errors = held_back(arena.pieces, arena.problem.segments, result)
+    return Entry(members, result, errors, own.problem.stepping, blur)
 
 
 def _steps_matter(arena: Arena, members: tuple[int, ...]) -> bool:
@@ -265,134 +269,3 @@ def active_parameters(super_model: SuperModel, members: tuple[int, ...]) -> np.n
     """Free parameters of the given model and all parameters of the members."""
     index = [*super_model.base_index(), *(j for i in members for j in super_model.index(i))]
     return np.array(sorted(set(index)), dtype=int)
-
-
-def held_back(arena: Arena, result: Fit) -> np.ndarray:
-    """Mean squared residual of every block when parameters and starts are estimated without it.
-
-    To first order around the estimate: leaving block b out moves (theta, x0) by the Gauss-Newton
-    step of the remaining residuals. A block that is a whole segment has no other data for its
-    own start, which is then estimated on it, as in any free run.
-    """
-    if not result.usable:
-        return np.full(1 + max(b for b, *_ in arena.pieces), np.inf)
-    states, parameters = result.by_start.shape[0], result.active.size
-    segments = result.residual.shape[-1]
-    whole = arena.problem.segments.count
-    products: dict[int, list[tuple[int, bool, np.ndarray, np.ndarray, float, int]]] = {}
-    gram = np.zeros((segments, parameters + states, parameters + states))
-    moment = np.zeros((segments, parameters + states))
-    for block, s, a, b in arena.pieces:
-        columns = np.concatenate(
-            [result.jacobian[:, :, a:b, s], result.by_start[:, :, a:b, s]]
-        ).reshape(parameters + states, -1)
-        r = result.residual[:, a:b, s].ravel()
-        g, m = columns @ columns.T, columns @ r
-        used = int(arena.problem.segments.weights[:, a:b, s].sum())
-        alone = a == 0 and b == whole[s]
-        products.setdefault(block, []).append((s, alone, g, m, float(r @ r), used))
-        gram[s] += g
-        moment[s] += m
-    errors = []
-    for block in sorted(products):
-        rest_gram, rest_moment = gram.copy(), moment.copy()
-        for s, _, g, m, _, _ in products[block]:
-            rest_gram[s] -= g
-            rest_moment[s] -= m
-        theta_step, start_steps = _solve(rest_gram, rest_moment, parameters)
-        sse = used_total = 0.0
-        for s, alone, g, m, power, used in products[block]:
-            if alone:
-                own = m[parameters:] - g[parameters:, :parameters] @ theta_step
-                start = np.linalg.lstsq(g[parameters:, parameters:], own, rcond=1e-10)[0]
-            else:
-                start = start_steps[s]
-            step = np.concatenate([theta_step, start])
-            sse += max(power - 2 * m @ step + step @ g @ step, 0.0)
-            used_total += used
-        if used_total:
-            errors.append(sse / used_total)
-    return np.array(errors)
-
-
-def _solve(gram: np.ndarray, moment: np.ndarray, parameters: int) -> tuple[np.ndarray, np.ndarray]:
-    """Solve for the common parameters and every segment's start (arrow-shaped equations)."""
-    inner = gram[:, parameters:, parameters:]
-    inverse = np.linalg.pinv(inner, rcond=1e-10, hermitian=True)
-    cross = gram[:, :parameters, parameters:]
-    own, common = moment[:, parameters:], moment[:, :parameters]
-    solved = cross @ inverse
-    total = (gram[:, :parameters, :parameters] - solved @ cross.transpose(0, 2, 1)).sum(0)
-    right = (common - (solved @ own[..., None])[..., 0]).sum(0)
-    step = np.zeros(0)
-    if parameters:
-        size = column_sizes(total)
-        step = np.linalg.lstsq(total / size / size[:, None], right / size, rcond=1e-10)[0] / size
-    left = own - np.einsum("spi,p->si", cross, step)
-    return step, (inverse @ left[..., None])[..., 0]
-
-
-def column_sizes(gram: np.ndarray) -> np.ndarray:
-    """Square roots of the diagonal, 1 for columns without effect."""
-    diagonal = np.diag(gram)
-    return np.sqrt(np.where(diagonal > 1e-200, diagonal, 1.0))
-
-
-def gain(worse: np.ndarray, better: np.ndarray) -> tuple[float, float, float]:
-    """Compare two entries block by block.
-
-    Returns
-    -------
-    mean : float
-        Mean of log(worse / better) over the blocks.
-    error : float
-        Its standard error.
-    p : float
-        One-sided p-value of Student's t-test that the mean is above zero.
-    """
-    if not np.isfinite(worse).all() or not np.isfinite(better).all():
-        # What could not be simulated loses.
-        lost = float(not np.isfinite(worse).all()) - float(not np.isfinite(better).all())
-        return lost * np.inf if lost else 0.0, 0.0, 0.5 - 0.5 * lost
-    difference = np.log(worse + 1e-300) - np.log(better + 1e-300)
-    mean, count = float(np.mean(difference)), difference.size
-    error = float(np.std(difference, ddof=1) / np.sqrt(count)) if count > 1 else np.inf
-    if error == 0.0:
-        return mean, 0.0, 0.5 if mean == 0.0 else float(mean < 0)
-    return mean, error, float(scipy.stats.t.sf(mean / error, count - 1))
-
-
-def correlation_length(residual: np.ndarray) -> float:
-    """Return how many neighbouring samples carry one independent residual."""
-    total, power = 0.0, 0.0
-    lags = min(residual.shape[1] - 1, 400)
-    r = residual.transpose(0, 2, 1).reshape(-1, residual.shape[1])
-    power = float(np.mean(r**2)) + 1e-300
-    for lag in range(1, lags):
-        rho = float(np.mean(r[:, :-lag] * r[:, lag:])) / power
-        if rho < 0.05:
-            break
-        total += rho
-    return 1.0 + 2.0 * total
-
-
-def weights(
-    entries: Sequence[Entry], effective: float, price: np.ndarray, rng: np.random.Generator
-) -> np.ndarray:
-    """Probabilities of the entries, `price` added to the log error of each.
-
-    Pseudo-Bayesian model averaging with the Bayesian bootstrap over blocks: the held-back log
-    score of a block is -(n/2) log(error), n independent residuals per block.
-
-    References
-    ----------
-    Yao, Vehtari, Simpson & Gelman, Bayesian Analysis 13 (2018), section 3.4.
-    """
-    log_errors = np.log(np.stack([e.errors for e in entries]) + 1e-300)
-    score = -0.5 * effective * (log_errors + price[:, None])
-    blocks = score.shape[1]
-    draws = rng.dirichlet(np.ones(blocks), size=2000) * blocks
-    total = draws @ score.T
-    total -= total.max(axis=1, keepdims=True)
-    share = np.exp(total)
-    return (share / share.sum(axis=1, keepdims=True)).mean(axis=0)

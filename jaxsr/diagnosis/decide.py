@@ -9,8 +9,9 @@ import numpy as np
 import scipy.special
 import scipy.stats
 
+from jaxsr.diagnosis.blocks import MIN_GAIN, correlation_length, gain, weights
 from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import MIN_GAIN, Arena, Entry, correlation_length, gain, weights
+from jaxsr.diagnosis.contest import Arena, Entry
 from jaxsr.diagnosis.uncertainty import half_widths
 
 SIGNIFICANCE = 1e-3
@@ -193,8 +194,8 @@ def least_gain(super_model: SuperModel, entry: Entry) -> float:
     more = max(len(entry.members) - 1, 0)
     if not any(super_model.candidates[i].sharp for i in entry.members):
         return FURTHER * more
-    constants = sum(len(super_model.index(i)) for i in entry.members)
-    return MIN_GAIN * more + RICHER * (constants - len(entry.members))
+    richer = sum(len(super_model.index(i)) for i in entry.members) - len(entry.members)
+    return MIN_GAIN * more + max(RICHER * richer, entry.blur * (richer > 0))
 
 
 def simplest_adequate(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
@@ -303,7 +304,7 @@ def _shares(
         price = penalties(super_model, entries)
         price += [least_gain(super_model, e) for e in entries]
         price += [_margin(entries[0], e) for e in entries]
-        return weights(entries, _independent(entries[0]), price, rng)
+        return weights([e.errors for e in entries], _independent(entries[0]), price, rng)
     n = independent_residuals(entries[0])
     score = np.array([criterion(super_model, e, n) for e in entries])
     share = np.exp(-0.5 * (score - score.min()))
@@ -327,4 +328,4 @@ def _independent(entry: Entry) -> float:
 def odds(super_model: SuperModel, chosen: Entry, rival: Entry, rng: np.random.Generator) -> float:
     """Return the probability of one entry against another."""
     price = penalties(super_model, [chosen, rival])
-    return float(weights([chosen, rival], _independent(chosen), price, rng)[0])
+    return float(weights([chosen.errors, rival.errors], _independent(chosen), price, rng)[0])

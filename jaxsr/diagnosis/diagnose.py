@@ -323,7 +323,9 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
             broken += _astray(entries[0], entry, promise)
             if broken == MOST_BROKEN:
                 entries = glance(arena, entries[0], entries, stop)
-        entries = with_sound_part(case, arena, entry, [*entries, entry])
+        entries.append(entry)
+        if entry.fit.cost < entries[0].fit.cost:
+            entries = with_sound_part(case, arena, entry, entries)
         if beyond is not None and not members and residual_to_noise(arena, entry) < HIDDEN:
             return None
         if number == 1:
@@ -356,10 +358,12 @@ def _rescaled(
     arena = replace(arena, problem=replace(arena.problem, scale=arena.problem.scale * factor))
     if factor.size == 1:
         return arena, [e.scaled(float(factor[0])) for e in entries]
-    again = [
-        enter(arena, e.members, e.fit.theta, e.fit.path, stop, near=True) if e.fit.usable else e
-        for e in entries
-    ]
+    again = []
+    for e in entries:
+        if e.fit.usable and e.fit.cost <= entries[0].fit.cost:
+            again.append(enter(arena, e.members, e.fit.theta, e.fit.path, stop, near=True))
+        else:  # what does worse than re-calibration is not worth another estimate
+            again.append(e.lost())
     return arena, again
 
 

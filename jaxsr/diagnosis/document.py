@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from jaxsr._result import StoppedBy, Verdict
+from jaxsr.diagnosis.blocks import gain
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest import Arena, Entry, enter, gain, neutral_values
+from jaxsr.diagnosis.contest import Arena, Entry, enter, neutral_values
 from jaxsr.diagnosis.decide import (
     TIE,
     Alternative,

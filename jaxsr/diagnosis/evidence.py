@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxsr.diagnosis.contest import Entry, gain, neutral_values
+from jaxsr.diagnosis.blocks import gain
+from jaxsr.diagnosis.contest import Entry, neutral_values
 from jaxsr.diagnosis.ladder import ladder
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.scoring import FreeRun

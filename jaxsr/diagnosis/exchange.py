@@ -9,17 +9,12 @@ import numpy as np
 
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contest import CONTEST_TOLERANCE, Arena, Entry, enter
-from jaxsr.diagnosis.stepwise import Trial, continued, promising, tried
+from jaxsr.diagnosis.nesting import INSIDE, continued
+from jaxsr.diagnosis.stepwise import Trial, promising, tried
 
 RIVALS, KIN, RIVAL_PATIENCE = 4, 3, 3.0
 """Mechanisms estimated in the place of each of the chosen, wherever they act and at its own site,
 and the seconds that each may take."""
-INSIDE: Mapping[str, tuple[str, Mapping[str, str | float]]] = {
-    "stribeck_friction": ("coulomb_friction", {"Fc": "Fc", "Fs": "Fc"}),
-    "position_dependent_friction": ("coulomb_friction", {"Fc": "Fc"}),
-    "power_law_drag": ("quadratic_drag", {"kd": "kd", "p": 2.0}),
-}
-"""A law, the simpler one inside it, and the constants at which the two are the same."""
 
 
 def exchange(

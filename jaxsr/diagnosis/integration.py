@@ -103,17 +103,39 @@ def accurate(problem: Problem, theta: np.ndarray, path: np.ndarray) -> Problem:
     if stepping.substeps >= most:
         return problem
     fine = with_steps(problem, stepping.method, 4 * stepping.substeps)
-    setting = (stepping, problem.segments), (fine.stepping, fine.segments)
-    with np.errstate(all="ignore"):
-        apart = carried_errors(problem.simulator, *setting, theta, path)
-        apart = apart / problem.scale[:, None, None]
-        y, _ = readings_along(problem.simulator, *setting[0], theta, path)
-        error = float(np.sum(problem.segments.weights * apart**2))
-        ratio = np.sqrt(error / (float(np.sum(problem.residual(y) ** 2)) + 1e-300)) / TOLERABLE
+    ratio = _apart(problem, fine, theta, path) / TOLERABLE
     if not np.isfinite(ratio) or ratio <= 1.0:
         return problem
     factor = int(2 ** np.ceil(np.log2(min(ratio, most))))
     return with_steps(problem, stepping.method, min(factor * stepping.substeps, most))
+
+
+def rounding(problem: Problem, theta: np.ndarray, path: np.ndarray) -> float:
+    """Return what rounded jumps and steps across them may change a cost by, relative to it.
+
+    Errors of steps have random signs: r of the residual's size, they add r^2. What rounding takes
+    from a jump is alike at each, and another law can stand for it: up to 2 r.
+    """
+    stepping = problem.stepping
+    half = replace(stepping, widths=tuple(0.5 * w for w in stepping.widths))
+    fine = with_steps(problem, stepping.method, 4 * stepping.substeps)
+    steps = _apart(problem, fine, theta, path)
+    width = _apart(
+        fine, replace(fine, stepping=replace(half, substeps=fine.stepping.substeps)), theta, path
+    )
+    found = 2.0 * width + steps**2
+    return found if np.isfinite(found) else 0.0
+
+
+def _apart(problem: Problem, other: Problem, theta: np.ndarray, path: np.ndarray) -> float:
+    """How far two ways to integrate lead apart, relative to the residuals along a path."""
+    setting = (problem.stepping, problem.segments), (other.stepping, other.segments)
+    with np.errstate(all="ignore"):
+        apart = carried_errors(problem.simulator, *setting, theta, path)
+        apart = apart / problem.scale[:, None, None]
+        y, _ = readings_along(problem.simulator, *setting[0], theta, path)
+        left = float(np.sum(problem.residual(y) ** 2)) + 1e-300
+        return float(np.sqrt(np.sum(problem.segments.weights * apart**2) / left))
 
 
 def with_steps(problem: Problem, method: str, substeps: int) -> Problem:

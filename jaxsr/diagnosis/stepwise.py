@@ -18,6 +18,7 @@ from jaxsr.diagnosis.contest import (
 )
 from jaxsr.diagnosis.decide import criterion, independent_residuals, plausible
 from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion
+from jaxsr.diagnosis.nesting import continued, simplified
 from jaxsr.diagnosis.reduced import reduce
 from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
 from jaxsr.diagnosis.screening import redundant
@@ -117,6 +118,7 @@ def _estimate(
             full = min(full, again, key=lambda e: e.fit.cost)
         found[full.members] = full
         _without_idle(arena, full, found)
+        _simpler(arena, full, found)
         for start in _wider_forms(arena.super_model, leader, full, found):
             if exhausted():
                 break
@@ -149,27 +151,6 @@ def _wider_forms(
     return trials
 
 
-def continued(
-    super_model: SuperModel,
-    theta: np.ndarray,
-    inner: int,
-    richer: int,
-    values: Mapping[str, str | float],
-) -> np.ndarray:
-    """Return `theta` with a richer law where the one inside it stands.
-
-    `values` gives constants of the richer law, by their own names, as constants of the inner one
-    or as numbers; the others are neutral.
-    """
-    order, theta = list(super_model.model.parameters), theta.copy()
-    theta[super_model.index(richer)] = neutral_values(super_model)[super_model.index(richer)]
-    for own, value in values.items():
-        if isinstance(value, str):
-            value = theta[order.index(super_model.names[inner][value])]
-        theta[order.index(super_model.names[richer][own])] = value
-    return theta
-
-
 def _without_idle(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> None:
     """Enter a set without members whose estimated share is nothing, from where it ended.
 
@@ -187,6 +168,19 @@ def _without_idle(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]
         entry = enter(arena, rest, theta, full.fit.path, near=True)
         if rest not in found or entry.fit.cost < found[rest].fit.cost:
             found[rest] = entry
+
+
+def _simpler(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> None:
+    """Enter a set with the simpler law that is inside one of its members, from where it ended.
+
+    The simpler one may have been left in a corner of its cost, or for want of time.
+    """
+    for members, start in simplified(arena.super_model, full.members, full.fit.theta):
+        known = found.get(members)
+        if known is None or not (known.fit.converged and known.fit.usable):
+            entry = enter(arena, members, start, full.fit.path, near=True)
+            if known is None or entry.fit.cost < known.fit.cost:
+                found[members] = entry
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.stats
 
-from jaxsr.diagnosis.contest import Arena, column_sizes, correlation_length
+from jaxsr.diagnosis.blocks import column_sizes, correlation_length
+from jaxsr.diagnosis.contest import Arena
 from jaxsr.diagnosis.reduced import resolved
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.shooting import linearise_fit

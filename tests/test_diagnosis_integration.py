@@ -1,0 +1,142 @@
+"""How finely sets with laws that jump are integrated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from diagnosis_systems import on_an_axis, simulator_of
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
+from jaxsr.diagnosis.integration import (
+    FINEST,
+    STABLE,
+    TOLERABLE,
+    _substeps,
+    accurate,
+    steady,
+    with_steps,
+)
+from jaxsr.diagnosis.mechanisms.dissipative import dissipative
+from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.reduced import reduce
+from jaxsr.diagnosis.uncertainty import half_widths
+from jaxsr.models import parse_model
+from jaxsr.models.lifting import carried_errors
+from jaxsr.models.rollout import Stepping
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording
+
+PENDULUM = on_an_axis(
+    "u - k*sin(q) - c*v",
+    {
+        "M": "value = 1.0",
+        "k": "value = 20.0, bounds = [1.0, 100.0]",
+        "c": "value = 0.1, bounds = [0.0, 5.0]",
+    },
+)
+FRICTION, STEP, SAMPLES, NOISE = 0.25, 0.03, 500, 2e-3
+
+
+def swinging(seed: int, friction: float = FRICTION) -> Recording:
+    """A pendulum with dry friction and viscous damping, integrated in 200 steps a sample."""
+    rng = np.random.default_rng(seed)
+    tones = rng.uniform(0.5, 7.0, 4), rng.uniform(0.0, 6.0, 4)
+    time = STEP * np.arange(SAMPLES)
+    push = np.sin(np.outer(time, tones[0]) + tones[1]).sum(1)
+    fine, q, v, angle = 200, 0.3, 0.0, np.empty(SAMPLES)
+    h = STEP / fine
+    for k in range(SAMPLES):
+        angle[k] = q
+        following = push[min(k + 1, SAMPLES - 1)]
+        for j in range(fine):
+            u = push[k] + (following - push[k]) * j / fine
+            free = v + h * (u - 20.0 * np.sin(q) - 0.1 * v)
+            # Friction takes away as much momentum as it can, and never turns it round.
+            v = np.sign(free) * max(abs(free) - h * friction, 0.0)
+            q += h * v
+    y = angle + NOISE * rng.normal(size=SAMPLES)
+    return Recording("run.csv", time, {"u": push, "y": y})
+
+
+def arena_of(seed: int, stepping: Stepping, friction: float = FRICTION) -> tuple[Arena, Entry]:
+    """An arena of friction laws, and re-calibration in it."""
+    model = parse_model(PENDULUM)
+    prepared = [Prepared.build(model, swinging(seed, friction))]
+    quantiles = np.linspace(0.0, 1.0, 21)
+    scale = {
+        s: np.nanquantile(prepared[0].states.values[:, i], quantiles)
+        for i, s in enumerate(model.states)
+    }
+    laws = [c for c in dissipative(sites_of(model, scale)[0]) if "Fc" in c.terms[0][1]]
+    super_model = SuperModel.build(model, laws[:2])
+    simulator = simulator_of(super_model.model)
+    widths = tuple(2e-3 * float(np.std(scale["v"])) for _ in simulator.smoothed_arguments)
+    stepping = replace(stepping, widths=widths)
+    arena = build_arena(super_model, prepared, stepping, None, np.array([NOISE]), simulator)
+    return arena, enter(arena, (), neutral_values(super_model))
+
+
+def test_as_many_steps_as_make_rk4_stable() -> None:
+    """|R(-z)| <= 1 with R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24 for each of them."""
+    for product in np.random.default_rng(0).uniform(0.0, 60.0, 300):
+        number = _substeps(product)
+        z = -product / number
+        assert abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24) <= 1.0
+        assert number == 1 or product / (number / 2) > STABLE
+
+
+def test_finer_steps_and_back_are_the_same_problem() -> None:
+    arena, _ = arena_of(0, Stepping("rk4", 2))
+    finer = with_steps(arena.problem, "rk4", 8)
+    assert finer.segments.length.shape[1] == 8
+    back = with_steps(finer, "rk4", 2).segments
+    np.testing.assert_allclose(back.length, arena.problem.segments.length, rtol=1e-12)
+    np.testing.assert_allclose(back.stages, arena.problem.segments.stages, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_errors_of_steps_leave_the_fit_of_a_law_that_jumps_alone(seed: int) -> None:
+    """From one step a sample on: the estimate is that of many steps, and so is the cost."""
+    arena, null = arena_of(seed, Stepping("rk4", 1))
+    entry = enter(arena, (0,), null.fit.theta, null.fit.path)
+    assert entry.stepping is not None
+    assert entry.stepping.substeps > 1
+    (number,) = arena.super_model.index(0)
+    half = half_widths(arena, entry.fit)[list(entry.fit.active).index(number)]
+    assert abs(entry.fit.theta[number] - FRICTION) < 2.0 * half
+    # the error that is left, by its definition
+    own = reduce(arena.problem, arena.super_model, (0,))
+    coarse, fine = (with_steps(own.problem, "rk4", n) for n in (entry.stepping.substeps, 64))
+    setting = (coarse.stepping, coarse.segments), (fine.stepping, fine.segments)
+    theta, path = entry.fit.theta[own.parameters], entry.fit.path
+    assert path is not None
+    apart = carried_errors(coarse.simulator, *setting, theta, path) / NOISE
+    left = float(np.sum(coarse.segments.weights * apart**2))
+    reached = left <= 4.0 * TOLERABLE**2 * entry.fit.cost
+    assert reached or entry.stepping.substeps == FINEST["rk4"]
+
+
+def test_without_jumps_nothing_is_refined() -> None:
+    arena, null = arena_of(0, Stepping("rk4", 1), friction=0.0)
+    assert null.stepping is not None
+    assert null.stepping.substeps == 1
+    own = reduce(arena.problem, arena.super_model, ())
+    assert null.fit.path is not None
+    same = accurate(own.problem, null.fit.theta[own.parameters], null.fit.path)
+    assert same is own.problem
+
+
+def test_friction_that_holds_a_mass_still_is_stepped_stably() -> None:
+    """Stiffness of tanh(v/w) at standstill is F/(M w): more steps first, then the L-stable way."""
+    arena, _ = arena_of(0, Stepping("rk4", 1))
+    own = reduce(arena.problem, arena.super_model, (0,))
+    (width,) = own.problem.stepping.widths
+    (friction,) = own.active(np.array(arena.super_model.index(0)))
+    theta = neutral_values(arena.super_model)[own.parameters]
+    for product, method, substeps in ((1.0, "rk4", 1), (6.0, "rk4", 4), (60.0, "rodas3", 2)):
+        theta[friction] = product * width / STEP
+        stepping = steady(own.problem, theta).stepping
+        assert (stepping.method, stepping.substeps) == (method, substeps)
