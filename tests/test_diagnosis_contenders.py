@@ -35,7 +35,11 @@ def test_walls_on_both_sides_enter_wherever_the_weak_view_sees_one() -> None:
     simulator = Simulator(parse_model(SPRUNG))
     prepared = prepare(simulator.model, [Recording("a.csv", t, {"u": push(t), "y": y})])
     case = Case(simulator, prepared, screen_all(simulator, prepared), Budget(), Budget())
-    super_model, starts = contenders(case, leading_sets(case))
+    leading = leading_sets(case)
+    sizes = [len(item.members) for item in leading[1:]]  # behind the leader the quick ones first
+    assert sizes == sorted(sizes)
+    assert leading[0].error == min(item.error for item in leading)
+    super_model, starts = contenders(case, leading)
     assert starts[0][0] == ()
     screened = case.screened
     assert screened is not None

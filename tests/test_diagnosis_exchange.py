@@ -14,9 +14,10 @@ from scipy.integrate import solve_ivp
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.choice import alone
 from jaxsr.diagnosis.contest import build_arena, enter, neutral_values
-from jaxsr.diagnosis.exchange import INSIDE, exchange
+from jaxsr.diagnosis.exchange import exchange
 from jaxsr.diagnosis.integration import choose_stepping
 from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.nesting import INSIDE, continued, simplified
 from jaxsr.diagnosis.refine import Ground, refine
 from jaxsr.models import Model, Simulator, apply_edit, parse_model
 from jaxsr.models.segments import Prepared
@@ -52,6 +53,30 @@ def test_a_richer_law_is_the_simpler_one_at_the_constants_it_starts_from(richer:
         ]
         one, other = (force(model, *points) for model in both)
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
+def test_the_simpler_law_inside_a_richer_one_starts_as_large() -> None:
+    offered = force_candidates(MASS, SCALE)
+    for richer, (simpler, starts) in INSIDE.items():
+        pair = [next(c for c in offered if c.mechanism == name) for name in (simpler, richer)]
+        beside = next(c for c in offered if c.mechanism == "constant_force")
+        super_model = SuperModel.build(MASS, [*pair, beside])
+        order, theta = list(super_model.model.parameters), neutral_values(super_model)
+        for own, value in {"F0": 0.7}.items():
+            theta[order.index(super_model.names[2][own])] = value
+        for own, at in starts.items():
+            theta[order.index(super_model.names[1][own])] = 2.5 if isinstance(at, str) else at
+        ((members, start),) = simplified(super_model, (1, 2), theta)
+        assert members == (0, 2)
+        assert list(super_model.own_values(0, start).values()) == [2.5]
+        assert super_model.own_values(2, start) == {"F0": 0.7}
+        np.testing.assert_array_equal(
+            start[super_model.index(1)], neutral_values(super_model)[super_model.index(1)]
+        )
+        # and back again: the richer law starts where the simpler one stands
+        again = continued(super_model, start, 0, 1, starts)
+        np.testing.assert_allclose(again[super_model.index(1)], theta[super_model.index(1)])
+        assert list(simplified(super_model, (0, 2), theta)) == []
 
 
 def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monkeypatch) -> None:

@@ -9,13 +9,22 @@ import pytest
 from diagnosis_systems import on_an_axis, simulator_of
 
 from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
+from jaxsr.diagnosis.contest import (
+    Arena,
+    Entry,
+    build_arena,
+    enter,
+    in_steps_of,
+    neutral_values,
+)
+from jaxsr.diagnosis.decide import STEEPEST, plausible, sound_members
 from jaxsr.diagnosis.integration import (
     FINEST,
     STABLE,
     TOLERABLE,
     _substeps,
     accurate,
+    rounded_share,
     steady,
     with_steps,
 )
@@ -24,7 +33,7 @@ from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.reduced import reduce
 from jaxsr.diagnosis.uncertainty import half_widths
 from jaxsr.models import parse_model
-from jaxsr.models.lifting import carried_errors
+from jaxsr.models.lifting import carried_errors, readings_along
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -119,10 +128,62 @@ def test_errors_of_steps_leave_the_fit_of_a_law_that_jumps_alone(seed: int) -> N
     assert reached or entry.stepping.substeps == FINEST["rk4"]
 
 
+def test_after_a_decision_all_is_stepped_as_its_laws_ask() -> None:
+    arena, null = arena_of(0, Stepping("rk4", 1))
+    entry = enter(arena, (0,), null.fit.theta, null.fit.path)
+    assert entry.stepping is not None
+    same = in_steps_of(arena, entry).problem
+    assert same.stepping.substeps == entry.stepping.substeps == same.segments.length.shape[1]
+    assert in_steps_of(arena, null) is arena
+
+
+def test_a_jump_rounded_wrongly_takes_the_share_of_the_cost_that_its_width_would() -> None:
+    """Readings of a law twice as soft: all but a little of what is left goes with its width."""
+    arena, null = arena_of(0, Stepping("rk4", 1))
+    entry = enter(arena, (0,), null.fit.theta, null.fit.path)
+    reduced = reduce(arena.problem, arena.super_model, (0,))
+    own = with_steps(reduced.problem, "rk4", 8)
+    theta, path = entry.fit.theta[reduced.parameters], entry.fit.path
+    assert path is not None
+    y, _ = readings_along(own.simulator, own.stepping, own.segments, theta, path)
+    softer = tuple(2.0 * w for w in own.stepping.widths)
+    settings = [
+        (replace(own.stepping, widths=w), own.segments) for w in (softer, own.stepping.widths)
+    ]
+    other = y - carried_errors(own.simulator, settings[0], settings[1], theta, path)
+    shares = []
+    for noise in (0.0, NOISE):
+        measured = other + noise * np.random.default_rng(1).normal(size=other.shape)
+        problem = replace(own, segments=replace(own.segments, outputs=measured))
+        shares.append(rounded_share(problem, theta, path))
+    assert shares[0] > 0.9
+    assert shares[1] < 0.1
+
+
+def test_a_peak_above_three_times_the_friction_counts_where_the_data_allow_less() -> None:
+    arena, null = arena_of(0, Stepping("rk4", 1))
+    peak = enter(arena, (1,), null.fit.theta, null.fit.path)
+    order = list(arena.super_model.model.parameters)
+    names = arena.super_model.names[1]
+    half = half_widths(arena, peak.fit)
+    room = (
+        dict(zip(order, half, strict=True))
+        if len(half) == len(order)
+        else {order[j]: half[k] for k, j in enumerate(peak.fit.active)}
+    )
+    theta = peak.fit.theta.copy()
+    theta[order.index(names["Fc"])], theta[order.index(names["vs"])] = 1.0, 1.0
+    room = room[names["Fs"]] + STEEPEST * room[names["Fc"]]
+    for above, sound in ((0.9, True), (1.5, False)):
+        theta[order.index(names["Fs"])] = STEEPEST + above * room
+        entry = replace(peak, fit=replace(peak.fit, theta=theta.copy()))
+        assert plausible(arena, entry) is sound
+        assert sound_members(arena, entry) == ((1,) if sound else ())
+
+
 def test_without_jumps_nothing_is_refined() -> None:
     arena, null = arena_of(0, Stepping("rk4", 1), friction=0.0)
-    assert null.stepping is not None
-    assert null.stepping.substeps == 1
+    assert null.stepping is None
     own = reduce(arena.problem, arena.super_model, ())
     assert null.fit.path is not None
     same = accurate(own.problem, null.fit.theta[own.parameters], null.fit.path)

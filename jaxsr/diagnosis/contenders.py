@@ -9,7 +9,8 @@ from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import neutral_values
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
-from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion
+from jaxsr.diagnosis.mechanisms.shapes import shapes
+from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion, sites_of
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.screening import ScreenedSet
 from jaxsr.diagnosis.setup import Screened, sample_step, state_scale
@@ -106,8 +107,13 @@ def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[St
     sensors = [*sensor_candidates(given, _readings(case)), *timing]
     if case.screened is None:
         scale, step = state_scale(given, case.prepared), sample_step(case.prepared)
+        corrections = [c for site in sites_of(given, scale) for c in shapes(site)]
         forces = _unscreened(
-            [*force_candidates(given, scale), *memory_candidates(given, scale, step)]
+            [
+                *force_candidates(given, scale),
+                *memory_candidates(given, scale, step),
+                *corrections,
+            ]
         )
         super_model = SuperModel.build(given, [*forces, *sensors])
         return super_model, [((), neutral_values(super_model))]

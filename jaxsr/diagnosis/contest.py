@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxsr.diagnosis.blocks import held_back
 from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.integration import accurate, rounding, steady
+from jaxsr.diagnosis.integration import accurate, rounded_share, steady, with_steps
 from jaxsr.diagnosis.reduced import Reduced, cropped, reduce
 from jaxsr.models import Model
 from jaxsr.models.driven import known_states
@@ -44,16 +44,16 @@ class Entry:
     errors : ndarray, shape (blocks,)
         Mean squared scaled residual of each block, estimated without it.
     stepping : Stepping, optional
-        How its own laws were integrated.
-    blur : float
-        What rounding its jumps and the size of its steps may change its cost by, relative.
+        How it was integrated, where a law of its own jumps.
+    rounded : float
+        Share of its cost that is the doing of how its jumps are rounded.
     """
 
     members: tuple[int, ...]
     fit: Fit
     errors: np.ndarray
     stepping: Stepping | None = None
-    blur: float = 0.0
+    rounded: float = 0.0
 
     @property
     def error(self) -> float:
@@ -212,19 +212,28 @@ def enter(
         inner, course = result.theta, result.path
         if not own.problem.simulator.model.driven or not moved.any() or not result.usable:
             break
-    blur = 0.0
+    share = 0.0
     if careful and result.usable and course is not None:
         finer = replace(own, problem=accurate(steady(own.problem, inner), inner, course))
         if finer.problem.stepping != own.problem.stepping and not stopped():
             again = estimate(finer, inner, course, near=True)
             if again.usable and again.path is not None:
                 own, result, inner, course = finer, again, again.theta, again.path
-        blur = rounding(own.problem, inner, course)
+        share = rounded_share(own.problem, inner, course)
     result = own.restored(result, theta, problem.segments)
     if late:
         result = cropped(result, problem, arena.problem.segments)
     errors = held_back(arena.pieces, arena.problem.segments, result)
-    return Entry(members, result, errors, own.problem.stepping, blur)
+    return Entry(members, result, errors, own.problem.stepping if careful else None, share)
+
+
+def in_steps_of(arena: Arena, entry: Entry) -> Arena:
+    """Return the arena with the steps that the laws of one entry asked for."""
+    if entry.stepping is None:
+        return arena
+    steps = entry.stepping.method, entry.stepping.substeps
+    wide = None if arena.wide is None else with_steps(arena.wide, *steps)
+    return replace(arena, problem=with_steps(arena.problem, *steps), wide=wide)
 
 
 def _steps_matter(arena: Arena, members: tuple[int, ...]) -> bool:

@@ -171,6 +171,8 @@ def most_credible(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
 def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
     """Schwarz's criterion of an entry with its prior, for n independent residuals.
 
+    How a jump is rounded is a nuisance: what it does to the cost is left out of account.
+
     Extended to a choice among many: m of p mechanisms can be picked in C(p, m) ways, which is
     paid for by 2 log C(p, m) (Chen & Chen, Biometrika 95 (2008)).
     """
@@ -182,7 +184,7 @@ def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
     price = entry.fit.active.size * np.log(n) + 2.0 * choices
     price += n * least_gain(super_model, entry)
     price -= 2.0 * log_prior(super_model, entry)
-    return float(n * np.log(entry.fit.cost + 1e-300) + price)
+    return float(n * (np.log(entry.fit.cost + 1e-300) + np.log1p(-entry.rounded)) + price)
 
 
 def least_gain(super_model: SuperModel, entry: Entry) -> float:
@@ -195,7 +197,7 @@ def least_gain(super_model: SuperModel, entry: Entry) -> float:
     if not any(super_model.candidates[i].sharp for i in entry.members):
         return FURTHER * more
     richer = sum(len(super_model.index(i)) for i in entry.members) - len(entry.members)
-    return MIN_GAIN * more + max(RICHER * richer, entry.blur * (richer > 0))
+    return MIN_GAIN * more + RICHER * richer
 
 
 def simplest_adequate(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
@@ -303,7 +305,7 @@ def _shares(
     if not passing:
         price = penalties(super_model, entries)
         price += [least_gain(super_model, e) for e in entries]
-        price += [_margin(entries[0], e) for e in entries]
+        price += [_margin(entries[0], e) + np.log1p(-e.rounded) for e in entries]
         return weights([e.errors for e in entries], _independent(entries[0]), price, rng)
     n = independent_residuals(entries[0])
     score = np.array([criterion(super_model, e, n) for e in entries])

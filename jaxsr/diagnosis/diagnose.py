@@ -21,6 +21,7 @@ from jaxsr.diagnosis.contest import (
     Entry,
     build_arena,
     enter,
+    in_steps_of,
     neutral_values,
 )
 from jaxsr.diagnosis.decide import plausible
@@ -133,7 +134,7 @@ def diagnose(
     null = next(e for e in good if not e.members)
     ingredients = Ingredients(
         case=case,
-        arena=arena,
+        arena=in_steps_of(arena, chosen),
         entries=good,
         null=null,
         chosen=chosen,

@@ -25,7 +25,7 @@ LIFTED_SUBSTEPS = 4
 """The same where an implicit step needs few sensitivities: it is the cheaper one from here on."""
 TOLERABLE = 0.1
 """Integration error of a set with laws that jump, relative to what it leaves unexplained."""
-FINEST = {"rk4": 8, "rodas3": 4}
+FINEST = {"rk4": 8, "rodas3": 2}
 """Substeps up to which that is held to."""
 POINTS = 200
 TRIAL = 400
@@ -103,39 +103,39 @@ def accurate(problem: Problem, theta: np.ndarray, path: np.ndarray) -> Problem:
     if stepping.substeps >= most:
         return problem
     fine = with_steps(problem, stepping.method, 4 * stepping.substeps)
-    ratio = _apart(problem, fine, theta, path) / TOLERABLE
+    with np.errstate(all="ignore"):
+        apart, left = _apart(problem, fine, theta, path)
+        ratio = np.sqrt(np.sum(apart**2) / (np.sum(left**2) + 1e-300)) / TOLERABLE
     if not np.isfinite(ratio) or ratio <= 1.0:
         return problem
     factor = int(2 ** np.ceil(np.log2(min(ratio, most))))
     return with_steps(problem, stepping.method, min(factor * stepping.substeps, most))
 
 
-def rounding(problem: Problem, theta: np.ndarray, path: np.ndarray) -> float:
-    """Return what rounded jumps and steps across them may change a cost by, relative to it.
+def rounded_share(problem: Problem, theta: np.ndarray, path: np.ndarray) -> float:
+    """Share of the cost that would go if the width of rounded jumps were estimated as well.
 
-    Errors of steps have random signs: r of the residual's size, they add r^2. What rounding takes
-    from a jump is alike at each, and another law can stand for it: up to 2 r.
+    How sharply a law turns over is not known: with r the residuals and d the effect of another
+    width in the readings, (r'd)^2 / (r'r d'd) of the cost is its doing.
     """
-    stepping = problem.stepping
-    half = replace(stepping, widths=tuple(0.5 * w for w in stepping.widths))
-    fine = with_steps(problem, stepping.method, 4 * stepping.substeps)
-    steps = _apart(problem, fine, theta, path)
-    width = _apart(
-        fine, replace(fine, stepping=replace(half, substeps=fine.stepping.substeps)), theta, path
-    )
-    found = 2.0 * width + steps**2
-    return found if np.isfinite(found) else 0.0
-
-
-def _apart(problem: Problem, other: Problem, theta: np.ndarray, path: np.ndarray) -> float:
-    """How far two ways to integrate lead apart, relative to the residuals along a path."""
-    setting = (problem.stepping, problem.segments), (other.stepping, other.segments)
+    half = tuple(0.5 * width for width in problem.stepping.widths)
+    sharper = replace(problem, stepping=replace(problem.stepping, widths=half))
     with np.errstate(all="ignore"):
-        apart = carried_errors(problem.simulator, *setting, theta, path)
-        apart = apart / problem.scale[:, None, None]
-        y, _ = readings_along(problem.simulator, *setting[0], theta, path)
-        left = float(np.sum(problem.residual(y) ** 2)) + 1e-300
-        return float(np.sqrt(np.sum(problem.segments.weights * apart**2) / left))
+        apart, left = _apart(problem, sharper, theta, path)
+        size = float(np.sum(apart**2) * np.sum(left**2))
+        share = float(np.sum(apart * left)) ** 2 / size if size > 0.0 else 0.0
+    return share if np.isfinite(share) else 0.0
+
+
+def _apart(
+    problem: Problem, other: Problem, theta: np.ndarray, path: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far two ways to integrate lead apart in the readings, scaled, and the residuals."""
+    setting = (problem.stepping, problem.segments), (other.stepping, other.segments)
+    apart = carried_errors(problem.simulator, *setting, theta, path)
+    apart = problem.segments.weights * apart / problem.scale[:, None, None]
+    y, _ = readings_along(problem.simulator, *setting[0], theta, path)
+    return apart, problem.residual(y)
 
 
 def with_steps(problem: Problem, method: str, substeps: int) -> Problem:
