@@ -171,7 +171,7 @@ def most_credible(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
 def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
     """Schwarz's criterion of an entry with its prior, for n independent residuals.
 
-    How a jump is rounded is a nuisance: what it does to the cost is left out of account.
+    How a jump is rounded is a nuisance, which the plain law is not to pay for.
 
     Extended to a choice among many: m of p mechanisms can be picked in C(p, m) ways, which is
     paid for by 2 log C(p, m) (Chen & Chen, Biometrika 95 (2008)).
@@ -184,7 +184,16 @@ def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
     price = entry.fit.active.size * np.log(n) + 2.0 * choices
     price += n * least_gain(super_model, entry)
     price -= 2.0 * log_prior(super_model, entry)
-    return float(n * (np.log(entry.fit.cost + 1e-300) + np.log1p(-entry.rounded)) + price)
+    return float(n * (np.log(entry.fit.cost + 1e-300) - credit(super_model, entry)) + price)
+
+
+def credit(super_model: SuperModel, entry: Entry) -> float:
+    """Return the log error that a plain law which jumps owes to how its jump is rounded.
+
+    A richer law, or another mechanism beside it, must gain more than the width alone would.
+    """
+    plain = len(entry.members) == 1 and len(super_model.index(entry.members[0])) == 1
+    return float(-np.log1p(-entry.rounded)) if plain else 0.0
 
 
 def least_gain(super_model: SuperModel, entry: Entry) -> float:
@@ -305,7 +314,7 @@ def _shares(
     if not passing:
         price = penalties(super_model, entries)
         price += [least_gain(super_model, e) for e in entries]
-        price += [_margin(entries[0], e) + np.log1p(-e.rounded) for e in entries]
+        price += [_margin(entries[0], e) - credit(super_model, e) for e in entries]
         return weights([e.errors for e in entries], _independent(entries[0]), price, rng)
     n = independent_residuals(entries[0])
     score = np.array([criterion(super_model, e, n) for e in entries])

@@ -55,7 +55,7 @@ MOST_PATIENCE = 10.0
 """The same in seconds: what takes longer is caught in a law that jumps."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
-SEARCHING = 0.8
+SEARCHING = 0.75
 """Share of the time left after screening that trying sets may take at most."""
 REPORTING = 3.0
 """Time kept for refining and reporting, relative to that of reading and screening."""
