@@ -104,6 +104,9 @@ def test_finer_steps_and_back_are_the_same_problem() -> None:
     back = with_steps(finer, "rk4", 2).segments
     np.testing.assert_allclose(back.length, arena.problem.segments.length, rtol=1e-12)
     np.testing.assert_allclose(back.stages, arena.problem.segments.stages, atol=1e-12)
+    free = arena.problem.segments  # a system without inputs
+    free = replace(free, stages=free.stages[:, :0], inputs=free.inputs[:0])
+    assert free.refined(4).stages.shape == (3, 0, free.time.shape[0] - 1, 8, free.number)
 
 
 @pytest.mark.parametrize("seed", range(3))

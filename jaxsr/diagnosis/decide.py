@@ -192,8 +192,9 @@ def credit(super_model: SuperModel, entry: Entry) -> float:
 
     A richer law, or another mechanism beside it, must gain more than the width alone would.
     """
-    plain = len(entry.members) == 1 and len(super_model.index(entry.members[0])) == 1
-    return float(-np.log1p(-entry.rounded)) if plain else 0.0
+    if not entry.rounded or len(entry.members) > 1 or len(super_model.index(*entry.members)) > 1:
+        return 0.0
+    return float(-np.log1p(-entry.rounded))
 
 
 def least_gain(super_model: SuperModel, entry: Entry) -> float:

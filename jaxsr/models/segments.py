@@ -108,7 +108,7 @@ class Segments:
             weights = (rest * (rest - share), 4.0 * share * rest, share * (share - rest))
             return np.tensordot(weights, self.stages, 1)
 
-        shape = (*self.stages.shape[1:3], -1, self.number)
+        shape = (*self.stages.shape[1:3], factor * self.length.shape[1], self.number)
         shares = (np.arange(factor)[:, None] + (0.0, 0.5, 1.0)) / factor
         stages = [np.stack([at(s) for s in column], axis=3).reshape(shape) for column in shares.T]
         length = np.repeat(self.length / factor, factor, axis=1)
