@@ -192,9 +192,9 @@ def credit(super_model: SuperModel, entry: Entry) -> float:
 
     A richer law, or another mechanism beside it, must gain more than the width alone would.
     """
-    if not entry.rounded or len(entry.members) > 1:
+    if not entry.rounded or len(entry.members) != 1:
         return 0.0
-    (number,) = entry.members
+    number = entry.members[0]
     return float(-np.log1p(-entry.rounded)) if len(super_model.index(number)) == 1 else 0.0
 
 
