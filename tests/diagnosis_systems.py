@@ -84,3 +84,25 @@ CART = on_an_axis(
     },
     mass="m",
 )
+# Two tanks of which the upper one is not measured.
+TANKS = """
+[model]
+name = "two tanks"
+states = ["h1", "h2"]
+inputs = ["u"]
+outputs = ["y"]
+input_hold = "zero"
+[equations]
+h1 = "k4*u - k1*sqrt(Max(h1, 0))"
+h2 = "k2*sqrt(Max(h1, 0)) - k3*sqrt(Max(h2, 0))"
+[readings]
+y = "h2"
+[parameters]
+k1 = { value = 0.06 }
+k2 = { value = 0.05, bounds = [0.001, 0.5] }
+k3 = { value = 0.08, bounds = [0.001, 0.5] }
+k4 = { value = 0.06, bounds = [0.001, 0.5] }
+[initial]
+h1 = "free"
+h2 = "free"
+"""

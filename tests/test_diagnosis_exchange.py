@@ -62,8 +62,7 @@ def test_the_simpler_law_inside_a_richer_one_starts_as_large() -> None:
         beside = next(c for c in offered if c.mechanism == "constant_force")
         super_model = SuperModel.build(MASS, [*pair, beside])
         order, theta = list(super_model.model.parameters), neutral_values(super_model)
-        for own, value in {"F0": 0.7}.items():
-            theta[order.index(super_model.names[2][own])] = value
+        theta[order.index(super_model.names[2]["F0"])] = 0.7
         for own, at in starts.items():
             theta[order.index(super_model.names[1][own])] = 2.5 if isinstance(at, str) else at
         ((members, start),) = simplified(super_model, (1, 2), theta)

@@ -169,16 +169,12 @@ def test_a_peak_above_three_times_the_friction_counts_where_the_data_allow_less(
     order = list(arena.super_model.model.parameters)
     names = arena.super_model.names[1]
     half = half_widths(arena, peak.fit)
-    room = (
-        dict(zip(order, half, strict=True))
-        if len(half) == len(order)
-        else {order[j]: half[k] for k, j in enumerate(peak.fit.active)}
-    )
+    room = {order[j]: half[k] for k, j in enumerate(peak.fit.active)}
     theta = peak.fit.theta.copy()
     theta[order.index(names["Fc"])], theta[order.index(names["vs"])] = 1.0, 1.0
-    room = room[names["Fs"]] + STEEPEST * room[names["Fc"]]
+    most = room[names["Fs"]] + STEEPEST * room[names["Fc"]]
     for above, sound in ((0.9, True), (1.5, False)):
-        theta[order.index(names["Fs"])] = STEEPEST + above * room
+        theta[order.index(names["Fs"])] = STEEPEST + above * most
         entry = replace(peak, fit=replace(peak.fit, theta=theta.copy()))
         assert plausible(arena, entry) is sound
         assert sound_members(arena, entry) == ((1,) if sound else ())

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnosis_systems import TANKS
 
 from jaxsr import diagnose
 from jaxsr.diagnosis.candidates import SuperModel
@@ -22,27 +23,6 @@ from jaxsr.models.least_squares import Fit
 from jaxsr.models.rollout import Stepping
 from jaxsr.recordings import Recording
 
-TANKS = """
-[model]
-name = "two tanks"
-states = ["h1", "h2"]
-inputs = ["u"]
-outputs = ["y"]
-input_hold = "zero"
-[equations]
-h1 = "k4*u - k1*sqrt(Max(h1, 0))"
-h2 = "k2*sqrt(Max(h1, 0)) - k3*sqrt(Max(h2, 0))"
-[readings]
-y = "h2"
-[parameters]
-k1 = { value = 0.06 }
-k2 = { value = 0.05, bounds = [0.001, 0.5] }
-k3 = { value = 0.08, bounds = [0.001, 0.5] }
-k4 = { value = 0.06, bounds = [0.001, 0.5] }
-[initial]
-h1 = "free"
-h2 = "free"
-"""
 STEP, EDGE, PART = 4.0, 6.0, 0.6
 
 
