@@ -10,6 +10,7 @@ from diagnosis_systems import on_an_axis, simulator_of
 
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contest import (
+    ITERATIONS,
     Arena,
     Entry,
     build_arena,
@@ -29,10 +30,11 @@ from jaxsr.diagnosis.integration import (
     with_steps,
 )
 from jaxsr.diagnosis.mechanisms.dissipative import dissipative
+from jaxsr.diagnosis.mechanisms.elastic import elastic
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.reduced import reduce
 from jaxsr.diagnosis.uncertainty import half_widths
-from jaxsr.models import parse_model
+from jaxsr.models import Simulator, parse_model
 from jaxsr.models.lifting import carried_errors, readings_along
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
@@ -47,9 +49,11 @@ PENDULUM = on_an_axis(
     },
 )
 FRICTION, STEP, SAMPLES, NOISE = 0.25, 0.03, 500, 2e-3
+STEEP = PENDULUM.replace("- c*v", "- c*v - 0.25*tanh(v/0.004)")
+CUBIC, SETS = "cubic_stiffness@equation:v", ((), (0,))
 
 
-def swinging(seed: int, friction: float = FRICTION) -> Recording:
+def swinging(seed: int, friction: float = FRICTION, noise: float = NOISE) -> Recording:
     """A pendulum with dry friction and viscous damping, integrated in 200 steps a sample."""
     rng = np.random.default_rng(seed)
     tones = rng.uniform(0.5, 7.0, 4), rng.uniform(0.0, 6.0, 4)
@@ -66,7 +70,7 @@ def swinging(seed: int, friction: float = FRICTION) -> Recording:
             # Friction takes away as much momentum as it can, and never turns it round.
             v = np.sign(free) * max(abs(free) - h * friction, 0.0)
             q += h * v
-    y = angle + NOISE * rng.normal(size=SAMPLES)
+    y = angle + noise * rng.normal(size=SAMPLES)
     return Recording("run.csv", time, {"u": push, "y": y})
 
 
@@ -137,7 +141,27 @@ def test_after_a_decision_all_is_stepped_as_its_laws_ask() -> None:
     assert entry.stepping is not None
     same = in_steps_of(arena, entry).problem
     assert same.stepping.substeps == entry.stepping.substeps == same.segments.length.shape[1]
-    assert in_steps_of(arena, null) is arena
+    coarse, _ = arena_of(0, Stepping("rk4", 1), friction=0.0)
+    assert in_steps_of(coarse, enter(coarse, (), null.fit.theta)) is coarse
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_recalibration_is_not_charged_with_steps_that_are_too_few(seed: int) -> None:
+    """Steep friction that the given model has, in steps that a spring would have to make up for."""
+    simulator = simulator_of(parse_model(STEEP))
+    prepared = (Prepared.build(simulator.model, swinging(seed, noise=0.2 * NOISE)),)
+    offered = [c for s in sites_of(simulator.model, {}) for c in elastic(s) if c.label == CUBIC]
+    super_model = SuperModel.build(simulator.model, offered[:1])
+    own, scale = Simulator(super_model.model), np.full(1, 0.2 * NOISE)
+    costs = []
+    for stepping in (Stepping("rk4", 1), Stepping("rk4", 64)):
+        arena = build_arena(super_model, prepared, stepping, None, scale, own)
+        costs += [enter(arena, members, neutral_values(super_model)).fit.cost for members in SETS]
+    coarse, fine = costs[: len(SETS)], costs[len(SETS) :]
+    np.testing.assert_allclose(coarse, fine, rtol=0.03)
+    quick = build_arena(super_model, prepared, Stepping("rk4", 1), None, scale, own)
+    glance = enter(quick, (), neutral_values(super_model), max_iterations=ITERATIONS - 1)
+    assert glance.fit.cost > 1.1 * fine[0]
 
 
 def test_a_jump_rounded_wrongly_takes_the_share_of_the_cost_that_its_width_would() -> None:

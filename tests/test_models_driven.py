@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsr.models import Simulator, parse_model
-from jaxsr.models.driven import known_states
+from jaxsr.models.driven import driven_states, known_states
 from jaxsr.models.model import DRIVEN
 from jaxsr.models.rollout import Stepping, linearise, outputs
 from jaxsr.models.segments import Prepared, build_segments
@@ -51,6 +51,18 @@ def test_a_lag_follows_its_input_from_rest():
     assert path.shape == (200, 2)
     slower = known_states(LAGGED, prepared(1.0 + TIME), np.array([0.0, 1.0]))
     np.testing.assert_allclose(slower[:, 1], TIME + np.exp(-TIME), atol=1e-6)
+
+
+def test_how_a_memory_follows_its_constants():
+    """Against differences of two courses; the known states are held."""
+    item, theta, chosen = prepared(np.sin(3.0 * TIME)), np.array([0.0, 0.3]), ("tau",)
+    path, slopes = driven_states(Simulator(LAGGED), item, theta, chosen)
+    assert slopes.shape == (200, 1, 1)
+    np.testing.assert_array_equal(path, known_states(LAGGED, item, theta)[:, 1:])
+    apart = [
+        known_states(LAGGED, item, theta + d * np.array([0.0, 1.0]))[:, 1] for d in (1e-4, -1e-4)
+    ]
+    np.testing.assert_allclose(slopes[:, 0, 0], (apart[0] - apart[1]) / 2e-4, atol=1e-5)
 
 
 def test_driven_starts_are_given_and_not_estimated():

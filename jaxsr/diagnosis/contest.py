@@ -14,7 +14,7 @@ from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.integration import accurate, rounded_share, steady, with_steps
 from jaxsr.diagnosis.reduced import Reduced, cropped, reduce
 from jaxsr.models import Model
-from jaxsr.models.driven import known_states
+from jaxsr.models.driven import driven_states
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.lifting import liftable
 from jaxsr.models.rollout import Stepping
@@ -44,7 +44,7 @@ class Entry:
     errors : ndarray, shape (blocks,)
         Mean squared scaled residual of each block, estimated without it.
     stepping : Stepping, optional
-        How it was integrated, where a law of its own jumps.
+        How it was integrated, where it asked for other steps than the arena's.
     rounded : float
         Share of its cost that is the doing of how its jumps are rounded.
     """
@@ -193,16 +193,19 @@ def enter(
     active = own.active(active_parameters(super_model, members))
     theta = super_model.switched(members, start)
     inner, course = theta[own.parameters], None if path is None else path[own.states]
-    careful = max_iterations >= ITERATIONS and _steps_matter(arena, members)
+    careful = max_iterations >= ITERATIONS and _refinable(arena, members)
+    given = own.problem.stepping
 
     def stopped() -> bool:
         return stop() or time.monotonic() > end
 
     def estimate(own: Reduced, inner: np.ndarray, course: np.ndarray | None, near: bool) -> Fit:
         x0, limits = None, (max_iterations, stopped, CONTEST_TOLERANCE)
-        if own.problem.simulator.model.driven:
-            x0 = _driven(arena, own.problem, inner, None if course is None else course[:, 0])
-        return fit(own.problem, inner, active, (low, high), x0, *limits, course, near)
+        problem = own.problem
+        if problem.simulator.model.driven:
+            start = None if course is None else course[:, 0]
+            problem, x0 = _driven(arena, problem, inner, active, start)
+        return fit(problem, inner, active, (low, high), x0, *limits, course, near)
 
     if careful and near and course is not None:
         own = replace(own, problem=accurate(steady(own.problem, inner), inner, course))
@@ -219,12 +222,14 @@ def enter(
             again = estimate(finer, inner, course, near=True)
             if again.usable and again.path is not None:
                 own, result, inner, course = finer, again, again.theta, again.path
-        share = rounded_share(own.problem, inner, course)
+        if any(super_model.candidates[i].sharp for i in members):
+            share = rounded_share(own.problem, inner, course)
     result = own.restored(result, theta, problem.segments)
     if late:
         result = cropped(result, problem, arena.problem.segments)
     errors = held_back(arena.pieces, arena.problem.segments, result)
-    return Entry(members, result, errors, own.problem.stepping if careful else None, share)
+    finest = own.problem.stepping
+    return Entry(members, result, errors, None if finest == given else finest, share)
 
 
 def in_steps_of(arena: Arena, entry: Entry) -> Arena:
@@ -232,15 +237,19 @@ def in_steps_of(arena: Arena, entry: Entry) -> Arena:
     if entry.stepping is None:
         return arena
     steps = entry.stepping.method, entry.stepping.substeps
-    wide = None if arena.wide is None else with_steps(arena.wide, *steps)
-    return replace(arena, problem=with_steps(arena.problem, *steps), wide=wide)
+
+    def stepped(problem: Problem) -> Problem:
+        problem = with_steps(problem, *steps)
+        return replace(problem, stepping=replace(problem.stepping, smooth=None))
+
+    wide = None if arena.wide is None else stepped(arena.wide)
+    return replace(arena, problem=stepped(arena.problem), wide=wide)
 
 
-def _steps_matter(arena: Arena, members: tuple[int, ...]) -> bool:
-    """Whether a member's law jumps, but for hard edges, which have a method of their own."""
-    chosen = [arena.super_model.candidates[i] for i in members]
-    sharp = any(c.sharp for c in chosen) and not any(c.stiff for c in chosen)
-    return sharp and liftable(arena.problem.simulator)
+def _refinable(arena: Arena, members: tuple[int, ...]) -> bool:
+    """Whether steps can be refined: hard edges have a method of their own."""
+    stiff = any(arena.super_model.candidates[i].stiff for i in members)
+    return not stiff and liftable(arena.problem.simulator)
 
 
 def _extended(path: np.ndarray, narrow: Segments, wide: Segments) -> np.ndarray:
@@ -262,16 +271,25 @@ def shifting_members(super_model: SuperModel, members: Sequence[int]) -> bool:
     return any(c.delays or c.clock for c in chosen)
 
 
-def _driven(arena: Arena, problem: Problem, theta: np.ndarray, x0: np.ndarray | None) -> np.ndarray:
-    """Return the starts with driven states where `theta` leads them."""
+def _driven(
+    arena: Arena, problem: Problem, theta: np.ndarray, active: np.ndarray, x0: np.ndarray | None
+) -> tuple[Problem, np.ndarray]:
+    """Return the starts with driven states where `theta` leads them, and whither it moves them."""
     segments, model = problem.segments, problem.simulator.model
     x0 = np.array(segments.guess if x0 is None else x0)
-    count = len(model.driven)
+    count, order = len(model.driven), list(model.parameters)
+    inside = set().union(*(model.equation_terms[s].variables for s in model.driven))
+    chosen = tuple(order[j] for j in active if order[j] in inside)
+    following = np.zeros((len(x0), len(order), segments.number))
+    columns = [order.index(name) for name in chosen]
     for r, item in enumerate(arena.prepared):
         mine = segments.recording == r
-        path = known_states(model, item, theta, problem.simulator)
-        x0[-count:, mine] = path[segments.start[mine], -count:].T
-    return x0
+        path, slopes = driven_states(problem.simulator, item, theta, chosen)
+        x0[-count:, mine] = path[segments.start[mine]].T
+        at = slopes[segments.start[mine]].transpose(1, 2, 0)
+        for k, column in enumerate(columns):
+            following[-count:, column, mine] = at[:, k]
+    return replace(problem, following=following), x0
 
 
 def active_parameters(super_model: SuperModel, members: tuple[int, ...]) -> np.ndarray:

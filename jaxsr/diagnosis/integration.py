@@ -24,7 +24,7 @@ MOST_SUBSTEPS = 16
 LIFTED_SUBSTEPS = 4
 """The same where an implicit step needs few sensitivities: it is the cheaper one from here on."""
 TOLERABLE = 0.1
-"""Integration error of a set with laws that jump, relative to what it leaves unexplained."""
+"""Integration error of a set, relative to what it leaves unexplained."""
 FINEST = {"rk4": 8, "rodas3": 2}
 """Substeps up to which that is held to."""
 POINTS = 200
@@ -78,7 +78,7 @@ def with_smooth(
 
 
 def steady(problem: Problem, theta: np.ndarray) -> Problem:
-    """Return the problem of a set with laws that jump, stepped stably with these constants."""
+    """Return the problem of a set, stepped stably with these constants, explicitly if it can be."""
     stepping, segments = problem.stepping, problem.segments
     inside = np.arange(segments.time.shape[0])[:, None] < segments.count
     pick = np.linspace(0, inside.sum() - 1, min(POINTS, inside.sum())).astype(int)

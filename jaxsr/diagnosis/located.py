@@ -1,13 +1,16 @@
-"""Forces that free runs locate better than the weak view: pushes and waves join the contest."""
+"""Forces that free runs locate better than the weak view: pushes, waves and resonances."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
-from jaxsr.diagnosis.contest import Arena, Entry, build_arena, neutral_values
+from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.pushes import push_candidates
+from jaxsr.diagnosis.resonances import resonance_candidates
 from jaxsr.diagnosis.responses import Responses
 from jaxsr.diagnosis.waves import wave_candidates
 from jaxsr.models import Simulator
@@ -15,7 +18,7 @@ from jaxsr.models.lifting import liftable
 
 
 def with_located(arena: Arena, entries: list[Entry]) -> tuple[Arena, list[Entry]]:
-    """Return the arena and its entries with candidates for forces that stand out in time."""
+    """Return the arena and its entries with candidates for forces that stand out."""
     null = next(e for e in entries if not e.members)
     if not liftable(arena.problem.simulator) or null.fit.path is None or not null.fit.usable:
         return arena, entries
@@ -23,6 +26,7 @@ def with_located(arena: Arena, entries: list[Entry]) -> tuple[Arena, list[Entry]
     candidates = [
         *push_candidates(arena, null, responses),
         *wave_candidates(arena, null, responses),
+        *resonance_candidates(arena, null, responses),
     ]
     return _joined(arena, entries, candidates) if candidates else (arena, entries)
 
@@ -42,5 +46,10 @@ def _joined(
         Simulator(super_model.model),
     )
     added = neutral_values(super_model)[len(old.model.parameters) :]
-    longer = [replace(e, fit=e.fit.extended(added)) for e in entries]
-    return replace(new, patience=arena.patience), longer
+    new = replace(new, patience=arena.patience)
+    segments = new.problem.segments
+    longer = [replace(e, fit=e.fit.extended(added, segments)) for e in entries]
+    if not np.array_equal(segments.outputs, arena.problem.segments.outputs, equal_nan=True):
+        # what remembers leaves the first samples out, for all sets alike
+        longer = [enter(new, e.members, e.fit.theta, e.fit.path, near=True) for e in longer]
+    return new, longer

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,9 @@ from jaxsr.models import Simulator
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.lifting import one_step, readings_along
 from jaxsr.models.segments import Segments
+
+Shapes = Callable[[int], np.ndarray]
+"""Segment to forces in the middle of its steps, (samples - 1, forces)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +82,45 @@ class Responses:
             np.matmul(step[k], x[k], out=x[k + 1])
             x[k + 1] += enter[k][:, None] * shape[k]
         return np.einsum("oik,kiw->wok", self.read[:, :, :count, segment], x, optimize=True)
+
+    def gains(self, site: int, shapes: Shapes, together: int) -> tuple[np.ndarray, np.ndarray]:
+        r"""How much the cost falls with forces along an equation, all segments together.
+
+        With the readings' responses G to forces that have coefficients of their own, the free
+        parameters and the segments' starts projected out, the cost falls to first order by
+        :math:`r^T G (G^T G)^{-1} G^T r`.
+
+        Parameters
+        ----------
+        shapes : callable
+            Segment to the forces in the middle of its steps, (samples - 1, together * choices),
+            the first of every choice before the second of every choice.
+        together : int
+            Forces that act at once, each with a coefficient.
+
+        Returns
+        -------
+        gains : ndarray, shape (choices,)
+        coefficients : ndarray, shape (choices, together)
+        """
+        power = raw = cross = score = np.zeros(())
+        for s in range(self.segments.number):
+            g = self.to(site, s, shapes(s))
+            seen = self.parts[s].projected(g, self.residual[:, : g.shape[-1], s])
+            number = len(g) // together
+            flat = seen.flat.reshape(together, number, -1)
+            power = power + np.einsum("awr,bwr->wab", flat, flat, optimize=True)
+            raw = raw + seen.raw.reshape(together, number).sum(0)
+            cross = cross + seen.cross.reshape(together, number, -1).transpose(1, 0, 2)
+            score = score + seen.score.reshape(together, number).T
+        power = power - np.einsum("wap,pq,wbq->wab", cross, self.inverse, cross, optimize=True)
+        score = score - cross @ self.pull
+        small = 1e-4 * raw + 1e-300
+        clear = np.trace(power, axis1=1, axis2=2) > small
+        power += small[:, None, None] * np.eye(together) * 1e-2
+        coefficients = np.linalg.solve(power, score[..., None])[..., 0]
+        gains = np.where(clear, np.sum(score * coefficients, axis=1), 0.0)
+        return np.maximum(gains, 0.0), coefficients
 
 
 def _derivatives(

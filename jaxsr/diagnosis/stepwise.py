@@ -111,7 +111,8 @@ def _estimate(
     for trial in promising(arena.super_model, leader, quick, most):
         if exhausted():
             break
-        full = enter(arena, trial.members, trial.theta, leader.fit.path, exhausted)
+        path = leader.fit.path if trial.path is None else trial.path
+        full = enter(arena, trial.members, trial.theta, path, exhausted)
         if full.fit.cost > BROKEN * leader.fit.cost + (1.0 - BROKEN) * trial.cost:
             # the leader's path may lead astray, where what is new hardly acts
             again = enter(arena, trial.members, trial.theta, None, exhausted)
@@ -225,7 +226,7 @@ def tried(
         place = arena if shifting_members(super_model, members) else replace(arena, wide=None)
         entry = enter(place, members, start, leader.fit.path, exhausted, most)
         if entry.fit.usable:
-            trials.append(Trial(members, entry.fit.cost, entry.fit.theta))
+            trials.append(Trial(members, entry.fit.cost, entry.fit.theta, entry.fit.path))
     return trials
 
 

@@ -58,13 +58,11 @@ def _of_stiffness(
 
 
 def wave_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Candidate]:
-    r"""Propose forces that repeat in time or along the path beside an entry.
+    """Propose forces that repeat in time or along the path beside an entry.
 
-    A pair of forces in quadrature along an equation moves the readings by a two-column matrix G;
-    free parameters and the segments' starts are projected out of it. To first order the cost
-    falls by :math:`r^T G (G^T G)^{-1} G^T r`, which is compared with what neighbouring
-    frequencies gain and with the best of as many frequencies of noise. Frequencies that an input
-    brings are left out unless they hold most of what is left.
+    What a pair of forces in quadrature along an equation gains is compared with what
+    neighbouring frequencies gain and with the best of as many frequencies of noise. Frequencies
+    that an input brings are left out unless they hold most of what is left.
     """
     noise = entry.fit.cost / independent_residuals(entry)
     candidates = []
@@ -146,29 +144,13 @@ def _gains(
 
 def _solved(responses: Responses, kind: _Kind, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Gains (values,) and coefficients (values, 2), over all segments together."""
-    number, parameters = values.size, len(responses.inverse)
-    power, raw = np.zeros((number, 2, 2)), np.zeros(number)
-    cross, score = np.zeros((number, 2, parameters)), np.zeros((number, 2))
-    names = responses.sites[kind.site].model.states
-    position = responses.sites[kind.site].position
-    at = list(names).index(position) if position is not None else 0
-    for s in range(responses.segments.number):
+    site = responses.sites[kind.site]
+    at = list(site.model.states).index(site.position) if site.position is not None else 0
+
+    def pairs(s: int) -> np.ndarray:
         count = int(responses.segments.count[s])
         time, path = responses.segments.time[:count, s], responses.path[at, :count, s]
         middle = [0.5 * (x[1:] + x[:-1])[:, None] for x in (time, path)]
-        shape = np.concatenate(kind.pair(values, *middle), axis=1)
-        g = responses.to(kind.site, s, shape)
-        seen = responses.parts[s].projected(g, responses.residual[:, : g.shape[-1], s])
-        flat = seen.flat.reshape(2, number, -1)
-        power += np.einsum("awr,bwr->wab", flat, flat, optimize=True)
-        raw += seen.raw.reshape(2, number).sum(0)
-        cross += seen.cross.reshape(2, number, parameters).transpose(1, 0, 2)
-        score += seen.score.reshape(2, number).T
-    power -= np.einsum("wap,pq,wbq->wab", cross, responses.inverse, cross, optimize=True)
-    score -= cross @ responses.pull
-    small = 1e-4 * raw + 1e-300
-    clear = np.trace(power, axis1=1, axis2=2) > small
-    power += small[:, None, None] * np.eye(2) * 1e-2
-    coefficients = np.linalg.solve(power, score[..., None])[..., 0]
-    gains = np.where(clear, np.sum(score * coefficients, axis=1), 0.0)
-    return np.maximum(gains, 0.0), coefficients
+        return np.concatenate(kind.pair(values, *middle), axis=1)
+
+    return responses.gains(kind.site, pairs, 2)

@@ -45,13 +45,29 @@ def known_states(
         return known
     simulator = simulator or Simulator(model)
     values = simulator.values() if theta is None else theta
-    path = _path(simulator, item, tuple(float(v) for v in values))
+    path, _ = _path(simulator, item, tuple(float(v) for v in values))
     return np.concatenate([known, path], axis=1)
 
 
+def driven_states(
+    simulator: Simulator, item: Prepared, theta: np.ndarray, chosen: tuple[str, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the driven states along a recording, and how they follow parameters.
+
+    Returns
+    -------
+    path : ndarray, shape (samples, driven)
+    slopes : ndarray, shape (samples, driven, chosen)
+        Derivatives by the parameters `chosen`, the known states held.
+    """
+    return _path(simulator, item, tuple(float(v) for v in theta), chosen)
+
+
 @functools.lru_cache(maxsize=64)
-def _path(simulator: Simulator, item: Prepared, theta: tuple[float, ...]) -> np.ndarray:
-    """Integrate the driven states along known ones, shape (samples, driven).
+def _path(
+    simulator: Simulator, item: Prepared, theta: tuple[float, ...], chosen: tuple[str, ...] = ()
+) -> tuple[np.ndarray, np.ndarray]:
+    """Integrate the driven states along known ones.
 
     Newton's method on all samples at once (`lifting`), the known states held where they are.
     A recording is cut many times: its latest paths are kept.
@@ -86,7 +102,19 @@ def _path(simulator: Simulator, item: Prepared, theta: tuple[float, ...]) -> np.
             size = np.abs(path[known:]).max() + 1e-300
             if np.abs(shift).max() < 1e-9 * size:
                 break
-    return path[known:, :, 0].T
+        slopes = np.zeros((time.size, count, len(chosen)))
+        if chosen:
+            n = len(model.states)
+            columns = {name: n + k for k, name in enumerate(chosen)}
+            to = Directions(tuple(model.states), columns, {}, tuple(model.inputs))
+            field, start = Field(simulator, theta, active=chosen), list(path[:, :-1])
+            _, tangents = advanced(
+                field, to, method, start, time[:-1, None], length, lambda _: stages
+            )
+            tangents[:known] = 0.0
+            spread, _ = condensed(tangents, np.zeros((n, time.size - 1, 1)))
+            slopes = np.clip(np.nan_to_num(spread[:, 0, known:, n:]), -LARGEST, LARGEST)
+    return path[known:, :, 0].T, slopes
 
 
 def _method(field: Field, time: np.ndarray, x: np.ndarray, u: np.ndarray, z: np.ndarray) -> str:

@@ -20,12 +20,16 @@ class Problem:
     ----------
     scale : ndarray, shape (outputs,)
         Residuals are divided by it, so that outputs of different units add up.
+    following : ndarray, shape (states, parameters, segments), optional
+        Derivatives of starts that are not estimated, such as those of driven states, by the
+        parameters.
     """
 
     simulator: Simulator
     stepping: Stepping
     segments: Segments
     scale: np.ndarray
+    following: np.ndarray | None = None
 
     def residual(self, y: np.ndarray) -> np.ndarray:
         """Return (measured - y) / scale, zero where nothing was measured."""
@@ -73,9 +77,20 @@ class Fit:
         )
         return bool(np.isfinite(largest) and largest < 1e60 and np.isfinite(self.cost))
 
-    def extended(self, theta: np.ndarray) -> Fit:
-        """Return the fit in a model with further parameters that do not act."""
-        return replace(self, theta=np.concatenate([self.theta, theta]))
+    def extended(self, theta: np.ndarray, segments: Segments | None = None) -> Fit:
+        """Return the fit in a model with further parameters, and driven states, that do not act.
+
+        The states are those that `segments` of that model have behind the known ones.
+        """
+        longer = replace(self, theta=np.concatenate([self.theta, theta]))
+        known = len(self.x0)
+        if segments is None or len(segments.guess) == known:
+            return longer
+        x0, path = np.concatenate([self.x0, segments.guess[known:]]), self.path
+        still = np.zeros((len(x0) - known, *self.by_start.shape[1:]))
+        by_start = np.concatenate([self.by_start, still])
+        path = None if path is None else np.concatenate([path, segments.course[known:]])
+        return replace(longer, x0=x0, by_start=by_start, path=path)
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
         """Per segment: the starts projected out of J^T J and J^T r.

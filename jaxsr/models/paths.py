@@ -156,8 +156,13 @@ class Search:
         found = linear(
             problem.simulator, problem.stepping, problem.segments, theta, path, self.active
         )
+        by_theta = found.by_theta
+        if problem.following is not None:
+            by_theta = by_theta + np.einsum(
+                "koms,kjs->joms", found.by_start, problem.following[:, self.active]
+            )
         fitted = weighed(
-            problem, theta, path[:, 0], self.active, (found.outputs, found.by_theta, found.by_start)
+            problem, theta, path[:, 0], self.active, (found.outputs, by_theta, found.by_start)
         )
         gap = float(
             np.sum(problem.segments.weights * (found.gap / problem.scale[:, None, None]) ** 2)
@@ -180,6 +185,10 @@ class Search:
                 theta[self.active] + step, low[self.active], high[self.active]
             )
             moved = theta[self.active] - best.fit.theta[self.active]
+            if self.problem.following is not None:
+                starts = starts + np.einsum(
+                    "kjs,j->ks", self.problem.following[:, self.active], moved
+                )
             path = best.linear.moved(share * starts, share * moved, share)
             if self.closing:  # trials are simulations
                 own = closed(*self.setting, theta, path, stop)

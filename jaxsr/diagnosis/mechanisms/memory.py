@@ -24,6 +24,10 @@ LOOP = 1.5
 """Largest abs(g)/b of a hysteresis. 1 is where a loop may bring energy in; estimates scatter."""
 RESONANCES = (1.2, 2.0, 3.5, 6.0)
 """First guesses of a hidden resonance, in units of the dominant rate of the motion."""
+DAMPING = 0.1
+"""First guess of its damping ratio."""
+FASTEST = 0.7
+"""Fastest resonance, in radians per sample."""
 
 
 def memory_candidates(
@@ -124,47 +128,54 @@ def dissipates(values: Mapping[str, float]) -> bool:
 
 
 def hidden_modes(site: Site, step: float) -> Iterator[Candidate]:
-    """Yield a mass mh on a spring and a damper that the model does not know.
-
-    qh'' = wh**2*(q - qh) + 2*zh*wh*(v - vh), and the reaction -mh*qh'' acts on the axis. The
-    mass starts from zero: then it follows and does nothing.
-    """
+    """Yield hidden resonators of a few first frequencies about the pace of the motion."""
     q, v = site.position, site.state
     if q is None or q not in site.scale or v not in site.scale:
         return
     spread = {s: float(np.std(site.scale[s])) for s in (q, v)}
     if not spread[q] > 0.0 or not spread[v] > 0.0:
         return
-    dominant, units = spread[v] / spread[q], site.model.units
-    top = 0.7 / step
+    dominant, top = spread[v] / spread[q], FASTEST / step
+    bounds = min(0.1 * dominant, 0.1 * top), top
+    for factor in RESONANCES:
+        yield hidden_mode(site, min(factor * dominant, 0.5 * top), DAMPING, bounds)
+
+
+def hidden_mode(
+    site: Site, pace: float, damping: float, bounds: tuple[float, float], tried: int = 1
+) -> Candidate:
+    """Return a mass mh on a spring and a damper that the model does not know.
+
+    qh'' = wh**2*(q - qh) + 2*zh*wh*(v - vh), and the reaction -mh*qh'' acts on the axis. The
+    mass starts from zero: then it follows and does nothing.
+
+    Parameters
+    ----------
+    pace, damping : float
+        First guesses of wh in 1/s and of zh.
+    bounds : tuple of float
+        Of wh.
+    tried : int
+        First guesses among which this one was picked.
+    """
+    q, v, units = str(site.position), site.state, site.model.units
     pull = f"{{wh}}**2*({q} - {{qh}}) + 2*{{zh}}*{{wh}}*({v} - {{vh}})"
     unit = site.per(v)
-    mass = compose(f"{unit}*s", []) if unit else None
-    for factor in RESONANCES:
-        yield Candidate(
-            "hidden_mode",
-            "memory",
-            site.name,
-            (
-                ParameterSpec("mh", mass, low=0.0),
-                ParameterSpec(
-                    "wh",
-                    "1/s",
-                    min(0.1 * dominant, 0.1 * top),
-                    top,
-                    min(factor * dominant, 0.5 * top),
-                    coefficient=False,
-                ),
-                ParameterSpec("zh", "1", 0.0, 2.0, 0.1, coefficient=False),
-            ),
-            "A mass that no sensor sees swings along with {site} (a hidden resonance).",
-            terms=((v, f"- {{mh}}*({pull})"),),
-            states=(
-                AddedState("qh", "{vh}", units.get(q)),
-                AddedState("vh", pull, units.get(v)),
-            ),
-            source="Den Hartog, Mechanical Vibrations (1956), section 3.2",
-        )
+    return Candidate(
+        "hidden_mode",
+        "memory",
+        site.name,
+        (
+            ParameterSpec("mh", compose(f"{unit}*s", []) if unit else None, low=0.0),
+            ParameterSpec("wh", "1/s", *bounds, pace, coefficient=False),
+            ParameterSpec("zh", "1", 0.0, 2.0, damping, coefficient=False),
+        ),
+        "A mass that no sensor sees swings along with {site} (a hidden resonance).",
+        terms=((v, f"- {{mh}}*({pull})"),),
+        states=(AddedState("qh", "{vh}", units.get(q)), AddedState("vh", pull, units.get(v))),
+        tried=tried,
+        source="Den Hartog, Mechanical Vibrations (1956), section 3.2",
+    )
 
 
 def drifts(site: Site) -> Iterator[Candidate]:
