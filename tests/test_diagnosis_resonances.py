@@ -52,8 +52,9 @@ def recording(name: str, rng: np.random.Generator, mass: float) -> Recording:
         forces = u - 9 * a - 0.4 * va + 6 * (b - a), -4 * b - 0.3 * vb + 6 * (a - b) - mass * pull
         return [va, vb, *forces, vh, pull]
 
-    settings = {"rtol": 1e-9, "atol": 1e-11, "max_step": 0.2}
-    x = solve_ivp(rates, TIME[[0, -1]], np.zeros(6), t_eval=TIME, **settings).y
+    span = TIME[[0, -1]]
+    run = solve_ivp(rates, span, np.zeros(6), t_eval=TIME, rtol=1e-9, atol=1e-11, max_step=0.2)
+    x = run.y
     y, z = x[:2] + NOISE * rng.normal(size=(2, TIME.size))
     return Recording(name, TIME, {"u": drive, "y": y, "z": z})
 
