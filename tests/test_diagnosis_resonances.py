@@ -13,6 +13,7 @@ from jaxsr.diagnosis.located import with_located
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.resonances import reaction, resonance_candidates
 from jaxsr.diagnosis.responses import Responses
+from jaxsr.diagnosis.stepwise import tried
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
@@ -109,6 +110,18 @@ def test_its_constants_are_estimated_over_segments_of_any_length(horizon: float)
     assert values["wh"] == pytest.approx(PACE, rel=0.02)
     assert values["zh"] == pytest.approx(DAMPING, rel=0.2)
     assert entry.fit.cost < 0.1 * again.fit.cost
+
+
+def test_one_linearisation_tells_what_a_memory_gains() -> None:
+    arena, null = arena_of(3, MASS, 5.0)
+    wider, (again,) = with_located(arena, [null])
+    labels = [c.label for c in wider.super_model.candidates]
+    number = labels.index("hidden_mode@equation:vb")
+    trials = {t.members: t for t in tried(wider, again, {}, lambda: False, None)}
+    trial = trials[(number,)]
+    assert trial.cost < 0.2 * again.fit.cost
+    values = wider.super_model.own_values(number, trial.theta)
+    assert values["mh"] == pytest.approx(MASS, rel=0.3)
 
 
 def test_entries_keep_their_cost_where_a_memory_joins() -> None:

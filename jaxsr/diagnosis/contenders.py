@@ -154,7 +154,8 @@ def _unscreened(forces: list[Candidate]) -> list[Candidate]:
     kept: dict[tuple[str, bool], list[Candidate]] = {}
     for candidate in forces:
         if candidate.mechanism not in SEEDED:
-            kept.setdefault((candidate.label, grows_in_proportion(candidate)), []).append(candidate)
+            quick = grows_in_proportion(candidate) and not candidate.states
+            kept.setdefault((candidate.label, quick), []).append(candidate)
     return [c for (_, quick), variants in kept.items() for c in variants[: STARTS[quick]]]
 
 

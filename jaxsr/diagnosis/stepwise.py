@@ -211,9 +211,14 @@ def tried(
         for i in range(len(super_model.candidates))
         if (m := tuple(sorted({*leader.members, i}))) not in found and not redundant(super_model, m)
     ]
-    smooth = [i for i in numbers if grows_in_proportion(super_model.candidates[i])]
-    trials = _tangent(arena, leader, smooth)
     hidden = any(p.states.hidden for p in arena.prepared)
+    smooth = [
+        i
+        for i in numbers
+        # the course of a memory is known where the motion is
+        if grows_in_proportion(c := super_model.candidates[i]) and not (hidden and c.states)
+    ]
+    trials = _tangent(arena, leader, smooth)
     for number in (i for i in numbers if i not in smooth):
         if exhausted() or tell is None:
             break

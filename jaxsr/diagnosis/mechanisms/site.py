@@ -29,8 +29,9 @@ class Threshold(ParameterSpec):
 
 
 def grows_in_proportion(candidate: Candidate) -> bool:
-    """Whether a mechanism brings no state along and grows from nothing in proportion."""
-    return not candidate.states and not any(isinstance(p, Threshold) for p in candidate.parameters)
+    """Whether a mechanism grows from nothing in proportion to its coefficients."""
+    lags = bool(candidate.states and candidate.replaced)
+    return not lags and not any(isinstance(p, Threshold) for p in candidate.parameters)
 
 
 @dataclass(frozen=True)
