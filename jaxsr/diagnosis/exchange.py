@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contest import CONTEST_TOLERANCE, Arena, Entry, enter
 from jaxsr.diagnosis.nesting import INSIDE, continued
+from jaxsr.diagnosis.peaks import peaked
 from jaxsr.diagnosis.stepwise import Trial, promising, tried
 
 RIVALS, KIN, RIVAL_PATIENCE = 4, 3, 3.0
@@ -40,7 +41,7 @@ def exchange(
         if exhausted():
             break
         quick = tried(arena, rest, found, exhausted, None)
-        trials = _richer(arena.super_model, number, rest, found)
+        trials = _richer(arena, number, rest, found)
         trials += _kin(arena.super_model, number, rest, quick, known)
         if len(known) < RIVALS:
             trials += promising(arena.super_model, rest, quick, RIVALS, worth=0.0)
@@ -59,34 +60,44 @@ def exchange(
 
 
 def _richer(
-    super_model: SuperModel,
-    number: int,
-    rest: Entry,
-    found: Mapping[tuple[int, ...], Entry],
+    arena: Arena, number: int, rest: Entry, found: Mapping[tuple[int, ...], Entry]
 ) -> list[Trial]:
     """Start the richer laws of a site where the law inside them ended.
 
     Begun from nothing, a law with several constants that jumps may end far above the simpler one
     that it contains.
     """
+    super_model = arena.super_model
     site = super_model.candidates[number].site
-    trials = []
+    richer: dict[str, list[int]] = {}
     for other, candidate in enumerate(super_model.candidates):
-        if candidate.site != site or candidate.mechanism not in INSIDE or other in rest.members:
+        if candidate.site == site and candidate.mechanism in INSIDE and other not in rest.members:
+            richer.setdefault(candidate.mechanism, []).append(other)
+    trials = []
+    for mechanism, laws in richer.items():
+        simpler, values = INSIDE[mechanism]
+        plain = _beside(super_model, found.values(), rest.members, f"{simpler}@{site}")
+        if plain is None:
             continue
-        simpler, values = INSIDE[candidate.mechanism]
-        members = tuple(sorted({*rest.members, other}))
-        for entry in found.values():
-            more = set(entry.members) - set(rest.members)
-            if len(more) != 1 or len(entry.members) != len(members) or not entry.fit.usable:
-                continue
-            (inner,) = more
-            if super_model.candidates[inner].label != f"{simpler}@{site}":
-                continue
-            theta = continued(super_model, entry.fit.theta, inner, other, values)
-            trials.append(Trial(members, entry.fit.cost, theta, entry.fit.path))
-            break
+        (inner,) = set(plain.members) - set(rest.members)
+        starts = [(other, values) for other in laws]
+        if mechanism == "stribeck_friction" and (peak := peaked(arena, plain, inner, laws)):
+            starts = [peak]
+        for other, start in starts:
+            theta = continued(super_model, plain.fit.theta, inner, other, start)
+            members = tuple(sorted({*rest.members, other}))
+            trials.append(Trial(members, plain.fit.cost, theta, plain.fit.path))
     return trials
+
+
+def _beside(
+    super_model: SuperModel, entries: Iterable[Entry], rest: Sequence[int], label: str
+) -> Entry | None:
+    """Return the best usable entry of `rest` and one candidate of a label."""
+    chosen = [
+        e for e in entries if e.fit.usable and _label_beside(super_model, e.members, rest) == label
+    ]
+    return min(chosen, key=lambda e: e.fit.cost, default=None)
 
 
 def _kin(

@@ -1,0 +1,55 @@
+"""Stribeck peaks beside Coulomb friction: at which velocity one would lower the cost most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxsr.diagnosis.contest import Arena, Entry, in_steps_of
+from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.responses import Responses
+from jaxsr.expressions import evaluate, parse
+
+VELOCITIES = 12
+WIDEST = 0.7
+"""Widest peak looked at, relative to its bound: a wider one is a constant."""
+
+
+def peaked(
+    arena: Arena, plain: Entry, inner: int, laws: Sequence[int]
+) -> tuple[int, dict[str, float]] | None:
+    """Return which of several Stribeck laws would help an entry most, and where it starts.
+
+    Beside the friction Fc that the entry has, the peak (Fs - Fc)*exp(-(abs(v)/vs)**n) is linear
+    in its height: one linearisation tells what every vs gains. None where all gain by a dip.
+    """
+    super_model = arena.super_model
+    law = super_model.candidates[laws[0]]
+    sites = sites_of(super_model.given, {})
+    at = next((j for j, s in enumerate(sites) if s.name == law.site), None)
+    if at is None or plain.fit.path is None or not plain.fit.usable:
+        return None
+    responses = Responses.of(in_steps_of(arena, plain), plain, sites)
+    state = list(super_model.given.states).index(sites[at].state)
+    best: tuple[float, int, float, float] | None = None
+    for number in laws:
+        width = next(p for p in super_model.candidates[number].parameters if p.name == "vs")
+        grid = np.geomspace(2.0 * width.low, WIDEST * width.high, VELOCITIES)
+        ((_, text),) = super_model.candidates[number].terms
+        term = parse(text.format(Fc="0", Fs="1", vs="vs"))
+
+        def shapes(s: int, term=term, grid=grid) -> np.ndarray:
+            speed = responses.path[state, : int(responses.segments.count[s]), s]
+            middle = 0.5 * (speed[1:] + speed[:-1])[:, None]
+            return np.asarray(evaluate(term, {sites[at].state: middle, "vs": grid}))
+
+        gains, heights = responses.gains(at, shapes, 1)
+        gains = np.where(heights[:, 0] > 0.0, gains, 0.0)
+        k = int(np.argmax(gains))
+        if gains[k] > (best[0] if best else 0.0):
+            best = float(gains[k]), number, float(grid[k]), float(heights[k, 0])
+    if best is None:
+        return None
+    friction = super_model.own_values(inner, plain.fit.theta)["Fc"]
+    return best[1], {"Fc": friction, "Fs": friction + best[3], "vs": best[2]}
