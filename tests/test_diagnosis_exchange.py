@@ -18,6 +18,7 @@ from jaxsr.diagnosis.exchange import exchange
 from jaxsr.diagnosis.integration import choose_stepping
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.nesting import INSIDE, continued, simplified
+from jaxsr.diagnosis.peaks import peaked
 from jaxsr.diagnosis.refine import Ground, refine
 from jaxsr.models import Model, Simulator, apply_edit, parse_model
 from jaxsr.models.segments import Prepared
@@ -108,6 +109,12 @@ def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monke
     spoilt = theta.copy()
     for name, value in {"Fc": 0.0, "Fs": 60.0, "vs": 0.02}.items():
         spoilt[list(super_model.model.parameters).index(super_model.names[1][name])] = value
+    found_peak = peaked(arena, coulomb, 0, [1])
+    assert found_peak is not None
+    number, start = found_peak
+    assert number == 1
+    assert 0.2 < start["vs"] < 0.8
+    assert start["Fc"] < start["Fs"] < 3.0 * start["Fc"]
     bad = enter(arena, (1,), spoilt, null.fit.path, max_iterations=1)
     assert bad.fit.cost > coulomb.fit.cost
     found = {e.members: e for e in exchange(arena, coulomb, [null, coulomb, bad], lambda: False)}
