@@ -11,6 +11,7 @@ import scipy.stats
 
 from jaxsr.diagnosis.blocks import MIN_GAIN, correlation_length, gain, weights
 from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.coloured import likelihood_ratio
 from jaxsr.diagnosis.contest import Arena, Entry
 from jaxsr.diagnosis.uncertainty import half_widths
 
@@ -237,11 +238,16 @@ def detect_in_noise(null: Entry, chosen: Entry, candidates: int) -> Detection:
     """Test an entry against re-calibration alone where noise limits the fit: likelihood ratio.
 
     n log(cost_0 / cost_1) is chi-squared with as many degrees of freedom as there are added
-    constants (Wilks); the rate of false alarms, `SIGNIFICANCE`, is shared by all candidates.
+    constants (Wilks); the rate of false alarms, `SIGNIFICANCE`, is shared by all candidates. So
+    is the ratio by innovations, which sees where in the spectrum coloured noise is strong: a
+    slow force must not stand out from noise that is slow itself.
     """
     more = max(chosen.fit.active.size - null.fit.active.size, 1)
     ratio = np.log((null.fit.cost + 1e-300) / (chosen.fit.cost + 1e-300))
-    p = float(scipy.stats.chi2.sf(independent_residuals(chosen) * ratio, more))
+    statistic = independent_residuals(chosen) * ratio
+    if null.fit.usable and chosen.fit.usable:
+        statistic = min(statistic, likelihood_ratio(null.fit, chosen.fit))
+    p = float(scipy.stats.chi2.sf(statistic, more))
     threshold = SIGNIFICANCE / max(candidates, 1)
     return Detection(p < threshold, float(ratio), p, threshold, SIGNIFICANCE)
 
