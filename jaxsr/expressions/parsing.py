@@ -14,7 +14,7 @@ from jaxsr.expressions.primitives import FUNCTIONS_BY_TEXT, INTEGRALS
 from jaxsr.expressions.printing import to_text
 from jaxsr.expressions.term import Term
 
-MAX_CHARACTERS = 10_000
+MAX_CHARACTERS = 100_000
 MAX_NESTING = 100
 MAX_LEVELS = 250  # of operators: a flat sum nests to the left, and walks are recursive
 MAX_POWER = 1e6
