@@ -8,8 +8,7 @@ import jax
 import numpy as np
 import pytest
 from diagnosis_systems import ARM as ARM_FILE
-from diagnosis_systems import CART as PLAIN
-from diagnosis_systems import STIFF
+from diagnosis_systems import CART, STIFF
 
 from jaxsr._result import Verdict
 from jaxsr.diagnosis.candidates import Candidate, SuperModel
@@ -388,7 +387,7 @@ def test_a_long_equation_takes_every_mechanism_offered_beside_it() -> None:
     """The force of a serial arm, written out, fills thousands of characters on its own."""
     parts = [f"{0.001 / k:.18f}*c*q**{k % 5}*sin({k}.000000000000001*q)" for k in range(1, 165)]
     long = " + ".join(parts)
-    model = parse_model(PLAIN.replace("u - c*v", f"{long} - c*v"))
+    model = parse_model(CART.replace("u - c*v", f"{long} - c*v"))
     assert 7_500 < len(model.equations["v"]) < 10_000
     scale = {s: np.linspace(-2.0, 2.0, 21) for s in "qv"}
     candidates = force_candidates(model, scale)

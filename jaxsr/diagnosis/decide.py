@@ -238,9 +238,9 @@ def detect_in_noise(null: Entry, chosen: Entry, candidates: int) -> Detection:
     """Test an entry against re-calibration alone where noise limits the fit: likelihood ratio.
 
     n log(cost_0 / cost_1) is chi-squared with as many degrees of freedom as there are added
-    constants (Wilks); the rate of false alarms, `SIGNIFICANCE`, is shared by all candidates. So
-    is the ratio by innovations, which sees where in the spectrum coloured noise is strong: a
-    slow force must not stand out from noise that is slow itself.
+    constants (Wilks); the rate of false alarms, `SIGNIFICANCE`, is shared by all candidates. The
+    ratio by innovations sees where in the spectrum coloured noise is strong: a slow force must
+    stand out from noise that is slow itself. The smaller of the two counts.
     """
     more = max(chosen.fit.active.size - null.fit.active.size, 1)
     ratio = np.log((null.fit.cost + 1e-300) / (chosen.fit.cost + 1e-300))

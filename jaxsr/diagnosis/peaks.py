@@ -12,6 +12,7 @@ from jaxsr.diagnosis.responses import Responses
 from jaxsr.expressions import evaluate, parse
 
 VELOCITIES = 12
+"""Widths of a peak looked at, from twice its bound on."""
 WIDEST = 0.7
 """Widest peak looked at, relative to its bound: a wider one is a constant."""
 

@@ -41,21 +41,14 @@ def resonance_candidates(arena: Arena, entry: Entry, responses: Responses) -> li
     least = noise * (SURE + 2.0 * np.log(len(choices) * len(responses.sites)))
     found = []
     for j, site in enumerate(responses.sites):
-        if site.position is None or not _reverses(responses, site):
-            continue
+        if site.position is None or not responses.reverses(site):
+            continue  # a motion that does not return excites no resonance
         gains, masses = responses.gains(j, _reactions(arena, responses, site, choices), 1)
         gains = np.where(masses[:, 0] > 0.0, gains, 0.0)
         best = int(np.argmax(gains))
         if gains[best] > least:
             found.append(hidden_mode(site, *choices[best], (0.5 * low, high), len(paces)))
     return found
-
-
-def _reverses(responses: Responses, site: Site) -> bool:
-    """Whether a motion goes both ways: one that does not return excites no resonance."""
-    speed = responses.path[list(site.model.states).index(site.state)]
-    speed = speed[np.isfinite(responses.segments.outputs).any(axis=0)]
-    return bool(np.quantile(speed, 0.05) < 0.0 < np.quantile(speed, 0.95))
 
 
 def _reactions(

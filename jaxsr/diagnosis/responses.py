@@ -83,6 +83,16 @@ class Responses:
             x[k + 1] += enter[k][:, None] * shape[k]
         return np.einsum("oik,kiw->wok", self.read[:, :, :count, segment], x, optimize=True)
 
+    def course(self, state: str) -> np.ndarray:
+        """Return a state along the path, wherever an output is measured; shape (samples,)."""
+        values = self.path[list(self.sites[0].model.states).index(state)]
+        return values[np.isfinite(self.segments.outputs).any(axis=0)]
+
+    def reverses(self, site: Site) -> bool:
+        """Whether the motion along a site goes both ways."""
+        speed = self.course(site.state)
+        return bool(np.quantile(speed, 0.05) < 0.0 < np.quantile(speed, 0.95))
+
     def gains(self, site: int, shapes: Shapes, together: int) -> tuple[np.ndarray, np.ndarray]:
         r"""How much the cost falls with forces along an equation, all segments together.
 

@@ -90,7 +90,6 @@ def wave_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
 
 def _kinds(arena: Arena, responses: Responses) -> Iterator[_Kind]:
     """Yield what may repeat along every equation."""
-    names = list(arena.super_model.given.states)
     step = float(np.median(np.diff(arena.prepared[0].time)))
     span = max(float(p.time[-1] - p.time[0]) for p in arena.prepared)
     frequencies = _grid(4.0 * np.pi / span, np.pi / (8.0 * step), span)
@@ -98,10 +97,8 @@ def _kinds(arena: Arena, responses: Responses) -> Iterator[_Kind]:
         yield _Kind(j, harmonic, frequencies, _in_time)
         if site.position is None:
             continue
-        path, speed = (responses.path[names.index(s)] for s in (site.position, site.state))
-        known = np.isfinite(responses.segments.outputs).any(axis=0)
-        path, speed = path[known], speed[known]
-        if np.quantile(speed, 0.05) < 0.0 < np.quantile(speed, 0.95):
+        path, speed = responses.course(site.position), responses.course(site.state)
+        if responses.reverses(site):
             yield _Kind(j, swing, frequencies, _of_stiffness)
         length = float(np.diff(np.quantile(path, [0.02, 0.98]))[0])
         typical = float(np.sqrt(np.mean(speed**2)))
