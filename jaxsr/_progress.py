@@ -159,6 +159,8 @@ class Budget:
 
     def keeping(self, seconds: float) -> Budget:
         """Return a budget that ends so many seconds earlier and hears the same interrupt."""
+        if math.isinf(self.seconds):
+            return self
         return Budget(max(self.seconds - seconds, sys.float_info.min), self._start, self._interrupt)
 
 

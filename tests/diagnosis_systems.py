@@ -106,3 +106,21 @@ k4 = { value = 0.06, bounds = [0.001, 0.5] }
 h1 = "free"
 h2 = "free"
 """
+TWO_MASSES = """
+[model]
+name = "two masses"
+states = ["a", "b", "va", "vb"]
+inputs = ["u"]
+outputs = ["y", "z"]
+[equations]
+a = "va"
+b = "vb"
+va = "u - ka*a - 0.4*va + 6*(b - a)"
+vb = "-kb*b - 0.3*vb + 6*(a - b)"
+[readings]
+y = "a"
+z = "b"
+[parameters]
+ka = { value = 9.0, bounds = [1.0, 50.0] }
+kb = { value = 4.0, bounds = [1.0, 50.0] }
+"""

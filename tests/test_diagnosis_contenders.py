@@ -15,6 +15,36 @@ from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.models import Simulator, parse_model
 from jaxsr.recordings import Recording
 
+TANKS = """
+[model]
+states = ["h", "g"]
+inputs = ["u"]
+outputs = ["y"]
+[equations]
+h = "b*u - a*sqrt(Max(h, 0))"
+g = "a*sqrt(Max(h, 0)) - c*sqrt(Max(g, 0))"
+[readings]
+y = "g"
+[parameters]
+a = { value = 1.0, bounds = [0.2, 5.0] }
+b = { value = 2e-3, bounds = [1e-4, 1e-1] }
+c = { value = 0.8, bounds = [0.2, 5.0] }
+"""
+
+
+def test_thresholds_of_an_input_lie_within_it_where_a_state_hides() -> None:
+    """The upper tank has no sensor; commands go from 300 to 900."""
+    t = np.arange(400) * 0.1
+    u = 600.0 + 300.0 * np.sin(0.4 * t)
+    recording = Recording("a.csv", t, {"u": u, "y": 2.0 + 0.5 * np.sin(0.4 * t - 1.0)})
+    simulator = Simulator(parse_model(TANKS))
+    prepared = prepare(simulator.model, [recording])
+    case = Case(simulator, prepared, screen_all(simulator, prepared), Budget(), Budget())
+    assert case.screened is None
+    super_model, _ = contenders(case, [])
+    limits = [c for c in super_model.candidates if c.mechanism == "input_saturation"]
+    assert limits and all(u.min() < c.parameters[0].seed < u.max() for c in limits)
+
 
 def test_walls_on_both_sides_enter_wherever_the_weak_view_sees_one() -> None:
     """A mass between a spring and a damper meets a second spring below -0.5 m, rarely."""

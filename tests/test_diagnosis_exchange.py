@@ -17,6 +17,8 @@ from jaxsr.diagnosis.contest import build_arena, enter, neutral_values
 from jaxsr.diagnosis.exchange import exchange
 from jaxsr.diagnosis.integration import choose_stepping
 from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.mechanisms.memory import memory_candidates
+from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.nesting import INSIDE, continued, simplified
 from jaxsr.diagnosis.peaks import peaked
 from jaxsr.diagnosis.refine import Ground, refine
@@ -24,6 +26,21 @@ from jaxsr.models import Model, Simulator, apply_edit, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
 
+SWING = """
+[model]
+states = ["q", "v"]
+inputs = ["torque"]
+outputs = ["y"]
+[equations]
+q = "v"
+v = "b*torque - c*v - g*sin(q)"
+[readings]
+y = "q"
+[parameters]
+b = { value = 1.2, bounds = [0.3, 3.0] }
+c = { value = 0.4, bounds = [0.05, 2.0] }
+g = { value = 30.0, bounds = [10.0, 90.0] }
+"""
 SCALE = {"q": np.linspace(-2.0, 2.0, 21), "v": np.linspace(-2.0, 2.0, 21)}
 MASS = parse_model(STIFF)
 
@@ -129,3 +146,42 @@ def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monke
     for name, truth in {"Fc": 2.0, "Fs": 4.0, "vs": 0.4}.items():
         value, half = refined.interval(name)
         assert abs(value - truth) < half < 0.05 * truth
+
+
+def test_a_delay_of_several_samples_is_found_from_the_lag_that_imitates_it(monkeypatch) -> None:
+    """A pendulum turning over, read 0.055 s late; what a linearisation promises is left out."""
+    monkeypatch.setattr("jaxsr.diagnosis.exchange.RIVAL_PATIENCE", 60.0)
+    monkeypatch.setattr("jaxsr.diagnosis.exchange.tried", lambda *args: [])
+    t = np.arange(1500) * 0.01
+    tones = np.array([0.9, 2.3, 4.1])
+
+    def push(s: float | np.ndarray) -> np.ndarray:
+        return 14.0 * np.sin(np.multiply.outer(s, tones)).sum(-1)
+
+    def rate(s: float, x: np.ndarray) -> list[float]:
+        return [x[1], push(s) - 30.0 * np.sin(x[0]) - 0.4 * x[1]]
+
+    free = solve_ivp(rate, (0.0, t[-1]), [0.0, 0.0], "RK45", rtol=1e-9, dense_output=True)
+    q = free.sol(np.maximum(t - 0.055, 0.0))[0]
+    y = q + 1e-3 * np.random.default_rng(0).standard_normal(t.size)
+    model = parse_model(SWING)
+    prepared = [Prepared.build(model, Recording("a.csv", t, {"torque": push(t), "y": y}))]
+    offered = [
+        *memory_candidates(model, SCALE, 0.01),
+        *timing_candidates(model, 0.01, float(t[-1])),
+    ]
+    chosen = [
+        next(c for c in offered if c.mechanism == name) for name in ("actuator_lag", "sensor_delay")
+    ]
+    super_model = SuperModel.build(model, chosen)
+    simulator, theta = Simulator(super_model.model), neutral_values(super_model)
+    stepping = choose_stepping(simulator, prepared, theta)
+    arena = build_arena(super_model, prepared, stepping, 1.0, np.array([1e-3]), simulator)
+    null = enter(arena, (), theta)
+    lag = enter(arena, (0,), theta, null.fit.path)
+    assert lag.fit.cost < 0.5 * null.fit.cost
+    found = {e.members: e for e in exchange(arena, lag, [null, lag], lambda: False)}
+    delay = found[1,]
+    assert delay.fit.cost < 0.1 * lag.fit.cost
+    (tau,) = delay.fit.theta[super_model.index(1)]
+    assert abs(tau - 0.055) < 1e-3

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import jax
 import numpy as np
 import pytest
@@ -122,8 +120,7 @@ def test_a_compressive_curve_is_a_saturation_too():
 def test_a_limit_is_looked_for_among_the_largest_commands():
     """Commands of 20 to 40: the mildest limit cuts off about one in fifty, wherever they lie."""
     u = np.linspace(20.0, 40.0, 501)
-    motion = SimpleNamespace(signals={"u": u})
-    limits = [c for c in actuator(MASS, motion) if c.mechanism == "input_saturation"]
+    limits = [c for c in actuator(MASS, {"u": u}) if c.mechanism == "input_saturation"]
     seeds = [c.parameters[0].seed for c in limits if "tanh" not in c.terms[0][1]]
     assert np.mean(u > max(seeds)) == pytest.approx(0.02, abs=0.005)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from diagnosis_systems import TWO_MASSES
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -19,24 +20,6 @@ from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
 
-MODEL = """
-[model]
-name = "two masses"
-states = ["a", "b", "va", "vb"]
-inputs = ["u"]
-outputs = ["y", "z"]
-[equations]
-a = "va"
-b = "vb"
-va = "u - ka*a - 0.4*va + 6*(b - a)"
-vb = "-kb*b - 0.3*vb + 6*(a - b)"
-[readings]
-y = "a"
-z = "b"
-[parameters]
-ka = { value = 9.0, bounds = [1.0, 50.0] }
-kb = { value = 4.0, bounds = [1.0, 50.0] }
-"""
 TIME = np.arange(0.0, 20.0, 0.025)
 NOISE = 2e-4
 PACE, DAMPING, MASS = 2.9, 0.06, 0.15  # slower than both modes
@@ -61,7 +44,7 @@ def recording(name: str, rng: np.random.Generator, mass: float) -> Recording:
 
 
 def arena_of(seed: int, mass: float, horizon: float) -> tuple[Arena, Entry]:
-    rng, model = np.random.default_rng(seed), parse_model(MODEL)
+    rng, model = np.random.default_rng(seed), parse_model(TWO_MASSES)
     prepared = tuple(Prepared.build(model, recording(f"r{k}.csv", rng, mass)) for k in range(2))
     super_model = SuperModel.build(model, [])
     setting = Stepping("rk4", 1), horizon, np.full(2, NOISE), Simulator(model)

@@ -110,7 +110,7 @@ def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[St
         corrections = [c for site in sites_of(given, scale) for c in shapes(site)]
         forces = _unscreened(
             [
-                *force_candidates(given, scale),
+                *force_candidates(given, scale, inputs=_inputs(case)),
                 *memory_candidates(given, scale, step),
                 *corrections,
             ]
@@ -143,6 +143,12 @@ def _readings(case: Case) -> dict[str, np.ndarray]:
     """Samples of every output over all recordings."""
     values = np.concatenate([p.outputs for p in case.prepared])
     return dict(zip(case.simulator.model.outputs, values.T, strict=True))
+
+
+def _inputs(case: Case) -> dict[str, np.ndarray]:
+    """Samples of every input over all recordings."""
+    values = np.concatenate([p.inputs for p in case.prepared])
+    return dict(zip(case.simulator.model.inputs, values.T, strict=True))
 
 
 def _unscreened(forces: list[Candidate]) -> list[Candidate]:

@@ -55,8 +55,8 @@ MOST_PATIENCE = 10.0
 """The same in seconds: what takes longer is caught in a law that jumps."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
-SEARCHING = 0.75
-"""Share of the time left after screening that trying sets may take at most."""
+SEARCHING = 0.65
+"""Share of the time budget after which no more sets are tried."""
 REPORTING = 3.0
 """Time kept for refining and reporting, relative to that of reading and screening."""
 AGAIN = 0.2
@@ -125,7 +125,8 @@ def diagnose(
     progress.stage("screening mechanisms in the weak view")
     screened = screen_all(simulator, prepared)
     # What was slow to read and to screen is slow to report.
-    search = budget.share(SEARCHING).keeping(REPORTING * budget.elapsed)
+    reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * budget.elapsed)
+    search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress)
     decision, headline, grown = decided(case, contest(case), rng)
     if not decision[-1].detected and case.search.remaining >= AGAIN * budget.seconds:

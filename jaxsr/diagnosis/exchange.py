@@ -16,6 +16,8 @@ from jaxsr.diagnosis.stepwise import Trial, promising, tried
 RIVALS, KIN, RIVAL_PATIENCE = 4, 3, 3.0
 """Mechanisms estimated in the place of each of the chosen, wherever they act and at its own site,
 and the seconds that each may take."""
+DELAYS = 3
+"""Delays tried in the place of a lag."""
 
 
 def exchange(
@@ -41,7 +43,7 @@ def exchange(
         if exhausted():
             break
         quick = tried(arena, rest, found, exhausted, None)
-        trials = _richer(arena, number, rest, found)
+        trials = _richer(arena, number, rest, found) + _late(arena, number, rest, found)
         trials += _kin(arena.super_model, number, rest, quick, known)
         if len(known) < RIVALS:
             trials += promising(arena.super_model, rest, quick, RIVALS, worth=0.0)
@@ -88,6 +90,29 @@ def _richer(
             members = tuple(sorted({*rest.members, other}))
             trials.append(Trial(members, plain.fit.cost, theta, plain.fit.path))
     return trials
+
+
+def _late(
+    arena: Arena, number: int, rest: Entry, found: Mapping[tuple[int, ...], Entry]
+) -> list[Trial]:
+    """Start delays at the time constant of a lag, which looks like one to slow motion.
+
+    From no delay at all, one of several samples may be out of sight.
+    """
+    super_model = arena.super_model
+    whole = found.get(tuple(sorted({*rest.members, number})))
+    own = super_model.candidates[number]
+    if whole is None or not (own.mechanism == "actuator_lag" and whole.fit.usable):
+        return []
+    trials = []
+    for other, candidate in enumerate(super_model.candidates):
+        if not candidate.delays or other in rest.members:
+            continue
+        theta = continued(super_model, whole.fit.theta, number, other, {"tau": "tau"})
+        theta = np.clip(theta, *arena.bounds)
+        members = tuple(sorted({*rest.members, other}))
+        trials.append(Trial(members, whole.fit.cost, theta, rest.fit.path))
+    return trials[:DELAYS]
 
 
 def _beside(

@@ -1,4 +1,4 @@
-"""Forces that free runs locate better than the weak view: pushes, waves and resonances."""
+"""Forces that free runs locate better than the weak view: pushes, waves, resonances, springs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.pushes import push_candidates
 from jaxsr.diagnosis.resonances import resonance_candidates
 from jaxsr.diagnosis.responses import Responses
+from jaxsr.diagnosis.springs import spring_candidates
 from jaxsr.diagnosis.waves import wave_candidates
 from jaxsr.models import Simulator
 from jaxsr.models.lifting import liftable
@@ -27,6 +28,7 @@ def with_located(arena: Arena, entries: list[Entry]) -> tuple[Arena, list[Entry]
         *push_candidates(arena, null, responses),
         *wave_candidates(arena, null, responses),
         *resonance_candidates(arena, null, responses),
+        *spring_candidates(arena, null, responses),
     ]
     return _joined(arena, entries, candidates) if candidates else (arena, entries)
 

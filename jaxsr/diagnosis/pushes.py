@@ -12,10 +12,8 @@ from jaxsr.diagnosis.contest import Arena, Entry
 from jaxsr.diagnosis.decide import independent_residuals
 from jaxsr.diagnosis.mechanisms.external import CONCENTRATED, LONGEST, push
 from jaxsr.diagnosis.mechanisms.site import Site
-from jaxsr.diagnosis.responses import Responses
+from jaxsr.diagnosis.responses import Responses, surely
 
-SURE = 16.0
-"""Statistic of a push beyond what the best of all windows reaches by chance, 2 log(windows)."""
 MOST = 2
 CENTRES = 100
 """Centres looked at in a segment for each width."""
@@ -52,7 +50,7 @@ def push_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
     noise = entry.fit.cost / independent_residuals(entry)
     # Where more than noise is left, windows usually gain more than chi-squared's median.
     noise *= max(float(np.median(every)) / noise / 0.455, 1.0)
-    sure = noise * (SURE + 2.0 * np.log(every.size))
+    sure = surely(noise, every.size)
     single = len(arena.prepared) == 1
     least = max(sure, CONCENTRATED * entry.fit.cost if single else 0.0)
     best = sorted((p for p in found if p.gain > least), key=lambda p: -p.gain)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -90,6 +90,7 @@ class Lean:
     simulator: Simulator
     stepping: Stepping
     parameters: np.ndarray
+    _known: dict[tuple, FreeRun] = field(default_factory=dict, repr=False)
 
     def active(self, wanted: np.ndarray) -> np.ndarray:
         """Positions here of parameters of the full one."""
@@ -102,10 +103,15 @@ class Lean:
         horizon: float | None,
         like: Sequence[Prepared] = (),
     ) -> FreeRun:
-        """Score parameters of the super-model in free run."""
-        return free_run(
-            self.simulator, self.stepping, prepared, theta[self.parameters], horizon, like
-        )
+        """Score parameters of the super-model in free run; what was asked before is kept.
+
+        `like` changes how segments are padded, not what they give.
+        """
+        own = theta[self.parameters]
+        key = (tuple(prepared), own.tobytes(), horizon)
+        if key not in self._known:
+            self._known[key] = free_run(self.simulator, self.stepping, prepared, own, horizon, like)
+        return self._known[key]
 
 
 def lean(

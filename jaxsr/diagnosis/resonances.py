@@ -12,10 +12,8 @@ from jaxsr.diagnosis.contest import Arena, Entry
 from jaxsr.diagnosis.decide import independent_residuals
 from jaxsr.diagnosis.mechanisms.memory import FASTEST, hidden_mode
 from jaxsr.diagnosis.mechanisms.site import Site
-from jaxsr.diagnosis.responses import Responses
+from jaxsr.diagnosis.responses import Responses, surely
 
-SURE = 16.0
-"""Statistic beyond what the best of all resonators reaches by chance, 2 log(resonators)."""
 APART = 1.08
 """Ratio of neighbouring frequencies: a lightly damped resonance is as wide."""
 DAMPINGS = (0.05, 0.3)
@@ -38,7 +36,7 @@ def resonance_candidates(arena: Arena, entry: Entry, responses: Responses) -> li
     paces = np.geomspace(low, high, int(np.ceil(np.log(high / low) / np.log(APART))) + 1)
     choices = [(pace, damping) for damping in DAMPINGS for pace in paces]
     noise = entry.fit.cost / independent_residuals(entry)
-    least = noise * (SURE + 2.0 * np.log(len(choices) * len(responses.sites)))
+    least = surely(noise, len(choices) * len(responses.sites))
     found = []
     for j, site in enumerate(responses.sites):
         if site.position is None or not responses.reverses(site):

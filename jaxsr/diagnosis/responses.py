@@ -18,6 +18,8 @@ from jaxsr.models.segments import Segments
 
 Shapes = Callable[[int], np.ndarray]
 """Segment to forces in the middle of its steps, (samples - 1, forces)."""
+SURE = 16.0
+"""Statistic beyond what the best of all choices reaches by chance, 2 log(choices)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +133,11 @@ class Responses:
         coefficients = np.linalg.solve(power, score[..., None])[..., 0]
         gains = np.where(clear, np.sum(score * coefficients, axis=1), 0.0)
         return np.maximum(gains, 0.0), coefficients
+
+
+def surely(noise: float, choices: int) -> float:
+    """Return the fall of the cost from which the best of many forces is no doing of noise."""
+    return noise * (SURE + 2.0 * float(np.log(choices)))
 
 
 def _derivatives(

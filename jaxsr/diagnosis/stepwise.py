@@ -33,7 +33,8 @@ FIRST, LARGE = 2, 0.5
 """Mechanisms estimated before the slow ones are tried, and the cost they must promise, relative."""
 BROKEN = 0.9
 """Share of the gain promised by one iteration, missed by which an estimate begins anew."""
-PARENTS = 2
+PARENTS = {False: 2, True: 3}
+"""Sets of different mechanisms that grow on; more where all leave far more than the noise."""
 WORTH = 0.3
 """Share of the best quick gain from which a mechanism is estimated in full."""
 VARIANT = 0.7
@@ -77,10 +78,13 @@ def grow(
         known = [e for e in found.values() if not e.members or plausible(arena, e)]
         n = independent_residuals(min(known, key=lambda e: e.fit.cost))
         known.sort(key=lambda e: criterion(arena.super_model, e, n))
-        leaders = [e for e in known if len(e.members) == size][:PARENTS]
-        if not leaders:
-            break
-        if leaders[0] is not known[0] and residual_to_noise(arena, known[0]) <= LIMITED:
+        far = residual_to_noise(arena, known[0]) > LIMITED
+        distinct: dict[tuple[str, ...], Entry] = {}
+        for entry in (e for e in known if len(e.members) == size):
+            labels = tuple(arena.super_model.candidates[i].label for i in entry.members)
+            distinct.setdefault(labels, entry)
+        leaders = list(distinct.values())[: PARENTS[far]]
+        if not leaders or (leaders[0] is not known[0] and not far):
             break
     return list(found.values())
 

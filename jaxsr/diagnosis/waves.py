@@ -13,10 +13,8 @@ from jaxsr.diagnosis.decide import independent_residuals
 from jaxsr.diagnosis.mechanisms.motion import MOST_OF_IT, Line, driven_lines, floor_of
 from jaxsr.diagnosis.mechanisms.periodic import harmonic, ripple, swing
 from jaxsr.diagnosis.mechanisms.site import Site
-from jaxsr.diagnosis.responses import Responses
+from jaxsr.diagnosis.responses import Responses, surely
 
-SURE = 16.0
-"""Statistic beyond what the best of all frequencies reaches by chance, 2 log(frequencies)."""
 PROMINENT = 10.0
 """Gain over the median of the neighbouring frequencies."""
 PERIODS = 150
@@ -72,7 +70,7 @@ def wave_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
         usual = np.maximum(floor_of(gains), 1.386 * noise)
         enough = MOST_OF_IT * entry.fit.cost
         least = np.minimum(PROMINENT * usual, enough)
-        least = np.maximum(noise * (SURE + 2.0 * np.log(gains.size)), least)
+        least = np.maximum(surely(noise, gains.size), least)
         if kind.pair is not _along_path:
             # A controller answers a force: its line is then in the input as well.
             driven = _driven(arena, kind.grid) & (gains < enough)

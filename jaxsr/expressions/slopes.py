@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from jaxsr.expressions.primitives import PRIMITIVES
+from jaxsr.expressions.tape import Traced
 from jaxsr.expressions.term import BOOLEAN, Term
 
 Array = Any
@@ -107,7 +108,7 @@ def _selected(op: str, args: list[Array], slopes: list[Slopes]) -> Slopes:
         taken, rest = [], np.True_
         for _, own, condition in pairs:
             taken.append(_scaled(own, np.where(rest & condition, 1.0, 0.0)))
-            rest = rest & ~np.asarray(condition)
+            rest = rest & np.logical_not(condition)
         return _summed(taken)
     value, total = args[0], slopes[0]
     for other, own in zip(args[1:], slopes[1:], strict=True):
@@ -121,6 +122,9 @@ def _selected(op: str, args: list[Array], slopes: list[Slopes]) -> Slopes:
 
 def _power(base: Array, exponent: Array, wanted: bool) -> tuple[Array, Array]:
     """Return base**exponent for an exponent that is not differentiated by, and its slope."""
+    if isinstance(exponent, Traced):  # whether it is whole is not known yet
+        value, slope = exponent.called(_power, base, exponent, wanted, results=2)
+        return value, slope
     whole = np.ndim(exponent) == 0 and float(exponent).is_integer() and 0 < exponent < 10
     if whole:
         lower = base ** (int(exponent) - 1) if exponent > 1 else 1.0
@@ -130,7 +134,7 @@ def _power(base: Array, exponent: Array, wanted: bool) -> tuple[Array, Array]:
 
 
 def _general_power(a: Array, b: Array, value: Array) -> tuple[Array, Array]:
-    safe = np.where(np.asarray(a) > 0, a, 1.0)
+    safe = np.where(a > 0, a, 1.0)
     return b * np.float_power(a, b - 1.0), value * np.log(safe)
 
 
@@ -154,7 +158,7 @@ _FLAT = frozenset(
 )
 _PARTIALS: dict[str, Callable[..., tuple[Array, ...]]] = {
     "mul": lambda a, b, y: (b, a),
-    "div": lambda a, b, y: (1.0 / b, -y / b),
+    "div": lambda a, b, y: (np.divide(1.0, b), np.divide(-y, b)),
     "pow": _general_power,
     "neg": lambda a, y: (-1.0,),
     "sin": lambda a, y: (np.cos(a),),

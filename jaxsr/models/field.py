@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,11 +12,14 @@ import numpy as np
 
 from jaxsr.expressions import Term, evaluate
 from jaxsr.expressions.slopes import Slopes, Valued, evaluate_with_slopes
+from jaxsr.expressions.tape import Tape, UntraceableError
 from jaxsr.models.simulator import Simulator
-from jaxsr.models.stepping import factorised
+from jaxsr.models.stepping import factorised, nothing
 
 Array = Any
 Row = Mapping[str, Array]
+TAPED_FROM = 8
+"""Calls of a calculation that are interpreted before it is worth recording."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +62,22 @@ class Field:
         self._constants |= {f"width {i}": w for i, w in enumerate(widths)}
         self.by = frozenset({*self.model.states, *active, *delayed})
         self._rows = tuple(s for s in self.model.states if s in self.model.inertia)
+        self._guesses = tuple(f"rate of {s}" for s in self.model.states)
         known = {
             n: float(v)
             for n, v in self._constants.items()
             if n not in self.by and np.ndim(v) == 0 and v in (0.0, 1.0)
         }
-        self._equations, self._mass, self._readings = _without(
-            simulator, tuple(sorted(known.items()))
-        )
+        known_values = tuple(sorted(known.items()))
+        self._equations, self._mass, self._readings = _without(simulator, known_values)
+        self._recordings = _recordings(simulator, known_values, self.by)
+
+    def by_states(self) -> Field:
+        """Return the field differentiated by states alone."""
+        own = copy.copy(self)
+        own.by = frozenset(self.model.states)
+        own._recordings = _recordings(self.simulator, self._recordings.key, own.by)
+        return own
 
     def picked(self, chosen: Array) -> Field:
         """Return the field at some of the samples: a mask over an array of them."""
@@ -79,19 +90,42 @@ class Field:
 
     def rates(self, at: Point) -> list[Array]:
         """Return dx/dt, an array a state."""
-        shared: dict[Term, Any] = {}
+        return self._whole(at, self._calculated(Field._rates, self._environment(at)))
+
+    def slopes(self, at: Point) -> tuple[list[Array], list[Row]]:
+        """Return dx/dt and, a row a state, its derivatives by states, parameters and inputs."""
+        rates, rows = self._calculated(Field._slopes, self._environment(at))
+        return self._whole(at, rates), rows
+
+    def newton(
+        self, at: Point, k: Sequence[Array], size: Array
+    ) -> tuple[list[Array], list[Array], list[Row]]:
+        """Return a Newton step of k = f(x + size k), x + size k being the states of the point.
+
+        Returns
+        -------
+        left : list of ndarray
+            f - k.
+        step : list of ndarray
+            (1 - size J)^-1 (f - k), J the derivatives of f by the states.
+        rows : list of mapping
+            Derivatives of f, as `slopes` returns them.
+        """
         env = self._environment(at)
+        env["size"] = size
+        env.update(zip(self._guesses, k, strict=True))
+        return self._calculated(Field._newton, env)
+
+    def _rates(self, env: Mapping[str, Any]) -> list[Array]:
+        shared: dict[Term, Any] = {}
         values = {s: evaluate(e, env, "numpy", shared) for s, e in self._equations.items()}
         if self._rows:
             matrix, loads = self._inertia(lambda term: evaluate(term, env, "numpy", shared))
             values |= self._accelerations(matrix, loads, values)
-        like = np.zeros(np.shape(at.states[0]))
-        return [values[s] + like for s in self.model.states]
+        return [values[s] for s in self.model.states]
 
-    def slopes(self, at: Point) -> tuple[list[Array], list[Row]]:
-        """Return dx/dt and, a row a state, its derivatives by states, parameters and inputs."""
+    def _slopes(self, env: Mapping[str, Any]) -> tuple[list[Array], list[Row]]:
         shared: dict[Term, Any] = {}
-        env = self._environment(at)
 
         def valued(term: Term) -> tuple[Array, Slopes]:
             return evaluate_with_slopes(term, env, self.by, shared)
@@ -99,10 +133,22 @@ class Field:
         found = {s: valued(e) for s, e in self._equations.items()}
         if self._rows:
             found |= self._solved(found, valued)
+        states = self.model.states
+        return [found[s][0] for s in states], [found[s][1] for s in states]
+
+    def _newton(self, env: Mapping[str, Any]) -> tuple[list[Array], list[Array], list[Row]]:
+        rates, rows = self._slopes(env)
+        left = [f - env[k] for f, k in zip(rates, self._guesses, strict=True)]
+        step = factorised(implicit(rows, self.model.states, env["size"]))(tuple(left))
+        return left, list(step), rows
+
+    def _calculated(self, what: Callable, env: Mapping[str, Any]) -> Any:
+        return self._recordings.calculated(self, what, env)
+
+    def _whole(self, at: Point, values: Sequence[Array]) -> list[Array]:
+        """Give numbers the shape of the states."""
         like = np.zeros(np.shape(at.states[0]))
-        return [found[s][0] + like for s in self.model.states], [
-            found[s][1] for s in self.model.states
-        ]
+        return [value + like for value in values]
 
     def forces(self, at: Point) -> dict[str, Valued]:
         """Return the right-hand sides with their slopes: generalised forces with a mass matrix."""
@@ -185,9 +231,44 @@ class Field:
         for name in dict.fromkeys(n for part in parts for n in part):
             column = solve(tuple(part.get(name, 0.0) for part in parts))
             for own, value in zip(solved, column, strict=True):
-                if np.ndim(value) or value != 0.0:
+                if not nothing(value):
                     own[name] = value
         return {s: (rate, own) for s, rate, own in zip(self._rows, rates, solved, strict=True)}
+
+
+def implicit(rows: Sequence[Row], states: Sequence[str], size: Array) -> list[list[Array]]:
+    """Matrix 1 - size J; what does not depend on a state stays a number."""
+    return [
+        [float(i == j) - size * row[s] if s in row else float(i == j) for j, s in enumerate(states)]
+        for i, row in enumerate(rows)
+    ]
+
+
+class _Recordings:
+    """The calculations of a field: interpreted at first, replayed from tapes once frequent."""
+
+    def __init__(self, key: tuple) -> None:
+        self.key = key
+        self._calls: dict[Callable, int] = {}
+        self._tapes: dict[Callable, Tape | None] = {}
+
+    def calculated(self, field: Field, what: Callable, env: Mapping[str, Any]) -> Any:
+        count = self._calls[what] = self._calls.get(what, 0) + 1
+        if count <= TAPED_FROM:
+            return what(field, env)
+        if what not in self._tapes:
+            try:
+                self._tapes[what] = Tape(functools.partial(what, field), list(env))
+            except UntraceableError:
+                self._tapes[what] = None
+        tape = self._tapes[what]
+        return what(field, env) if tape is None else tape(env)
+
+
+@functools.lru_cache(maxsize=512)
+def _recordings(simulator: Simulator, known: tuple, by: frozenset[str]) -> _Recordings:
+    """Share the recordings of fields that differ by the values of their constants alone."""
+    return _Recordings(known)
 
 
 @functools.lru_cache(maxsize=4096)

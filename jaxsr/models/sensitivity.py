@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsr.models.field import Field, Point, Row
+from jaxsr.models.field import Field, Point, Row, implicit
 from jaxsr.models.stepping import factorised
 
 Array = Any
@@ -173,9 +173,10 @@ def sdirk3(
             return Point(time + share * h, _moved(base, (h * _G, k)), stages.at(share))
 
         names = field.model.states
-        k, rows, solve = _stage(field, names, at, h, rates[-1] if rates else None)
+        k, rows = _stage(field, names, at, h, rates[-1] if rates else None)
         rates.append(k)
         if to is not None:
+            solve = factorised(implicit(rows, names, h * _G))
             tangents = np.stack(solve(tuple(to.along(rows, tangents, stages, share))))
         slopes.append(tangents)
     weights = (*_B, _G)
@@ -194,12 +195,12 @@ def _stage(
     at: Callable[[list[Array]], Point],
     h: Array,
     guess: list[Array] | None,
-) -> tuple[list[Array], Sequence[Row], Callable]:
+) -> tuple[list[Array], Sequence[Row]]:
     """Solve k = f(base + h g k) by Newton's method, first everywhere, then where it is hard."""
     k = field.rates(at([0.0 * h] * len(states))) if guess is None else guess
-    k, hard, rows, solve = _newton(field, states, at, h, k, _NEWTON)
+    k, hard, rows = _newton(field, at, h, k, _NEWTON)
     if not hard.any():
-        return k, rows, solve
+        return k, rows
     here = at(k)
     shape = hard.shape
 
@@ -210,8 +211,7 @@ def _stage(
     time, inputs = picked([here.time])[0], picked(here.inputs)
     base = [x - step * _G * rate for x, rate in zip(picked(here.states), own, strict=True)]
     found, *_ = _newton(
-        field.picked(hard),
-        states,
+        field.picked(hard).by_states(),
         lambda rates: Point(time, _moved(base, (step * _G, rates)), inputs),
         step,
         own,
@@ -219,27 +219,16 @@ def _stage(
     )
     for all_, part in zip(k, found, strict=True):
         all_[hard] = part
-    _, rows = field.slopes(at(k))
-    return k, rows, factorised(_implicit(rows, states, h))
-
-
-def _implicit(rows: Sequence[Row], states: Sequence[str], h: Array) -> list[list[Array]]:
-    """Matrix 1 - h g J; what does not depend on a state stays a number."""
-    size = h * _G
-    return [
-        [float(i == j) - size * row[s] if s in row else float(i == j) for j, s in enumerate(states)]
-        for i, row in enumerate(rows)
-    ]
+    return k, field.slopes(at(k))[1]
 
 
 def _newton(
     field: Field,
-    states: Sequence[str],
     at: Callable[[list[Array]], Point],
     h: Array,
     k: list[Array],
     iterations: int,
-) -> tuple[list[Array], Array, Sequence[Row], Callable]:
+) -> tuple[list[Array], Array, Sequence[Row]]:
     """Iterate k = f(base + h g k), the step halved where it overshoots a corner.
 
     Returns
@@ -247,18 +236,15 @@ def _newton(
     k : list of ndarray
     hard : ndarray of bool
         Where the iteration has not settled.
-    rows, solve
-        Jacobian of f, and the solver of 1 - h g J, at the last point but one.
+    rows
+        Jacobian of f at the last point but one.
     """
     size, share = np.inf, 1.0
     step: list[Array] = []
     for _ in range(iterations):
-        rates, rows = field.slopes(at(k))
-        solve = factorised(_implicit(rows, states, h))
-        left = [f - own for f, own in zip(rates, k, strict=True)]
+        left, newton, rows = field.newton(at(k), k, h * _G)
         now = sum(np.abs(a) for a in left)
         worse = (now > size) & (share > 1e-6)
-        newton = solve(tuple(left))
         if step and np.any(worse):
             # Back half the way where the last step made things worse.
             share = np.where(worse, 0.5 * share, 1.0)
@@ -275,7 +261,7 @@ def _newton(
             hard |= np.abs(s) > _SETTLED * reach
         if not hard.any():
             break
-    return k, hard, rows, solve
+    return k, hard, rows
 
 
 METHODS: dict[str, Callable[..., State]] = {"rk4": rk4, "rodas3": sdirk3}

@@ -114,23 +114,23 @@ def factorised(
     lu = [list(row) for row in matrix]
     for k in range(count):
         for i in range(k + 1, count):
-            if _nothing(lu[i][k]):
+            if nothing(lu[i][k]):
                 continue
             if not _one(lu[k][k]):
                 lu[i][k] = lu[i][k] / lu[k][k]
             for j in range(k + 1, count):
-                if not _nothing(lu[k][j]):
+                if not nothing(lu[k][j]):
                     lu[i][j] = lu[i][j] - lu[i][k] * lu[k][j]
 
     def solve(b: tuple[Array, ...]) -> tuple[Array, ...]:
         y = list(b)
         for i in range(count):
             for j in range(i):
-                if not _nothing(lu[i][j]):
+                if not nothing(lu[i][j]):
                     y[i] = y[i] - lu[i][j] * y[j]
         for i in reversed(range(count)):
             for j in range(i + 1, count):
-                if not _nothing(lu[i][j]):
+                if not nothing(lu[i][j]):
                     y[i] = y[i] - lu[i][j] * y[j]
             if not _one(lu[i][i]):
                 y[i] = y[i] / lu[i][i]
@@ -139,7 +139,7 @@ def factorised(
     return solve
 
 
-def _nothing(entry: Array) -> bool:
+def nothing(entry: Array) -> bool:
     """Whether an entry is the number zero, known before any array is."""
     return isinstance(entry, float) and entry == 0.0
 

@@ -68,19 +68,23 @@ def register_mechanism(family: Family) -> Family:
 
 
 def force_candidates(
-    model: Model, scale: Mapping[str, np.ndarray], motion: Motion | None = None
+    model: Model,
+    scale: Mapping[str, np.ndarray],
+    motion: Motion | None = None,
+    inputs: Mapping[str, np.ndarray] | None = None,
 ) -> list[Candidate]:
     """Return every force and actuator mechanism, and every wrong fixed value.
 
     Where the model switches, plain forces are also offered in one of its modes only.
 
-    `scale` holds quantiles of the states; without `motion` nothing is left out for want of
-    evidence, and inner constants start from generic values.
+    `scale` holds quantiles of the states, `inputs` samples; without `motion`, which holds them
+    too, nothing is left out for want of evidence, and inner constants start from generic values.
     """
     sites = sites_of(model, scale, motion)
     found = [c for site in sites for family in FAMILIES for c in family(site)]
     switched = [] if motion is None else one_mode(model, found, motion.signals)
-    return [*found, *switched, *actuator(model, motion), *wrong_values(model)]
+    signals = inputs if motion is None else motion.signals
+    return [*found, *switched, *actuator(model, signals), *wrong_values(model)]
 
 
 def sensor_candidates(

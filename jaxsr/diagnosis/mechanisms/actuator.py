@@ -6,13 +6,12 @@ where u enters linearly with B = df/du.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import sympy
 
 from jaxsr.diagnosis.candidates import UNLIMITED, Candidate, ParameterSpec
-from jaxsr.diagnosis.mechanisms.motion import Motion
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.expressions import from_sympy, to_sympy, to_text
 from jaxsr.models import Model
@@ -20,9 +19,10 @@ from jaxsr.models import Model
 _SOURCE = "Tao & Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities"
 
 
-def actuator(model: Model, motion: Motion | None = None) -> Iterator[Candidate]:
+def actuator(model: Model, signals: Mapping[str, np.ndarray] | None = None) -> Iterator[Candidate]:
     """Yield a wrong gain, a limit and a dead zone of every input.
 
+    `signals` holds the samples of the inputs; without them thresholds are as for a unit input.
     Models that stand on a Python function do not say where an input enters, and get none.
     """
     if model.base is not None:
@@ -30,14 +30,14 @@ def actuator(model: Model, motion: Motion | None = None) -> Iterator[Candidate]:
     for u in model.inputs:
         columns = _columns(model, u)
         if columns is not None:
-            yield from _of_input(model, u, columns, motion)
+            yield from _of_input(model, u, columns, None if signals is None else signals[u])
 
 
 def _of_input(
-    model: Model, u: str, columns: list[tuple[str, str]], motion: Motion | None
+    model: Model, u: str, columns: list[tuple[str, str]], samples: np.ndarray | None
 ) -> Iterator[Candidate]:
     site, unit = f"input:{u}", model.units.get(u)
-    signal = None if motion is None else np.abs(motion.signals[u])
+    signal = None if samples is None else np.abs(samples)
     top = 1.0 if signal is None else float(np.max(signal))
     if not top > 0.0:
         return
