@@ -17,8 +17,9 @@ from jaxsr.models import Model
 from jaxsr.models.driven import driven_states
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.lifting import liftable
+from jaxsr.models.model import FREE
 from jaxsr.models.rollout import Stepping
-from jaxsr.models.segments import Prepared, Segments, build_segments, cut
+from jaxsr.models.segments import Prepared, Segments, build_segments, cut, told
 from jaxsr.models.shooting import fit
 from jaxsr.models.simulator import Simulator
 
@@ -122,20 +123,34 @@ def build_arena(
     """Cut the recordings into segments of `horizon` seconds and lay out the blocks."""
     rows = cut(prepared, horizon)
     model, steps = super_model.model, stepping.substeps
-    segments = build_segments(model, prepared, rows, steps)
     wide = None
     if model.driven or _shifts(model):
         margins = build_segments(model, prepared, rows, steps, margin=MARGIN)
         if liftable(simulator):
             # All sets are judged on the samples that those with margins can tell.
             wide = Problem(simulator, stepping, margins, scale)
-            segments = _as_far_as(segments, margins)
+            begun = [_begun(model, prepared[row[0]], row) for row in rows]
+            segments = _as_far_as(build_segments(model, prepared, begun, steps), margins)
         else:
             segments = margins
+    else:
+        segments = build_segments(model, prepared, rows, steps)
     problem = Problem(simulator, stepping, segments, scale)
     pieces = _pieces(segments.count)
     bounds = parameter_bounds(super_model)
     return Arena(super_model, problem, tuple(prepared), bounds, pieces, horizon or np.inf, wide)
+
+
+def _begun(model: Model, item: Prepared, row: tuple[int, int, int]) -> tuple[int, int, int]:
+    """Return a row from its first judged sample on, unless its start is given.
+
+    A start that is sought long before the first reading can be lost on the way: a body that
+    sticks tells nothing of how it came.
+    """
+    recording, first, last = row
+    if any(model.initial.get(s, FREE) != FREE for s in model.states if s not in model.driven):
+        return row
+    return recording, max(first, told(model, item, row, MARGIN)[0]), last
 
 
 def _as_far_as(narrow: Segments, wide: Segments) -> Segments:

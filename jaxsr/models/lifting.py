@@ -174,10 +174,7 @@ def simulated(
     """Simulate every segment from its start; None where the path does not close.
 
     Newton's method on the states at all samples; the sensors' states are the first guess.
-
-    Returns
-    -------
-    ndarray, shape (outputs, samples, segments)
+    Returned are the outputs, shape (outputs, samples, segments).
     """
     path = segments.course.copy()
     path[:, 0] = x0
@@ -197,21 +194,24 @@ def closed(
     theta: Array,
     path: Array,
     stop: Callable[[], bool] = lambda: False,
+    near: bool = True,
 ) -> Array | None:
     """Return the simulation from a path's starts, shape (states, samples, segments).
 
-    Newton's method from that path; what `CLOSING` iterations do not close, where a law has
-    corners, is simulated step by step. None where states are not finite, or `stop` says so.
+    Newton's method from that path; what it does not close, where a law has corners, goes step by
+    step, as all does that is not `near`. None where states are not finite, or `stop` says so.
     """
     ground = _Ground.of(simulator, stepping, segments, theta, ())
     long, last = path.shape[1] > SHORT, path.shape[1] - 1
+    most = (CLOSING_LONG if long else CLOSING) if near else 0
     with np.errstate(all="ignore"):
-        first, found = ground.newton(path, CLOSING_LONG if long else CLOSING, stop)
+        first, found = ground.newton(path, most, stop)
         if first == last:
             return found
         # Where Newton's method went astray, the path that it came from is nearer.
         begun = np.concatenate([found[:, : first + 1], path[:, first + 1 :]], axis=1)
-        if long and stepping.method == "rodas3":  # explicit steps at a corner multiply errors
+        # Explicit steps at a corner multiply errors.
+        if near and long and stepping.method == "rodas3":
             found = ground.by_windows(begun, first, stop)
             if found is not None and ground.newton(found, 1, stop)[0] == last:
                 return found

@@ -175,14 +175,9 @@ def build_segments(
         parts["stages"].append(stages[r][:, :, gaps])
         parts["inputs"].append(item.inputs[pick].T)
         measured = item.outputs[pick].T.copy()
-        _, first, last = rows[min(number, len(rows) - 1)]
-        begin, end = first - start, last - start if number < len(rows) else 0
-        if stop - start > WASHED * margin:
-            # Beyond a recording's ends nothing is known that a sensor could see later.
-            begin = margin
-            end = min(end, item.time.size - start - margin) if model.clock else end
-        measured[:, :begin] = np.nan
-        measured[:, end:] = np.nan
+        first, last = told(model, item, rows[min(number, len(rows) - 1)], margin)
+        measured[:, : first - start] = np.nan
+        measured[:, last - start if number < len(rows) else 0 :] = np.nan
         parts["outputs"].append(measured)
         parts["guess"].append(known[r][start])
         parts["course"].append(known[r][pick].T)
@@ -208,6 +203,18 @@ def build_segments(
         free_start=array["free"],
         override=array["over"],
     )
+
+
+def told(model: Model, item: Prepared, row: tuple[int, int, int], margin: int) -> tuple[int, int]:
+    """First and last (exclusive) sample of a row that are judged where signals come late.
+
+    Beyond a recording's ends nothing is known that a sensor could see later.
+    """
+    _, first, last = row
+    start, stop = max(first - margin, 0), min(last + margin, item.time.size)
+    if stop - start <= WASHED * margin:
+        return first, last
+    return start + margin, min(last, item.time.size - margin) if model.clock else last
 
 
 def _stage_table(model: Model, item: Prepared, substeps: int) -> np.ndarray:
