@@ -13,6 +13,7 @@ from jaxsr.diagnosis.blocks import held_back
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.integration import accurate, rounded_share, steady, with_steps
 from jaxsr.diagnosis.reduced import Reduced, cropped, reduce
+from jaxsr.diagnosis.widths import BEGIN, Jumps, fitted_widths
 from jaxsr.models import Model
 from jaxsr.models.driven import driven_states
 from jaxsr.models.least_squares import Fit, Problem
@@ -45,7 +46,7 @@ class Entry:
     errors : ndarray, shape (blocks,)
         Mean squared scaled residual of each block, estimated without it.
     stepping : Stepping, optional
-        How it was integrated, where it asked for other steps than the arena's.
+        How it was integrated, where it asked for other steps or widths than the arena's.
     rounded : float
         Share of its cost that is the doing of how its jumps are rounded.
     """
@@ -92,6 +93,7 @@ class Arena:
     seconds: float  # length of the segments
     wide: Problem | None = None  # the same with margins, for signals that come late
     patience: float = np.inf  # seconds after which the estimation of a set stops
+    jumps: Jumps | None = None  # whose widths are estimated
 
 
 def parameter_bounds(super_model: SuperModel) -> tuple[np.ndarray, np.ndarray]:
@@ -119,8 +121,12 @@ def build_arena(
     horizon: float | None,
     scale: np.ndarray,
     simulator: Simulator,
+    like: Arena | None = None,
 ) -> Arena:
-    """Cut the recordings into segments of `horizon` seconds and lay out the blocks."""
+    """Cut the recordings into segments of `horizon` seconds and lay out the blocks.
+
+    Patience, and the least widths of jumps, are those of the arena `like` that came before.
+    """
     rows = cut(prepared, horizon)
     model, steps = super_model.model, stepping.substeps
     wide = None
@@ -138,7 +144,13 @@ def build_arena(
     problem = Problem(simulator, stepping, segments, scale)
     pieces = _pieces(segments.count)
     bounds = parameter_bounds(super_model)
-    return Arena(super_model, problem, tuple(prepared), bounds, pieces, horizon or np.inf, wide)
+    jumps, patience = None, np.inf if like is None else like.patience
+    if liftable(simulator):
+        known = None if like is None else like.jumps
+        jumps = Jumps.of(problem, Simulator(super_model.given), known)
+    seconds = horizon or np.inf
+    shared = super_model, problem, tuple(prepared), bounds, pieces, seconds, wide
+    return Arena(*shared, patience, jumps)
 
 
 def _begun(model: Model, item: Prepared, row: tuple[int, int, int]) -> tuple[int, int, int]:
@@ -224,6 +236,7 @@ def enter(
 
     if careful and near and course is not None:
         own = replace(own, problem=accurate(steady(own.problem, inner), inner, course))
+    sharp = any(super_model.candidates[i].sharp for i in members)
     for _ in range(1 + REFRESHES * super_model.remembers(members)):
         result = estimate(own, inner, course, near)
         moved = np.abs(result.theta - inner) > 1e-3 * np.abs(inner)
@@ -231,34 +244,78 @@ def enter(
         if not own.problem.simulator.model.driven or not moved.any() or not result.usable:
             break
     share = 0.0
+    if careful and sharp and not near and arena.jumps is not None:
+
+        def anew(wider: Problem, found: Fit) -> Fit:
+            trial = replace(own, problem=wider)
+            return found if stopped() else estimate(trial, found.theta, found.path, near=True)
+
+        fitting, result = fitted_widths(arena.jumps, own.problem, result, anew)
+        own, inner, course = replace(own, problem=fitting), result.theta, result.path
     if careful and result.usable and course is not None:
         finer = replace(own, problem=accurate(steady(own.problem, inner), inner, course))
         if finer.problem.stepping != own.problem.stepping and not stopped():
             again = estimate(finer, inner, course, near=True)
             if again.usable and again.path is not None:
                 own, result, inner, course = finer, again, again.theta, again.path
-        if any(super_model.candidates[i].sharp for i in members):
+        if sharp:
             share = rounded_share(own.problem, inner, course)
     result = own.restored(result, theta, problem.segments)
     if late:
         result = cropped(result, problem, arena.problem.segments)
     errors = held_back(arena.pieces, arena.problem.segments, result)
     finest = own.problem.stepping
-    return Entry(members, result, errors, None if finest == given else finest, share)
+    stepping = None
+    if finest != given:
+        known = dict(zip(own.problem.simulator.smoothed_arguments, finest.widths, strict=True))
+        everywhere = arena.problem.simulator.smoothed_arguments
+        before = zip(everywhere, arena.problem.stepping.widths, strict=False)
+        stepping = replace(finest, widths=tuple(known.get(a, w) for a, w in before))
+    return Entry(members, result, errors, stepping, share)
 
 
 def in_steps_of(arena: Arena, entry: Entry) -> Arena:
-    """Return the arena with the steps that the laws of one entry asked for."""
+    """Return the arena with the steps and widths that the laws of one entry asked for."""
     if entry.stepping is None:
         return arena
-    steps = entry.stepping.method, entry.stepping.substeps
+    steps, widths = (entry.stepping.method, entry.stepping.substeps), entry.stepping.widths
 
     def stepped(problem: Problem) -> Problem:
         problem = with_steps(problem, *steps)
-        return replace(problem, stepping=replace(problem.stepping, smooth=None))
+        stepping = replace(problem.stepping, smooth=None, widths=widths)
+        return replace(problem, stepping=stepping)
 
     wide = None if arena.wide is None else stepped(arena.wide)
     return replace(arena, problem=stepped(arena.problem), wide=wide)
+
+
+def in_widths(arena: Arena, widths: tuple[float, ...]) -> Arena:
+    """Return the arena with other widths of jumps."""
+
+    def rounded(problem: Problem) -> Problem:
+        return replace(problem, stepping=replace(problem.stepping, widths=widths))
+
+    wide = None if arena.wide is None else rounded(arena.wide)
+    return replace(arena, problem=rounded(arena.problem), wide=wide)
+
+
+def with_rounded_jumps(arena: Arena) -> Arena:
+    """Return the arena with jumps as wide as the search for their widths begins."""
+    begun = None if arena.jumps is None else arena.jumps.widened(arena.problem, BEGIN)
+    return arena if begun is None else in_widths(arena, begun.stepping.widths)
+
+
+def in_widths_of_best(arena: Arena, entries: Sequence[Entry]) -> tuple[Arena, list[Entry]]:
+    """Let the sets to come begin at the widths of the best one so far."""
+    best, before = min(entries, key=lambda e: e.fit.cost), arena.problem.stepping
+    if best.stepping is None or best.stepping.widths == before.widths:
+        return arena, list(entries)
+    sharp = [any(arena.super_model.candidates[i].sharp for i in e.members) for e in entries]
+    kept = [
+        replace(e, stepping=before) if jumps and e.stepping is None else e
+        for e, jumps in zip(entries, sharp, strict=True)
+    ]
+    return in_widths(arena, best.stepping.widths), kept
 
 
 def _refinable(arena: Arena, members: tuple[int, ...]) -> bool:

@@ -22,7 +22,9 @@ from jaxsr.diagnosis.contest import (
     build_arena,
     enter,
     in_steps_of,
+    in_widths_of_best,
     neutral_values,
+    with_rounded_jumps,
 )
 from jaxsr.diagnosis.decide import plausible
 from jaxsr.diagnosis.document import Ingredients, assemble
@@ -242,13 +244,15 @@ def with_candidate(
     if len(simulator.smoothed_arguments) != len(stepping.widths):  # a law that jumps
         start = np.concatenate([chosen.fit.theta, coefficients])
         stepping = choose_stepping(simulator, case.prepared, start)
-    new = build_arena(super_model, case.prepared, stepping, arena.seconds, scale, simulator)
-    new = replace(new, patience=arena.patience)
+    same = stepping == arena.problem.stepping
+    setting = super_model, case.prepared, stepping, arena.seconds, scale, simulator
+    new = build_arena(*setting, arena if same else None)
+    new = new if same else replace(with_rounded_jumps(new), patience=arena.patience)
     number, added = len(old.candidates), neutral_values(super_model)[len(old.model.parameters) :]
     leading = sorted(entries, key=lambda e: e.error)[:4]
     null = next(e for e in entries if not e.members)
     sets = {e.members: e for e in (null, chosen, *leading)}
-    if stepping == arena.problem.stepping:
+    if same:
         again = [replace(e, fit=e.fit.extended(added)) for e in entries]
     else:
         starts = {m: np.concatenate([e.fit.theta, added]) for m, e in sets.items()}
@@ -297,6 +301,7 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
         headline = Headline(longer, [longer])
     arena = outlook.first_usable(headline, starts[0][1])
     arena = replace(arena, patience=min(PATIENCE * case.budget.seconds, MOST_PATIENCE))
+    arena = with_rounded_jumps(arena)
     case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
 
     def stop() -> bool:
@@ -331,14 +336,17 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
         if beyond is not None and not members and residual_to_noise(arena, entry) < HIDDEN:
             return None
         if number == 1:
+            arena, entries = in_widths_of_best(arena, entries)
             arena, entries = _rescaled(arena, entries, stop)
     case.progress.stage("trying every mechanism in free run")
     if len(starts) == 1:
         arena, entries = _rescaled(arena, entries, stop)
+    arena, entries = in_widths_of_best(arena, entries)
     growing = case.search.share(GROWING)
     if entries[0].fit.usable:
         arena, entries = with_located(arena, entries)
         entries = grow(arena, entries, lambda: growing.exhausted, case.progress.update)
+        arena, entries = in_widths_of_best(arena, entries)
     return arena, entries, headline.seconds, growing.stopped_by
 
 

@@ -16,6 +16,8 @@ from jaxsr.diagnosis.stepwise import Trial, promising, tried
 RIVALS, KIN, RIVAL_PATIENCE = 4, 3, 3.0
 """Mechanisms estimated in the place of each of the chosen, wherever they act and at its own site,
 and the seconds that each may take."""
+SEVERAL_FORMS = frozenset({"stribeck_friction"})
+"""Mechanisms whose forms differ in shape alone: the constants of one are a start for another."""
 DELAYS = 3
 """Delays tried in the place of a lag."""
 
@@ -44,6 +46,7 @@ def exchange(
             break
         quick = tried(arena, rest, found, exhausted, None)
         trials = _richer(arena, number, rest, found) + _late(arena, number, rest, found)
+        trials += _alike(arena.super_model, number, rest, found)
         trials += _kin(arena.super_model, number, rest, quick, known)
         if len(known) < RIVALS:
             trials += promising(arena.super_model, rest, quick, RIVALS, worth=0.0)
@@ -89,6 +92,27 @@ def _richer(
             theta = continued(super_model, plain.fit.theta, inner, other, start)
             members = tuple(sorted({*rest.members, other}))
             trials.append(Trial(members, plain.fit.cost, theta, plain.fit.path))
+    return trials
+
+
+def _alike(
+    super_model: SuperModel, number: int, rest: Entry, found: Mapping[tuple[int, ...], Entry]
+) -> list[Trial]:
+    """Start the other forms of a law, with the same constants, where it ended."""
+    whole = found.get(tuple(sorted({*rest.members, number})))
+    own = super_model.candidates[number]
+    if whole is None or own.mechanism not in SEVERAL_FORMS or not whole.fit.usable:
+        return []
+    names = {name: name for name in super_model.names[number]}
+    forms = {own.terms: number}
+    for other, candidate in enumerate(super_model.candidates):
+        if candidate.label == own.label and set(super_model.names[other]) == set(names):
+            forms.setdefault(candidate.terms, other)
+    trials = []
+    for other in set(forms.values()) - {number}:
+        theta = continued(super_model, whole.fit.theta, number, other, names)
+        members = tuple(sorted({*rest.members, other}))
+        trials.append(Trial(members, 0.0, theta, whole.fit.path))
     return trials
 
 

@@ -46,9 +46,9 @@ def _joined(
         arena.seconds,
         arena.problem.scale,
         Simulator(super_model.model),
+        arena,
     )
     added = neutral_values(super_model)[len(old.model.parameters) :]
-    new = replace(new, patience=arena.patience)
     segments = new.problem.segments
     longer = [replace(e, fit=e.fit.extended(added, segments)) for e in entries]
     if not np.array_equal(segments.outputs, arena.problem.segments.outputs, equal_nan=True):

@@ -19,7 +19,8 @@ from jaxsr.diagnosis.contest import (
     parameter_bounds,
 )
 from jaxsr.diagnosis.corners import out_of_corners
-from jaxsr.diagnosis.reduced import Lean, lean
+from jaxsr.diagnosis.decide import independent_residuals
+from jaxsr.diagnosis.reduced import Lean, lean, reduce
 from jaxsr.diagnosis.uncertainty import half_widths, unseen, untold
 from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator, apply_edit, with_values
@@ -241,7 +242,9 @@ def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarr
     """Extrapolate the smoothing of sign() away; return the values and a bound of what is left.
 
     Estimates depend on the widths w in first order, so that 2 theta(w) - theta(2 w) is free of
-    it; half the correction enters the intervals.
+    it; half the correction enters the intervals. Widths that the recordings told stay: with D
+    the rise of -2 log likelihood from w to 2 w, log w is known to log(2)/sqrt(D), and twice what
+    that moves the estimates enters the intervals.
     """
     theta, stepping = entry.fit.theta, arena.problem.stepping
     simulator = arena.problem.simulator
@@ -256,6 +259,10 @@ def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarr
     second = enter(again, entry.members, theta, entry.fit.path, near=True).fit
     if not second.usable:
         return theta, np.zeros_like(theta)
+    own = reduce(arena.problem, arena.super_model, entry.members).problem
+    if arena.jumps is not None and arena.jumps.estimated(own):
+        rise = independent_residuals(entry) * np.log(second.cost / entry.fit.cost)
+        return theta, np.abs(second.theta - theta) * min(1.0, 2.0 / np.sqrt(max(rise, 1.0)))
     low, high = parameter_bounds(arena.super_model)
     result = 2.0 * theta - second.theta
     result = np.where((result > low) & (result < high), result, theta)
@@ -275,8 +282,8 @@ def _other_estimates(
             shortest,
             arena.problem.scale,
             arena.problem.simulator,
+            arena,
         )
-        short_arena = replace(short_arena, patience=arena.patience)
         short = enter(short_arena, members, theta, stop=lambda: ground.budget.exhausted).fit
         if short.usable:
             found.append(short.theta)

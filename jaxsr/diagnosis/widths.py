@@ -1,0 +1,110 @@
+"""Widths of rounded jumps: how sharply a law turns over, told by the recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from jaxsr.diagnosis.integration import steady
+from jaxsr.models.least_squares import Fit, Problem
+from jaxsr.models.simulator import Simulator
+
+BEGIN = 4.0
+"""Width at which the laws of a contest begin, in those of the sharpest."""
+WIDEST = 32.0
+"""Largest width, in those of the sharpest: beyond it a law does not jump."""
+CLOSE = 0.1
+"""Distance, in powers of two, at which a width is found."""
+
+
+@dataclass(frozen=True, eq=False)
+class Jumps:
+    """The jumps that mechanisms bring along, and between which widths theirs is sought.
+
+    Attributes
+    ----------
+    arguments : frozenset
+        Of sign() and Heaviside, without those of the given model.
+    sharpest : dict
+        Least width, by argument.
+    """
+
+    arguments: frozenset[Any]
+    sharpest: dict[Any, float]
+
+    @classmethod
+    def of(cls, problem: Problem, given: Simulator, known: Jumps | None = None) -> Jumps:
+        """Tell the jumps of a problem apart from those of the given model.
+
+        A problem's widths are the sharpest, but for those already known.
+        """
+        everywhere = problem.simulator.smoothed_arguments
+        own = frozenset(everywhere) - frozenset(given.smoothed_arguments)
+        sharpest = dict(zip(everywhere, problem.stepping.widths, strict=False))
+        return cls(own, sharpest | (known.sharpest if known else {}))
+
+    def places(self, problem: Problem) -> list[int]:
+        """Positions of their widths in a problem's."""
+        found = problem.simulator.smoothed_arguments
+        return [k for k, a in enumerate(found) if a in self.arguments]
+
+    def widened(self, problem: Problem, factor: float) -> Problem | None:
+        """Return a problem with other widths; None where one would leave its bounds."""
+        widths = list(problem.stepping.widths)
+        for k in self.places(problem):
+            least = self.sharpest[problem.simulator.smoothed_arguments[k]]
+            widths[k] *= factor
+            if not 0.99 * least <= widths[k] <= 1.01 * WIDEST * least:
+                return None
+        return replace(problem, stepping=replace(problem.stepping, widths=tuple(widths)))
+
+    def estimated(self, problem: Problem) -> bool:
+        """Whether a width is wider than the sharpest."""
+        arguments = problem.simulator.smoothed_arguments
+        return any(
+            problem.stepping.widths[k] > 1.01 * self.sharpest[arguments[k]]
+            for k in self.places(problem)
+        )
+
+
+def fitted_widths(
+    jumps: Jumps, problem: Problem, fitted: Fit, again: Callable[[Problem, Fit], Fit]
+) -> tuple[Problem, Fit]:
+    """Return a problem with the widths that fit best, and its fit.
+
+    A friction law turns over within some velocity, which is as much a property of the machine as
+    its size; taken too small, the constants make up for it. Doubled or halved as long as the cost
+    falls; a parabola through three costs over the logarithm of the width ends the search.
+    """
+    if not jumps.places(problem) or not fitted.usable:
+        return problem, fitted
+    known = {0.0: (problem, fitted)}
+
+    def tried(power: float, near: float) -> bool:
+        """Estimate at 2**power times the widths; tell whether that is the best so far."""
+        best = min(f.cost for _, f in known.values())
+        wider = jumps.widened(problem, 2.0**power)
+        if wider is None:
+            return False
+        stepped = steady(wider, known[near][1].theta)
+        known[power] = stepped, again(stepped, known[near][1])
+        return known[power][1].usable and known[power][1].cost < best
+
+    for side in (1.0, -1.0):
+        power = 0.0
+        while tried(power + side, power):
+            power += side
+        if power:
+            break
+    best = min(known, key=lambda k: known[k][1].cost)
+    costs = [known[k][1].cost if k in known else np.inf for k in (best - 1.0, best, best + 1.0)]
+    if np.isfinite(costs).all() and known[best][0] is not None:
+        low, middle, high = costs
+        at = best + 0.5 * (low - high) / max(low - 2.0 * middle + high, 1e-300)
+        if abs(at - best) > CLOSE:
+            tried(at, best)
+        best = min(known, key=lambda k: known[k][1].cost)
+    return known[best]
