@@ -95,6 +95,10 @@ class Arena:
     patience: float = np.inf  # seconds after which the estimation of a set stops
     jumps: Jumps | None = None  # whose widths are estimated
 
+    def has_jumps(self, entry: Entry) -> bool:
+        """Whether an entry has a law that jumps."""
+        return any(self.super_model.candidates[i].sharp for i in entry.members)
+
 
 def parameter_bounds(super_model: SuperModel) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of every parameter of the super-model."""
@@ -202,11 +206,12 @@ def enter(
     stop: Callable[[], bool] = lambda: False,
     max_iterations: int = ITERATIONS,
     near: bool = False,
+    fit_widths: bool | None = None,
 ) -> Entry:
     """Estimate one set jointly with the free parameters and the starts, and hold blocks back.
 
     `path` is where the states are sought, as another entry's fit has them; `near` says that they
-    are nearly there.
+    are nearly there, and with that, unless `fit_widths`, that its jumps are as wide as the arena's.
     """
     super_model = arena.super_model
     problem = arena.problem
@@ -244,7 +249,8 @@ def enter(
         if not own.problem.simulator.model.driven or not moved.any() or not result.usable:
             break
     share = 0.0
-    if careful and sharp and not near and arena.jumps is not None:
+    asked = not near if fit_widths is None else fit_widths
+    if careful and sharp and asked and arena.jumps is not None:
 
         def anew(wider: Problem, found: Fit) -> Fit:
             trial = replace(own, problem=wider)
@@ -272,6 +278,14 @@ def enter(
         before = zip(everywhere, arena.problem.stepping.widths, strict=False)
         stepping = replace(finest, widths=tuple(known.get(a, w) for a, w in before))
     return Entry(members, result, errors, stepping, share)
+
+
+def in_own_widths(arena: Arena, entry: Entry) -> Entry:
+    """Return an entry with jumps as wide as suits it best."""
+    theta, path = entry.fit.theta, entry.fit.path
+    again = enter(in_steps_of(arena, entry), entry.members, theta, path, near=True, fit_widths=True)
+    own = again.stepping or entry.stepping
+    return replace(again, stepping=own) if again.fit.cost < entry.fit.cost else entry
 
 
 def in_steps_of(arena: Arena, entry: Entry) -> Arena:
@@ -310,10 +324,9 @@ def in_widths_of_best(arena: Arena, entries: Sequence[Entry]) -> tuple[Arena, li
     best, before = min(entries, key=lambda e: e.fit.cost), arena.problem.stepping
     if best.stepping is None or best.stepping.widths == before.widths:
         return arena, list(entries)
-    sharp = [any(arena.super_model.candidates[i].sharp for i in e.members) for e in entries]
     kept = [
-        replace(e, stepping=before) if jumps and e.stepping is None else e
-        for e, jumps in zip(entries, sharp, strict=True)
+        replace(e, stepping=before) if arena.has_jumps(e) and e.stepping is None else e
+        for e in entries
     ]
     return in_widths(arena, best.stepping.widths), kept
 

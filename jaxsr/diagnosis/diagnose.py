@@ -21,6 +21,7 @@ from jaxsr.diagnosis.contest import (
     Entry,
     build_arena,
     enter,
+    in_own_widths,
     in_steps_of,
     in_widths_of_best,
     neutral_values,
@@ -133,7 +134,9 @@ def diagnose(
     decision, headline, grown = decided(case, contest(case), rng)
     if not decision[-1].detected and case.search.remaining >= AGAIN * budget.seconds:
         decision, headline, grown = looked_further(case, (decision, headline, grown), rng)
-    arena, good, chosen, detection = decision
+    arena, good, decisive, detection = decision
+    chosen = in_own_widths(arena, decisive) if arena.has_jumps(decisive) else decisive
+    good = [chosen if e is decisive else e for e in good]
     null = next(e for e in good if not e.members)
     ingredients = Ingredients(
         case=case,

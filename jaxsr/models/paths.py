@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,8 +27,9 @@ ROUGH_ITERATIONS = 8
 """Where the estimation with rounded steps ends: it only has to lead near."""
 GRACE = 2.0
 """Seconds in which an estimation that was stopped may still close its simulation."""
-FAR = 0.5
-"""Gap, in standard deviations of the readings, from which a first path is smoothed."""
+FAR, LOST = 0.5, 100.0
+"""Gaps, in standard deviations of the readings, from which a first path is smoothed, and from which
+no simulation is sought near a path any more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +132,7 @@ class Search:
 
     def _begun(self, theta: np.ndarray, x0: np.ndarray | None, path: np.ndarray | None) -> Attempt:
         """Linearise about the first of several paths along which the model is finite."""
-        problem, segments = self.problem, self.problem.segments
+        segments = self.problem.segments
 
         def attempt(option: np.ndarray) -> Attempt:
             start = np.array(option)
@@ -139,13 +141,11 @@ class Search:
             return self.at(theta, start)
 
         best = attempt(segments.course if path is None else path)
-        far = best.gap > float(segments.weights.sum()) * FAR**2 * np.var(
-            np.nan_to_num(segments.outputs) / problem.scale[:, None, None]
-        )
-        driven = bool(problem.simulator.model.driven)
+        far = best.gap > FAR**2 * self.variation
+        driven = bool(self.problem.simulator.model.driven)
         if path is None and ((far and not driven) or not best.fit.usable):
             # The sensors tell too little, or one step differs too much from the next.
-            other = attempt(relaxed(*self.setting, theta, problem.scale))
+            other = attempt(relaxed(*self.setting, theta, self.problem.scale))
             if other.fit.usable and (not best.fit.usable or other.fit.cost < best.fit.cost):
                 return other
         return best
@@ -206,12 +206,19 @@ class Search:
 
     def _closed(self, best: Attempt, stop: Callable[[], bool]) -> Attempt:
         """Close what is left of the gap; a path that does not close is no simulation."""
-        if best.closed or not best.fit.usable:
+        if best.closed or not best.fit.usable or best.gap > LOST**2 * self.variation:
             return best
         grace = Budget(GRACE)
         theta, path = best.fit.theta, best.fit.path
         path = closed(*self.setting, theta, path, lambda: stop() and grace.exhausted)
         return best if path is None else self.at(best.fit.theta, path)
+
+    @cached_property
+    def variation(self) -> float:
+        """Sum of squares of readings that are off by a standard deviation."""
+        segments = self.problem.segments
+        scaled = np.nan_to_num(segments.outputs) / self.problem.scale[:, None, None]
+        return float(segments.weights.sum()) * float(np.var(scaled))
 
     @property
     def setting(self) -> tuple[Simulator, Stepping, Segments]:
