@@ -126,9 +126,7 @@ def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monke
     spoilt = theta.copy()
     for name, value in {"Fc": 0.0, "Fs": 60.0, "vs": 0.02}.items():
         spoilt[list(super_model.model.parameters).index(super_model.names[1][name])] = value
-    found_peak = peaked(arena, coulomb, 0, [1])
-    assert found_peak is not None
-    number, start = found_peak
+    ((number, start),) = peaked(arena, coulomb, 0, [1])
     assert number == 1
     assert 0.2 < start["vs"] < 0.8
     assert start["Fc"] < start["Fs"] < 3.0 * start["Fc"]

@@ -256,15 +256,19 @@ def test_all_candidates_together_leave_the_model_as_it_was(model):
 )
 def test_friction_takes_energy_out(model, candidate):
     values = {
-        p.name: {"Fs": 0.6}.get(p.name, 0.4) if p.coefficient else p.neutral
+        # friction that varies along the path must be positive everywhere on it
+        p.name: {"Fs": 0.6, "g1": 0.05}.get(p.name, 0.4) if p.coefficient else p.neutral
         for p in candidate.parameters
     }
+    assert candidate.physical is None or candidate.physical(values)
     x, _ = random_states(model)
     power = np.sum(added_force(model, candidate, values) * np.array(x), axis=0)
     assert (power <= 0.0).all() and power.min() < -1e-3
     for spec in candidate.parameters:
         if spec.coefficient:
-            assert spec.low == 0.0
+            negative = {**values, spec.name: -10.0 * values["Fc"]} if "Fc" in values else values
+            refused = candidate.physical is not None and not candidate.physical(negative)
+            assert spec.low == 0.0 or refused
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

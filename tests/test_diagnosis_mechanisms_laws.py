@@ -55,7 +55,7 @@ LAWS = [
     (
         "position_dependent_friction",
         {"Fc": 0.5, "g1": 0.3},
-        lambda q, v, u: -(0.5 + 0.3 * np.maximum(q + 1.8, 0)) * np.sign(v),
+        lambda q, v, u: -(0.5 + 0.3 * q) * np.sign(v),
     ),
     (
         "backlash",

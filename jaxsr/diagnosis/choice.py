@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest import CONTEST_TOLERANCE, Arena, Entry, enter, neutral_values
+from jaxsr.diagnosis.contest import (
+    CONTEST_TOLERANCE,
+    Arena,
+    Entry,
+    enter,
+    in_sharpest_widths,
+    in_steps_of,
+    neutral_values,
+)
 from jaxsr.diagnosis.corners import out_of_corners
 from jaxsr.diagnosis.decide import (
     Detection,
     detect,
     detect_in_noise,
+    independent_residuals,
     most_credible,
     plausible,
     simplest_adequate,
@@ -165,3 +177,24 @@ def _reduced(
         if known is None or entry.fit.cost < (1.0 - CONTEST_TOLERANCE) * known.fit.cost:
             better.append(entry)
     return better
+
+
+def in_own_widths(arena: Arena, entry: Entry) -> Entry:
+    """Return an entry with jumps as wide as suits it best, if the recordings tell it from none.
+
+    By Schwarz's criterion: n log(cost) has to fall by more than log n.
+    """
+    if not arena.has_jumps(entry) or not entry.fit.usable:
+        return entry
+
+    def anew(before: Entry, place: Arena, fit_widths: bool) -> Entry:
+        start = before.fit.theta, before.fit.path
+        again = enter(place, before.members, *start, near=True, fit_widths=fit_widths)
+        return replace(again, stepping=again.stepping or place.problem.stepping)
+
+    own = in_steps_of(arena, entry)
+    best = min(entry, anew(entry, own, True), key=lambda e: e.fit.cost)
+    plain = anew(best, in_sharpest_widths(own), False)
+    n = independent_residuals(best)
+    told = n * np.log(plain.fit.cost / best.fit.cost) > np.log(n)
+    return best if told or not plain.fit.usable else plain

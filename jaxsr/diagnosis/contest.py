@@ -280,14 +280,6 @@ def enter(
     return Entry(members, result, errors, stepping, share)
 
 
-def in_own_widths(arena: Arena, entry: Entry) -> Entry:
-    """Return an entry with jumps as wide as suits it best."""
-    theta, path = entry.fit.theta, entry.fit.path
-    again = enter(in_steps_of(arena, entry), entry.members, theta, path, near=True, fit_widths=True)
-    own = again.stepping or entry.stepping
-    return replace(again, stepping=own) if again.fit.cost < entry.fit.cost else entry
-
-
 def in_steps_of(arena: Arena, entry: Entry) -> Arena:
     """Return the arena with the steps and widths that the laws of one entry asked for."""
     if entry.stepping is None:
@@ -311,6 +303,15 @@ def in_widths(arena: Arena, widths: tuple[float, ...]) -> Arena:
 
     wide = None if arena.wide is None else rounded(arena.wide)
     return replace(arena, problem=rounded(arena.problem), wide=wide)
+
+
+def in_sharpest_widths(arena: Arena) -> Arena:
+    """Return the arena with jumps as sharp as it knows them."""
+    widths = arena.problem.stepping.widths
+    if arena.jumps is not None:
+        arguments, least = arena.problem.simulator.smoothed_arguments, arena.jumps.sharpest
+        widths = tuple(least.get(a, w) for a, w in zip(arguments, widths, strict=False))
+    return in_widths(arena, widths)
 
 
 def with_rounded_jumps(arena: Arena) -> Arena:

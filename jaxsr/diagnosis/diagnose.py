@@ -13,7 +13,13 @@ from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.choice import Decision, decide, with_parts, with_sound_part
+from jaxsr.diagnosis.choice import (
+    Decision,
+    decide,
+    in_own_widths,
+    with_parts,
+    with_sound_part,
+)
 from jaxsr.diagnosis.contenders import contenders, leading_sets
 from jaxsr.diagnosis.contest import (
     ITERATIONS,
@@ -21,7 +27,6 @@ from jaxsr.diagnosis.contest import (
     Entry,
     build_arena,
     enter,
-    in_own_widths,
     in_steps_of,
     in_widths_of_best,
     neutral_values,
@@ -135,7 +140,7 @@ def diagnose(
     if not decision[-1].detected and case.search.remaining >= AGAIN * budget.seconds:
         decision, headline, grown = looked_further(case, (decision, headline, grown), rng)
     arena, good, decisive, detection = decision
-    chosen = in_own_widths(arena, decisive) if arena.has_jumps(decisive) else decisive
+    chosen = in_own_widths(arena, decisive)
     good = [chosen if e is decisive else e for e in good]
     null = next(e for e in good if not e.members)
     ingredients = Ingredients(

@@ -50,7 +50,8 @@ def exchange(
         trials += _kin(arena.super_model, number, rest, quick, known)
         if len(known) < RIVALS:
             trials += promising(arena.super_model, rest, quick, RIVALS, worth=0.0)
-        for trial in {t.members: t for t in reversed(trials)}.values():
+        distinct = {t.members: t for t in reversed(trials)}.values()
+        for trial in sorted(distinct, key=lambda t: t.cost > 0.0):
             if exhausted():
                 break
             known_cost = found[trial.members].fit.cost if trial.members in found else np.inf
@@ -86,8 +87,8 @@ def _richer(
             continue
         (inner,) = set(plain.members) - set(rest.members)
         starts = [(other, values) for other in laws]
-        if mechanism == "stribeck_friction" and (peak := peaked(arena, plain, inner, laws)):
-            starts = [peak]
+        if mechanism == "stribeck_friction":
+            starts = peaked(arena, plain, inner, laws) or starts
         for other, start in starts:
             theta = continued(super_model, plain.fit.theta, inner, other, start)
             members = tuple(sorted({*rest.members, other}))

@@ -19,21 +19,23 @@ WIDEST = 0.7
 
 def peaked(
     arena: Arena, plain: Entry, inner: int, laws: Sequence[int]
-) -> tuple[int, dict[str, float]] | None:
-    """Return which of several Stribeck laws would help an entry most, and where it starts.
+) -> list[tuple[int, dict[str, float]]]:
+    """Return the Stribeck law of each form that would help an entry most, and where it starts.
 
     Beside the friction Fc that the entry has, the peak (Fs - Fc)*exp(-(abs(v)/vs)**n) is linear
-    in its height: one linearisation tells what every vs gains. None where all gain by a dip.
+    in its height: one linearisation tells what every vs gains. Forms that gain by a dip alone are
+    left out.
     """
     super_model = arena.super_model
     law = super_model.candidates[laws[0]]
     sites = sites_of(super_model.given, {})
     at = next((j for j, s in enumerate(sites) if s.name == law.site), None)
     if at is None or plain.fit.path is None or not plain.fit.usable:
-        return None
+        return []
     responses = Responses.of(in_steps_of(arena, plain), plain, sites)
     state = list(super_model.given.states).index(sites[at].state)
-    best: tuple[float, int, float, float] | None = None
+    friction = super_model.own_values(inner, plain.fit.theta)["Fc"]
+    best: dict[object, tuple[float, int, dict[str, float]]] = {}
     for number in laws:
         width = next(p for p in super_model.candidates[number].parameters if p.name == "vs")
         grid = np.geomspace(2.0 * width.low, WIDEST * width.high, VELOCITIES)
@@ -48,9 +50,8 @@ def peaked(
         gains, heights = responses.gains(at, shapes, 1)
         gains = np.where(heights[:, 0] > 0.0, gains, 0.0)
         k = int(np.argmax(gains))
-        if gains[k] > (best[0] if best else 0.0):
-            best = float(gains[k]), number, float(grid[k]), float(heights[k, 0])
-    if best is None:
-        return None
-    friction = super_model.own_values(inner, plain.fit.theta)["Fc"]
-    return best[1], {"Fc": friction, "Fs": friction + best[3], "vs": best[2]}
+        start = {"Fc": friction, "Fs": friction + float(heights[k, 0]), "vs": float(grid[k])}
+        form = super_model.candidates[number].terms
+        if gains[k] > (best[form][0] if form in best else 0.0):
+            best[form] = float(gains[k]), number, start
+    return [(number, start) for _, number, start in best.values()]

@@ -19,7 +19,6 @@ from jaxsr.diagnosis.contest import (
     parameter_bounds,
 )
 from jaxsr.diagnosis.corners import out_of_corners
-from jaxsr.diagnosis.decide import independent_residuals
 from jaxsr.diagnosis.reduced import Lean, lean, reduce
 from jaxsr.diagnosis.uncertainty import half_widths, unseen, untold
 from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
@@ -242,9 +241,9 @@ def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarr
     """Extrapolate the smoothing of sign() away; return the values and a bound of what is left.
 
     Estimates depend on the widths w in first order, so that 2 theta(w) - theta(2 w) is free of
-    it; half the correction enters the intervals. Widths that the recordings told stay: with D
-    the rise of -2 log likelihood from w to 2 w, log w is known to log(2)/sqrt(D), and twice what
-    that moves the estimates enters the intervals.
+    it; half the correction enters the intervals. Where the recordings told the width, the values
+    at it stay, and the whole of 2 (theta(w) - theta(w/2)) enters: in which shape a law turns over
+    is not known.
     """
     theta, stepping = entry.fit.theta, arena.problem.stepping
     simulator = arena.problem.simulator
@@ -252,17 +251,17 @@ def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarr
     given = Simulator(arena.super_model.given)
     if not stepping.widths or not (used & SMOOTHED_MECHANISMS or given.smoothed_arguments):
         return theta, np.zeros_like(theta)
-    wider = replace(stepping, widths=tuple(2.0 * w for w in stepping.widths))
-    problem = replace(arena.problem, simulator=simulator, stepping=wider)
+    own = reduce(arena.problem, arena.super_model, entry.members).problem
+    told = arena.jumps is not None and arena.jumps.estimated(own)
+    other = replace(stepping, widths=tuple((0.5 if told else 2.0) * w for w in stepping.widths))
+    problem = replace(arena.problem, simulator=simulator, stepping=other)
     again = replace(arena, problem=problem)
     # only near the estimate is the difference one of the widths
     second = enter(again, entry.members, theta, entry.fit.path, near=True).fit
     if not second.usable:
         return theta, np.zeros_like(theta)
-    own = reduce(arena.problem, arena.super_model, entry.members).problem
-    if arena.jumps is not None and arena.jumps.estimated(own):
-        rise = independent_residuals(entry) * np.log(second.cost / entry.fit.cost)
-        return theta, np.abs(second.theta - theta) * min(1.0, 2.0 / np.sqrt(max(rise, 1.0)))
+    if told:
+        return theta, 2.0 * np.abs(second.theta - theta)
     low, high = parameter_bounds(arena.super_model)
     result = 2.0 * theta - second.theta
     result = np.where((result > low) & (result < high), result, theta)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsr.diagnosis.integration import steady
+from jaxsr.diagnosis.integration import accurate, steady
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.simulator import Simulator
 
@@ -16,8 +16,8 @@ BEGIN = 4.0
 """Width at which the laws of a contest begin, in those of the sharpest."""
 WIDEST = 32.0
 """Largest width, in those of the sharpest: beyond it a law does not jump."""
-CLOSE = 0.1
-"""Distance, in powers of two, at which a width is found."""
+STEPS = (1.0, 0.5, 0.25)
+"""Of the search for a width, in powers of two."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ def fitted_widths(
 
     A friction law turns over within some velocity, which is as much a property of the machine as
     its size; taken too small, the constants make up for it. Doubled or halved as long as the cost
-    falls; a parabola through three costs over the logarithm of the width ends the search.
+    falls, then in smaller steps; a parabola over the logarithm of the width ends the search.
     """
     if not jumps.places(problem) or not fitted.usable:
         return problem, fitted
@@ -89,22 +89,25 @@ def fitted_widths(
         wider = jumps.widened(problem, 2.0**power)
         if wider is None:
             return False
-        stepped = steady(wider, known[near][1].theta)
-        known[power] = stepped, again(stepped, known[near][1])
+        begun = known[near][1]
+        stepped = steady(wider, begun.theta)
+        if begun.path is not None:  # errors of integration look like another width
+            stepped = accurate(stepped, begun.theta, begun.path)
+        known[power] = stepped, again(stepped, begun)
         return known[power][1].usable and known[power][1].cost < best
 
-    for side in (1.0, -1.0):
-        power = 0.0
-        while tried(power + side, power):
-            power += side
-        if power:
-            break
-    best = min(known, key=lambda k: known[k][1].cost)
-    costs = [known[k][1].cost if k in known else np.inf for k in (best - 1.0, best, best + 1.0)]
-    if np.isfinite(costs).all() and known[best][0] is not None:
+    best = 0.0
+    for step in STEPS:
+        for side in (step, -step):
+            begun = best
+            while tried(best + side, best):
+                best += side
+            if best != begun:
+                break
+    costs = [known[k][1].cost if k in known else np.inf for k in (best - step, best, best + step)]
+    if np.isfinite(costs).all():
         low, middle, high = costs
-        at = best + 0.5 * (low - high) / max(low - 2.0 * middle + high, 1e-300)
-        if abs(at - best) > CLOSE:
-            tried(at, best)
-        best = min(known, key=lambda k: known[k][1].cost)
+        at = best + 0.5 * step * (low - high) / max(low - 2.0 * middle + high, 1e-300)
+        if at not in known and tried(at, best):
+            best = at
     return known[best]

@@ -19,7 +19,7 @@ from jaxsr.models.simulator import Simulator
 
 CLOSED = 1e-4
 """Share of the cost up to which the gap of a path to a simulation does not matter."""
-ROUNDING = (100.0, 10.0)
+ROUNDING = (25.0, 5.0)
 """Widths of rounded steps, in those of the final estimate."""
 POLISHING = 5
 ROUGH = 1e-2

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -79,7 +80,11 @@ def dissipative(site: Site) -> Iterator[Candidate]:
 
 
 def position_dependent(site: Site) -> Iterator[Candidate]:
-    """Yield dry friction whose size varies along the path, never below zero."""
+    """Yield dry friction whose size varies along the path, nowhere on it below zero.
+
+    Fc is the friction at the origin of the position, or in the middle of a path that leaves it
+    out.
+    """
     q, v, f = site.position, site.state, site.force_unit
     if q is None or not covered(site):
         return
@@ -101,9 +106,14 @@ def position_dependent(site: Site) -> Iterator[Candidate]:
             source=_FRICTION,
         )
 
-    slope = ParameterSpec("g1", site.per(q), low=0.0)
-    yield make(f"{{g1}}*Max({q} - ({low}), 0)", slope)
-    yield make(f"{{g1}}*Max({high} - {q}, 0)", slope)
+    origin = 0.0 if low < 0.0 < high else middle
+
+    def never_drives(own: Mapping[str, float]) -> bool:
+        return all(own["Fc"] + own["g1"] * (end - origin) >= 0.0 for end in (low, high))
+
+    distance = f"({q} - ({middle}))" if origin else q
+    linear = make(f"{{g1}}*{distance}", ParameterSpec("g1", site.per(q)))
+    yield replace(linear, physical=never_drives)
     yield make(f"{{g2}}*({q} - ({middle}))**2", ParameterSpec("g2", site.per(q, q), low=0.0))
     for number, phase in _friction_ripples(site):
         yield make(

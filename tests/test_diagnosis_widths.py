@@ -1,0 +1,105 @@
+"""Widths of rounded jumps: told by the recordings, and what else stands beside them left alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosis_systems import RAIL
+from scipy.integrate import solve_ivp
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.choice import in_own_widths
+from jaxsr.diagnosis.contest import (
+    Arena,
+    build_arena,
+    enter,
+    in_steps_of,
+    in_widths_of_best,
+    neutral_values,
+    with_rounded_jumps,
+)
+from jaxsr.diagnosis.integration import choose_stepping
+from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.refine import Ground, refine
+from jaxsr.diagnosis.widths import BEGIN
+from jaxsr.models import Simulator, parse_model
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording
+
+T = np.arange(1500) * 0.01
+TRUE = {"Fc": 2.0, "Fs": 3.6, "vs": 0.3}
+
+
+def push(s: float | np.ndarray) -> np.ndarray:
+    return 12.0 * np.sin(np.multiply.outer(s, np.array([0.9, 2.3, 4.1]))).sum(-1)
+
+
+def rail(width: float, law: str, seed: int = 0) -> tuple[Arena, tuple[Prepared, ...]]:
+    """A carriage with friction that turns over within `width`, and the arena of its law."""
+    peak = TRUE["Fs"] - TRUE["Fc"] if law == "stribeck_friction" else 0.0
+
+    def rate(s: float, x: np.ndarray) -> list[float]:
+        size = TRUE["Fc"] + peak * np.exp(-((x[1] / TRUE["vs"]) ** 2))
+        return [x[1], (push(s) - 3.0 * x[1] - size * np.tanh(x[1] / width)) / 2.0]
+
+    q = solve_ivp(rate, (0.0, T[-1]), [0.0, 0.0], "LSODA", T, rtol=1e-8, atol=1e-10).y[0]
+    noise = 1e-4 * np.random.default_rng(seed).standard_normal(T.size)
+    model = parse_model(RAIL)
+    prepared = (Prepared.build(model, Recording("a.csv", T, {"force": push(T), "y": q + noise})),)
+    scale = {"q": np.linspace(-1, 1, 21), "v": np.linspace(-2, 2, 21)}
+    offered = force_candidates(model, scale)
+    chosen = [next(c for c in offered if c.mechanism == m) for m in (law, "constant_force")]
+    super_model = SuperModel.build(model, chosen)
+    simulator, theta = Simulator(super_model.model), neutral_values(super_model)
+    stepping = choose_stepping(simulator, prepared, theta)
+    noise_scale = np.array([1e-4])
+    arena = build_arena(super_model, prepared, stepping, 1.0, noise_scale, simulator)
+    return with_rounded_jumps(arena), prepared
+
+
+def width_of(arena: Arena) -> float:
+    return arena.problem.stepping.widths[0]
+
+
+@pytest.mark.parametrize("law", ["coulomb_friction", "stribeck_friction"])
+@pytest.mark.parametrize("share", [2.0, 5.0, 14.0])
+def test_the_width_is_found_and_with_it_the_constants(law: str, share: float) -> None:
+    """Widths of 2, 5 and 14 times the sharpest; intervals hold the constants."""
+    sharpest = width_of(rail(0.01, law)[0]) / BEGIN
+    arena, prepared = rail(share * sharpest, law)
+    theta = neutral_values(arena.super_model)
+    for name, start in {"Fc": 2.3, "Fs": 3.0, "vs": 0.4}.items():
+        if name in arena.super_model.names[0]:
+            theta[list(arena.super_model.model.parameters).index(
+                arena.super_model.names[0][name])] = start  # fmt: skip
+    entry = enter(arena, (0,), theta)
+    own = in_steps_of(arena, entry)
+    assert width_of(own) == pytest.approx(share * sharpest, rel=0.25)
+    assert entry.fit.cost / arena.problem.segments.weights.sum() < 1.2
+    refined = refine(Ground(own, prepared, (1.0,), None), entry)
+    for name in arena.super_model.names[0]:
+        value, half = refined.interval(name)
+        assert abs(value - TRUE[name]) < half < 0.35 * TRUE[name]
+
+
+def test_a_width_is_kept_between_the_sharpest_and_the_widest() -> None:
+    arena, _ = rail(1e-4, "coulomb_friction")
+    sharpest = width_of(arena) / BEGIN
+    entry = enter(arena, (0,), neutral_values(arena.super_model))
+    assert width_of(in_steps_of(arena, entry)) >= 0.99 * sharpest
+
+
+def test_sets_to_come_begin_at_the_width_of_the_best() -> None:
+    arena, _ = rail(0.03, "coulomb_friction")
+    null = enter(arena, (), neutral_values(arena.super_model))
+    entry = enter(arena, (0,), null.fit.theta, null.fit.path)
+    later, entries = in_widths_of_best(arena, [null, entry])
+    assert width_of(later) == width_of(in_steps_of(arena, entry)) != width_of(arena)
+    near = enter(later, (0,), entry.fit.theta, entry.fit.path, near=True)
+    assert near.fit.cost == pytest.approx(entry.fit.cost, rel=1e-3)
+    assert entries[0].stepping is None
+    # estimated at another width, it finds its own again
+    narrow = enter(arena, (0,), entry.fit.theta, entry.fit.path, near=True)
+    again = in_own_widths(arena, narrow)
+    assert again.fit.cost == pytest.approx(entry.fit.cost, rel=1e-2)
+    assert again.fit.cost < narrow.fit.cost
