@@ -167,7 +167,7 @@ def test_recalibration_is_not_charged_with_steps_that_are_too_few(seed: int) -> 
 def test_a_jump_rounded_wrongly_takes_the_share_of_the_cost_that_its_width_would() -> None:
     """Readings of a law twice as soft: all but a little of what is left goes with its width."""
     arena, null = arena_of(0, Stepping("rk4", 1))
-    entry = enter(arena, (0,), null.fit.theta, null.fit.path)
+    entry = enter(arena, (0,), null.fit.theta, null.fit.path, fit_widths=False)
     reduced = reduce(arena.problem, arena.super_model, (0,))
     own = with_steps(reduced.problem, "rk4", 8)
     theta, path = entry.fit.theta[reduced.parameters], entry.fit.path

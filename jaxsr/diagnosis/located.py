@@ -50,6 +50,9 @@ def _joined(
     )
     added = neutral_values(super_model)[len(old.model.parameters) :]
     segments = new.problem.segments
+    if not np.array_equal(segments.start, arena.problem.segments.start):
+        thetas = [np.concatenate([e.fit.theta, added]) for e in entries]
+        return new, [enter(new, e.members, t) for e, t in zip(entries, thetas, strict=True)]
     longer = [replace(e, fit=e.fit.extended(added, segments)) for e in entries]
     if not np.array_equal(segments.outputs, arena.problem.segments.outputs, equal_nan=True):
         # what remembers leaves the first samples out, for all sets alike
