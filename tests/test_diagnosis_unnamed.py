@@ -191,6 +191,9 @@ def test_forces_at_other_equations_stay_however_alike_their_names(monkeypatch):
     entry = SimpleNamespace(members=(0, 1, 2, 3))
     found = unnamed.propose_unnamed(case, arena, entry, np.random.default_rng(0))
     assert found == ("a law", (1, 3))
+    # a member's own state can leave no equation to be read off the sensors
+    view.state = np.array([], dtype=int)
+    assert unnamed.propose_unnamed(case, arena, entry, np.random.default_rng(0)) is None
 
 
 def test_a_budget_that_runs_out_before_the_search_proposes_nothing():

@@ -61,6 +61,8 @@ def propose_unnamed(
         return None
     system = _view(case, arena, _without(arena, entry, forces))
     names, states = case.simulator.model.states, np.unique(system.state)
+    if not states.size:  # members bring states along without which no equation can be read off
+        return None
     places = {at[i] for i in forces} & {names[i] for i in states}
     state = names[_worst_state(system, [i for i in states if not places or names[i] in places])]
     rest = tuple(i for i in entry.members if i not in forces or at[i] != state)
