@@ -103,3 +103,21 @@ def test_sets_to_come_begin_at_the_width_of_the_best() -> None:
     again = in_own_widths(arena, narrow)
     assert again.fit.cost == pytest.approx(entry.fit.cost, rel=1e-2)
     assert again.fit.cost < narrow.fit.cost
+
+
+def test_what_never_turns_has_no_width() -> None:
+    """A body that only falls: friction of a width would stand for drag."""
+    time = np.arange(300) * 0.01
+    fall = 9.0 * time - 9.0 * (1.0 - np.exp(-time))
+    model = parse_model(RAIL)
+    table = {"force": np.full(300, 9.0), "y": fall}
+    prepared = (Prepared.build(model, Recording("a.csv", time, table)),)
+    scale = {"q": np.linspace(0, 18, 21), "v": np.linspace(0, 9, 21)}
+    offered = force_candidates(model, scale)
+    chosen = [next(c for c in offered if c.mechanism == "coulomb_friction")]
+    super_model = SuperModel.build(model, chosen)
+    simulator, theta = Simulator(super_model.model), neutral_values(super_model)
+    stepping = choose_stepping(simulator, prepared, theta)
+    arena = build_arena(super_model, prepared, stepping, 1.0, np.ones(1), simulator)
+    assert arena.jumps is not None and not arena.jumps.arguments
+    assert with_rounded_jumps(arena).problem.stepping.widths == stepping.widths

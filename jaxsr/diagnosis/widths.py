@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxsr.diagnosis.integration import accurate, steady
+from jaxsr.expressions import evaluate
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.simulator import Simulator
 
@@ -16,6 +17,8 @@ BEGIN = 4.0
 """Width at which the laws of a contest begin, in those of the sharpest."""
 WIDEST = 32.0
 """Largest width, in those of the sharpest: beyond it a law does not jump."""
+CLEAR, FOR_SOME_TIME = 0.1, 0.01
+"""Size of an argument relative to its rms, and the share of samples, at which it counts."""
 STEPS = (1.0, 0.5, 0.25)
 """Of the search for a width, in powers of two."""
 
@@ -27,7 +30,8 @@ class Jumps:
     Attributes
     ----------
     arguments : frozenset
-        Of sign() and Heaviside, without those of the given model.
+        Of sign() and Heaviside, without those of the given model and those that nowhere in the
+        recordings change their sign: rounded, these would stand for another law.
     sharpest : dict
         Least width, by argument.
     """
@@ -43,6 +47,7 @@ class Jumps:
         """
         everywhere = problem.simulator.smoothed_arguments
         own = frozenset(everywhere) - frozenset(given.smoothed_arguments)
+        own = frozenset(a for a in own if _turns(problem, a))
         sharpest = dict(zip(everywhere, problem.stepping.widths, strict=False))
         return cls(own, sharpest | (known.sharpest if known else {}))
 
@@ -68,6 +73,20 @@ class Jumps:
             problem.stepping.widths[k] > 1.01 * self.sharpest[arguments[k]]
             for k in self.places(problem)
         )
+
+
+def _turns(problem: Problem, argument: Any) -> bool:
+    """Whether an argument takes both signs in the recordings, clearly and for some time."""
+    segments, simulator = problem.segments, problem.simulator
+    values = [p.value for p in simulator.model.parameters.values()]
+    signals = tuple(segments.course), tuple(segments.inputs)
+    env = simulator.environment(0.0, *signals, tuple(values))
+    with np.errstate(all="ignore"):
+        found = np.asarray(evaluate(argument, env, "numpy"), dtype=float)
+    inside = np.arange(segments.time.shape[0])[:, None] < segments.count
+    known = np.broadcast_to(found, inside.shape)[inside]
+    size = np.sqrt(np.nanmean(known**2))
+    return all(np.nanmean(side * known > CLEAR * size) > FOR_SOME_TIME for side in (-1.0, 1.0))
 
 
 def fitted_widths(
