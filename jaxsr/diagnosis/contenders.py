@@ -14,6 +14,7 @@ from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion, site
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.screening import ScreenedSet
 from jaxsr.diagnosis.setup import Screened, sample_step, state_scale
+from jaxsr.diagnosis.weak_system import observable_states
 from jaxsr.models import Model
 
 SINGLES, PAIRS, LARGER = 3, 3, 3
@@ -106,20 +107,14 @@ def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[St
     timing = timing_candidates(given, sample_step(case.prepared), duration)
     sensors = [*sensor_candidates(given, _readings(case)), *timing]
     if case.screened is None:
-        scale, step = state_scale(given, case.prepared), sample_step(case.prepared)
-        corrections = [c for site in sites_of(given, scale) for c in shapes(site)]
-        forces = _unscreened(
-            [
-                *force_candidates(given, scale, inputs=_inputs(case)),
-                *memory_candidates(given, scale, step),
-                *corrections,
-            ]
-        )
-        super_model = SuperModel.build(given, [*forces, *sensors])
+        super_model = SuperModel.build(given, [*_unscreened(case), *sensors])
         return super_model, [((), neutral_values(super_model))]
     screened = case.screened
     used = sorted({i for s in sets for i in s.members} | _best_variants(screened))
     chosen = [screened.super_model.candidates[i] for i in used]
+    seen = set(observable_states(case.simulator, case.prepared))
+    if seen < set(given.dynamic_states):
+        chosen += [c for c in _unscreened(case) if c.terms and not seen & {s for s, _ in c.terms}]
     super_model = SuperModel.build(given, [*chosen, *sensors])
     order, full = list(super_model.model.parameters), list(screened.super_model.model.parameters)
 
@@ -151,12 +146,19 @@ def _inputs(case: Case) -> dict[str, np.ndarray]:
     return dict(zip(case.simulator.model.inputs, values.T, strict=True))
 
 
-def _unscreened(forces: list[Candidate]) -> list[Candidate]:
-    """Leave out what needs the equations read off the sensors.
+def _unscreened(case: Case) -> list[Candidate]:
+    """Return forces that do not need their equation read off the sensors.
 
     Where a state hides, inner constants that only the residual forces show have no data to start
     from.
     """
+    given = case.simulator.model
+    scale, step = state_scale(given, case.prepared), sample_step(case.prepared)
+    forces = [
+        *force_candidates(given, scale, inputs=_inputs(case)),
+        *memory_candidates(given, scale, step),
+        *(c for site in sites_of(given, scale) for c in shapes(site)),
+    ]
     kept: dict[tuple[str, bool], list[Candidate]] = {}
     for candidate in forces:
         if candidate.mechanism not in SEEDED:

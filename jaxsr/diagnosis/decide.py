@@ -12,8 +12,9 @@ import scipy.stats
 from jaxsr.diagnosis.blocks import MIN_GAIN, correlation_length, gain, weights
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.coloured import likelihood_ratio
-from jaxsr.diagnosis.contest import Arena, Entry
+from jaxsr.diagnosis.contest import Arena, Entry, in_steps_of
 from jaxsr.diagnosis.uncertainty import half_widths
+from jaxsr.diagnosis.widths import width_of
 
 SIGNIFICANCE = 1e-3
 """False-alarm rate per comparison with re-calibration; divided by the candidates screened."""
@@ -87,7 +88,7 @@ def _peaked(arena: Arena, entry: Entry, number: int) -> bool:
         low, high = low - of["Fc"] - of["Fs"], high + STEEPEST * of["Fc"] + of["Fs"]
     if not low <= values["Fs"] <= high:
         return False
-    width = max(arena.problem.stepping.widths, default=0.0)
+    width = width_of(in_steps_of(arena, entry).problem, super_model.candidates[number])
     peak = (values["Fs"] - values["Fc"]) * values["vs"] * 0.5 * np.sqrt(np.pi)
     return peak >= 3.0 * values["Fc"] * width * np.log(2.0)
 

@@ -23,6 +23,7 @@ from jaxsr.diagnosis.reduced import Lean, lean, reduce
 from jaxsr.diagnosis.uncertainty import half_widths, unseen, untold
 from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator, apply_edit, with_values
+from jaxsr.models.least_squares import Fit
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import noise_level
 
@@ -37,6 +38,8 @@ ANCHORED = 1e-3
 """Rise of the cost up to which an estimate nearer to the given values shows the same."""
 NOISE_ALONE = 2.5
 """Ratio of residual to coloured noise up to which noise alone may be all that is left."""
+CURVED = 1.0
+"""Second difference of estimates over widths, relative to the first, that is taken for a line."""
 SMOOTH = 0.93
 """Correlation of neighbouring samples from which a residual is motion and not coloured noise."""
 
@@ -240,32 +243,43 @@ def colour(residual: np.ndarray) -> float:
 def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarray]:
     """Extrapolate the smoothing of sign() away; return the values and a bound of what is left.
 
-    Estimates depend on the widths w in first order, so that 2 theta(w) - theta(2 w) is free of
-    it; half the correction enters the intervals. Where the recordings told the width, the values
-    at it stay, and the whole of 2 (theta(w) - theta(w/2)) enters: in which shape a law turns over
-    is not known.
+    Where estimates depend on the widths w in first order, 2 theta(w) - theta(2 w) is free of it;
+    half the correction enters the intervals. That is so where theta(4 w) - theta(2 w) is twice
+    theta(2 w) - theta(w); elsewhere the values stay and all of this difference enters. Where the
+    recordings told the width, the values at it stay, and the whole of 2 (theta(w) - theta(w/2))
+    enters: in which shape a law turns over is not known.
     """
     theta, stepping = entry.fit.theta, arena.problem.stepping
     simulator = arena.problem.simulator
     used = {arena.super_model.candidates[i].mechanism for i in entry.members}
     given = Simulator(arena.super_model.given)
+    none = np.zeros_like(theta)
     if not stepping.widths or not (used & SMOOTHED_MECHANISMS or given.smoothed_arguments):
-        return theta, np.zeros_like(theta)
+        return theta, none
     own = reduce(arena.problem, arena.super_model, entry.members).problem
     told = arena.jumps is not None and arena.jumps.estimated(own)
-    other = replace(stepping, widths=tuple((0.5 if told else 2.0) * w for w in stepping.widths))
-    problem = replace(arena.problem, simulator=simulator, stepping=other)
-    again = replace(arena, problem=problem)
-    # only near the estimate is the difference one of the widths
-    second = enter(again, entry.members, theta, entry.fit.path, near=True).fit
-    if not second.usable:
-        return theta, np.zeros_like(theta)
+
+    def estimate(factor: float, near: Fit) -> Fit:
+        """Estimate at other widths; only near the estimate is the difference one of them."""
+        other = replace(stepping, widths=tuple(factor * w for w in stepping.widths))
+        problem = replace(arena.problem, simulator=simulator, stepping=other)
+        again = replace(arena, problem=problem)
+        return enter(again, entry.members, near.theta, near.path, near=True).fit
+
     if told:
-        return theta, 2.0 * np.abs(second.theta - theta)
+        sharper = estimate(0.5, entry.fit)
+        return theta, 2.0 * np.abs(sharper.theta - theta) if sharper.usable else none
+    wider = estimate(2.0, entry.fit)
+    if not wider.usable:
+        return theta, none
+    change = wider.theta - theta
+    widest = estimate(4.0, wider)
+    curved = np.abs(widest.theta - wider.theta - 2.0 * change) if widest.usable else np.abs(change)
+    straight = curved < CURVED * np.abs(change)
     low, high = parameter_bounds(arena.super_model)
-    result = 2.0 * theta - second.theta
-    result = np.where((result > low) & (result < high), result, theta)
-    return result, 0.5 * np.abs(result - theta)
+    result = theta - change
+    result = np.where(straight & (result > low) & (result < high), result, theta)
+    return result, np.where(straight, 0.5, 1.0) * np.abs(change)
 
 
 def _other_estimates(

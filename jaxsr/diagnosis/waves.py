@@ -98,7 +98,7 @@ def _kinds(arena: Arena, responses: Responses) -> Iterator[_Kind]:
         path, speed = responses.course(site.position), responses.course(site.state)
         if responses.reverses(site):
             yield _Kind(j, swing, frequencies, _of_stiffness)
-        length = float(np.diff(np.quantile(path, [0.02, 0.98]))[0])
+        length = float(np.ptp(path))
         typical = float(np.sqrt(np.mean(speed**2)))
         if length > 0.0 and typical > 0.0:
             top = np.pi / (4.0 * step * typical)

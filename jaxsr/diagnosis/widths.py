@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr.diagnosis.candidates import Candidate
 from jaxsr.diagnosis.integration import accurate, steady
-from jaxsr.expressions import evaluate
+from jaxsr.expressions import evaluate, parse
 from jaxsr.models.least_squares import Fit, Problem
-from jaxsr.models.simulator import Simulator
+from jaxsr.models.simulator import SMOOTHED, Simulator
 
 BEGIN = 4.0
 """Width at which the laws of a contest begin, in those of the sharpest."""
@@ -73,6 +74,15 @@ class Jumps:
             problem.stepping.widths[k] > 1.01 * self.sharpest[arguments[k]]
             for k in self.places(problem)
         )
+
+
+def width_of(problem: Problem, candidate: Candidate) -> float:
+    """Width within which a candidate's own law turns over; 0 for one that does not jump."""
+    known = dict(zip(problem.simulator.smoothed_arguments, problem.stepping.widths, strict=False))
+    named = {p.name: p.name for p in candidate.parameters}
+    terms = [parse(template.format(**named)) for _, template in candidate.terms]
+    nodes = (node for term in terms for node in term.distinct() if node.op in SMOOTHED)
+    return max((known.get(node.args[0], 0.0) for node in nodes), default=0.0)
 
 
 def _turns(problem: Problem, argument: Any) -> bool:

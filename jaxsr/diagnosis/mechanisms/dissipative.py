@@ -167,7 +167,7 @@ def wave_numbers(site: Site) -> np.ndarray:
     path, speed = site.signal(site.position), site.signal(site.state)
     if site.motion is None or path is None or speed is None:
         return np.zeros(0)
-    span = float(np.diff(np.quantile(path, [0.02, 0.98]))[0])
+    span = float(np.ptp(path))
     typical = float(np.sqrt(np.mean(speed**2)))
     if not (span > 0.0 and typical > 0.0):
         return np.zeros(0)
