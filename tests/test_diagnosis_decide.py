@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from jaxsr._progress import as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.coarse import _gain, rounded_reading
+from jaxsr.diagnosis.coarse import _gain, coarse_sensors, rounded_reading
 from jaxsr.diagnosis.contest import Entry
 from jaxsr.diagnosis.decide import SIGNIFICANCE, detect, detect_in_noise, most_credible
 from jaxsr.diagnosis.refine import NOISE_ALONE, colour, residual_to_noise
@@ -96,6 +96,24 @@ def test_a_grid_is_told_from_gaussian_noise_only_where_it_is_coarse(step, named)
         residual = step * np.round((h + rng.normal(size=2500)) / step) - h
         found += bool(2.0 * _gain(residual, step) > 20.0)
     assert found == (60 if named else 0)
+
+
+def test_a_grid_is_seen_though_one_recording_shows_three_of_its_levels():
+    rng, step = np.random.default_rng(5), 2.0
+    time = np.arange(2500)
+    heights = [size * np.sin(0.031 * time + rng.uniform(0, 6)) for size in (2.2, 30.0)]
+    read = [step * np.round((h + 0.1 * rng.normal(size=h.size)) / step) for h in heights]
+    assert len(np.unique(read[0])) == 3
+    left = np.stack([y - h for y, h in zip(read, heights, strict=True)], axis=1)[None]
+    segments = SimpleNamespace(weights=np.ones_like(left))
+    named = SimpleNamespace(model=SimpleNamespace(outputs=("y",)))
+    problem = SimpleNamespace(simulator=named, scale=np.ones(1), segments=segments)
+    prepared = [SimpleNamespace(outputs=y[:, None]) for y in read]
+    arena: Any = SimpleNamespace(problem=problem, prepared=prepared)
+    left_over: Any = SimpleNamespace(fit=SimpleNamespace(residual=left))
+    (found,) = coarse_sensors(arena, left_over)
+    assert found.step == pytest.approx(step, rel=1e-6)
+    assert found.p < 1e-6 and found.variance_share > 0.9
 
 
 def test_a_rounded_reading_is_a_model_that_reads_in_steps():

@@ -96,6 +96,16 @@ def test_a_repeating_force_is_located_where_it_acts(seed, name, site, force):
     assert own.tried > 10
 
 
+def test_a_ripple_of_two_periods_on_the_whole_path_is_located():
+    """The ends of the path are visited rarely: most of the time is spent within one period."""
+    _, _, still = arena_of(0, lambda t, x: (0.0, 0.0))
+    n = 4.0 * np.pi / float(np.ptp(still.course("a")))
+    arena, null, responses = arena_of(0, lambda t, x: (0.6 * np.sin(n * x[0] - 1.0), 0.0))
+    found = {c.label: c for c in wave_candidates(arena, null, responses)}
+    own = found["position_ripple@equation:va"].parameters[1]
+    assert own.neutral == pytest.approx(n, rel=0.1)
+
+
 def test_the_gain_foreseen_is_the_gain_of_the_estimate():
     """The model is linear: the cost falls with amplitude and phase as the projection says."""
     arena, null, responses = arena_of(4, lambda t, x: (0.0, 0.3 * np.sin(FREQUENCY * t + 0.7)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosis_systems import RAIL
@@ -14,14 +16,17 @@ from jaxsr.diagnosis.contest import (
     build_arena,
     enter,
     in_steps_of,
+    in_widths,
     in_widths_of_best,
     neutral_values,
     with_rounded_jumps,
 )
+from jaxsr.diagnosis.decide import plausible
 from jaxsr.diagnosis.integration import choose_stepping
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.refine import Ground, refine
 from jaxsr.diagnosis.widths import BEGIN
+from jaxsr.diagnosis.widths import width_of as width_of_law
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -80,6 +85,44 @@ def test_the_width_is_found_and_with_it_the_constants(law: str, share: float) ->
     for name in arena.super_model.names[0]:
         value, half = refined.interval(name)
         assert abs(value - TRUE[name]) < half < 0.35 * TRUE[name]
+
+
+def test_a_peak_is_held_against_the_width_of_its_own_law() -> None:
+    """Another coordinate that turns over within metres a second makes no peak here implausible."""
+    arena, _ = rail(0.02, "stribeck_friction")
+    theta = neutral_values(arena.super_model)
+    own = arena.super_model.index(0)
+    theta[own] = [TRUE[name] for name in arena.super_model.names[0]]
+    entry = enter(arena, (0,), theta)
+    assert plausible(arena, entry)
+    law = arena.super_model.candidates[0]
+    stepping = arena.problem.stepping
+    assert width_of_law(arena.problem, law) == stepping.widths[0]
+    assert width_of_law(arena.problem, arena.super_model.candidates[1]) == 0.0
+    assert entry.stepping is not None
+    wide = replace(entry, stepping=replace(entry.stepping, widths=(*entry.stepping.widths, 50.0)))
+    assert plausible(arena, wide)
+    wide = replace(entry, stepping=replace(entry.stepping, widths=(50.0,)))
+    assert not plausible(arena, wide)
+
+
+def test_estimates_that_do_not_follow_the_width_in_a_line_are_not_extrapolated() -> None:
+    """A body that turns over softly, estimated with the sharpest law: the interval must hold."""
+    arena, prepared = rail(0.05, "coulomb_friction")
+    least = width_of(arena) / BEGIN
+    sharp = in_widths(arena, (least,))
+    entry = enter(sharp, (0,), neutral_values(arena.super_model), near=True)
+    series = [entry]
+    for factor in (2.0, 4.0):
+        at = in_widths(arena, (factor * least,))
+        series.append(enter(at, (0,), entry.fit.theta, entry.fit.path, near=True))
+    (k,) = arena.super_model.index(0)
+    values = np.array([e.fit.theta[k] for e in series])
+    first, second = np.diff(values)
+    value, half = refine(Ground(sharp, prepared, (1.0,), None), entry).interval("Fc")
+    straight = abs(second - 2.0 * first) < abs(first)
+    assert value == pytest.approx(values[0] - first if straight else values[0], rel=1e-3)
+    assert half >= (0.5 if straight else 0.99) * abs(first)
 
 
 def test_a_width_is_kept_between_the_sharpest_and_the_widest() -> None:

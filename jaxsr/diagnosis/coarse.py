@@ -60,17 +60,15 @@ def coarse_sensors(arena: Arena, entry: Entry) -> list[Coarse]:
     problem = arena.problem
     found = []
     for k, name in enumerate(problem.simulator.model.outputs):
-        steps = [quantisation_step(p.outputs[:, k]) for p in arena.prepared]
-        sizes = [s for s in steps if s]
-        if len(sizes) < len(steps) or max(sizes) > 1.01 * min(sizes):
+        readings = np.concatenate([p.outputs[:, k] for p in arena.prepared])
+        step = quantisation_step(readings)
+        if step is None:
             continue
-        step = float(np.median(sizes))
         own = entry.fit.residual[k : k + 1] * problem.scale[k]
         residual = own[0][problem.segments.weights[k] > 0]
         gain = _gain(residual, step) / correlation_length(own)
         p = float(scipy.stats.chi2.sf(2.0 * max(gain, 0.0), 1))
         share = float(min(step**2 / 12.0 / max(np.mean(residual**2), 1e-300), 1.0))
-        readings = np.concatenate([p.outputs[:, k] for p in arena.prepared])
         found.append(Coarse(name, step, gain, p, share, _half_width(readings, step)))
     return sorted(found, key=lambda c: -c.log_likelihood)
 

@@ -75,7 +75,7 @@ def crowded(
 ) -> list[tuple[str, tuple[int, ...]]]:
     """Return the equations at which several forces were chosen, with the members elsewhere.
 
-    Where one of them alone explains most, the others are details beside a law with a name.
+    Where one of two alone explains most, the other is a detail beside a law with a name.
     """
     every, known = arena.super_model.candidates, {frozenset(e.members): e for e in entries}
     at: dict[str, list[int]] = {}
@@ -88,7 +88,7 @@ def crowded(
         without = known.get(frozenset(rest), known[frozenset()]).fit.cost
         alone = [known.get(frozenset({*rest, i})) for i in crowd]
         least = min((e.fit.cost for e in alone if e is not None), default=np.inf)
-        if len(crowd) >= CROWD and least > ALONE**2 * without:
+        if len(crowd) > CROWD or (len(crowd) == CROWD and least > ALONE**2 * without):
             found.append((site.partition(":")[2], rest))
     return found
 
