@@ -336,6 +336,13 @@ def test_clipping_needs_readings_that_stand_still_at_the_limit():
     top = int(np.argmax(np.abs(once)))
     once[top - 2 : top + 3] = 1.1 * once[top]
     assert "clipping" in names(once)
+    # The same through a converter that repeats a reading here and there.
+    step = float(np.quantile(np.abs(np.diff(y)), 0.2))
+    coarse = step * np.round(y / step)
+    assert np.mean(np.diff(coarse) == 0.0) > 0.02 and "clipping" not in names(coarse)
+    top = int(np.argmax(np.abs(coarse)))
+    coarse[top - 15 : top + 16] = 1.1 * coarse[top]
+    assert "clipping" in names(coarse)
 
 
 def test_a_registered_mechanism_is_found_by_its_own_name():

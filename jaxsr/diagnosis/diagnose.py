@@ -63,7 +63,7 @@ MOST_PATIENCE = 10.0
 """The same in seconds: what takes longer is caught in a law that jumps."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
-SEARCHING = 0.7
+SEARCHING = 0.65
 """Share of the time budget after which no more sets are tried."""
 REPORTING = 3.0
 """Time kept for refining and reporting, relative to that of reading and screening."""

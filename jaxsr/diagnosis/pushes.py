@@ -47,10 +47,10 @@ def push_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
     if not found:
         return []
     every = np.concatenate(gains)
-    noise = entry.fit.cost / independent_residuals(entry)
+    independent = independent_residuals(entry)
     # Where more than noise is left, windows usually gain more than chi-squared's median.
-    noise *= max(float(np.median(every)) / noise / 0.455, 1.0)
-    sure = surely(noise, every.size)
+    usual = float(np.median(every)) * independent / entry.fit.cost
+    sure = surely(entry.fit.cost, independent / max(usual / 0.455, 1.0), every.size)
     single = len(arena.prepared) == 1
     least = max(sure, CONCENTRATED * entry.fit.cost if single else 0.0)
     best = sorted((p for p in found if p.gain > least), key=lambda p: -p.gain)

@@ -25,7 +25,7 @@ from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator, apply_edit, with_values
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.segments import Prepared
-from jaxsr.recordings import noise_level
+from jaxsr.recordings import noise_level, quantisation_step
 
 LIMITED = 10.0
 """Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
@@ -166,6 +166,7 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     told = np.where(
         half > 0, np.sqrt(half**2 + numerical**2 + corners**2 + (2.0 * spread) ** 2), 0.0
     )
+    told += _converters(arena, entry)
     half = told.copy()
     half[entry.fit.active] = np.hypot(told[entry.fit.active], untold(arena, entry.fit))
     candidates = [arena.super_model.candidates[i] for i in entry.members]
@@ -280,6 +281,19 @@ def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarr
     result = theta - change
     result = np.where(straight & (result > low) & (result < high), result, theta)
     return result, np.where(straight, 0.5, 1.0) * np.abs(change)
+
+
+def _converters(arena: Arena, entry: Entry) -> np.ndarray:
+    """Half the step of a converter, for the limit of its readings: these tell it no better."""
+    super_model, outputs = arena.super_model, arena.super_model.model.outputs
+    half = np.zeros_like(entry.fit.theta)
+    for number in entry.members:
+        candidate = super_model.candidates[number]
+        if candidate.mechanism == "clipping":
+            k = list(outputs).index(candidate.site.partition(":")[2])
+            readings = np.concatenate([p.outputs[:, k] for p in arena.prepared])
+            half[super_model.index(number)] = 0.5 * (quantisation_step(readings) or 0.0)
+    return half
 
 
 def _other_estimates(

@@ -35,8 +35,8 @@ def resonance_candidates(arena: Arena, entry: Entry, responses: Responses) -> li
         return []
     paces = np.geomspace(low, high, int(np.ceil(np.log(high / low) / np.log(APART))) + 1)
     choices = [(pace, damping) for damping in DAMPINGS for pace in paces]
-    noise = entry.fit.cost / independent_residuals(entry)
-    least = surely(noise, len(choices) * len(responses.sites))
+    number = len(choices) * len(responses.sites)
+    least = surely(entry.fit.cost, independent_residuals(entry), number)
     found = []
     for j, site in enumerate(responses.sites):
         if site.position is None or not responses.reverses(site):

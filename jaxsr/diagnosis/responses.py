@@ -135,9 +135,14 @@ class Responses:
         return np.maximum(gains, 0.0), coefficients
 
 
-def surely(noise: float, choices: int) -> float:
-    """Return the fall of the cost from which the best of many forces is no doing of noise."""
-    return noise * (SURE + 2.0 * float(np.log(choices)))
+def surely(cost: float, independent: float, choices: int) -> float:
+    """Return the fall of the cost from which the best of many forces is no doing of noise.
+
+    Noise is what the force leaves: what it removes may be nearly all there is, and as coloured
+    as the motion.
+    """
+    ratio = (SURE + 2.0 * float(np.log(choices))) / independent
+    return cost * ratio / (1.0 + ratio)
 
 
 def _derivatives(

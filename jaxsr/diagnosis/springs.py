@@ -27,8 +27,8 @@ def spring_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[
 
     From a place that is hardly reached the law may look useless, whatever it does elsewhere.
     """
-    noise = entry.fit.cost / independent_residuals(entry)
-    least = surely(noise, SHARES.size * len(responses.sites))
+    choices = SHARES.size * len(responses.sites)
+    least = surely(entry.fit.cost, independent_residuals(entry), choices)
     found = []
     for j, site in enumerate(responses.sites):
         for laws in _laws(arena, site):

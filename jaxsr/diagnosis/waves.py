@@ -62,7 +62,8 @@ def wave_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
     neighbouring frequencies gain and with the best of as many frequencies of noise. Frequencies
     that an input brings are left out unless they hold most of what is left.
     """
-    noise = entry.fit.cost / independent_residuals(entry)
+    independent = independent_residuals(entry)
+    noise = entry.fit.cost / independent
     candidates = []
     for kind in _kinds(arena, responses):
         gains, _ = _gains(responses, kind, kind.grid)
@@ -70,7 +71,7 @@ def wave_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
         usual = np.maximum(floor_of(gains), 1.386 * noise)
         enough = MOST_OF_IT * entry.fit.cost
         least = np.minimum(PROMINENT * usual, enough)
-        least = np.maximum(surely(noise, gains.size), least)
+        least = np.maximum(surely(entry.fit.cost, independent, gains.size), least)
         if kind.pair is not _along_path:
             # A controller answers a force: its line is then in the input as well.
             driven = _driven(arena, kind.grid) & (gains < enough)

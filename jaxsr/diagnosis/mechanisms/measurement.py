@@ -64,10 +64,14 @@ def _limit(values: np.ndarray) -> float | None:
     size, spread = np.abs(values), float(np.ptp(np.abs(values))) if values.size else 0.0
     if values.size < 8 or not spread > 0.0:
         return None
-    flat = sum(run.size >= FLAT for run in _near_top(size, 1e-9 * spread))
+    flat = [run.size for run in _near_top(size, 1e-9 * spread) if run.size >= FLAT]
     below = size[1:] < size.max() - 1e-9 * spread
-    standing = float(np.mean(np.diff(values)[below] == 0.0)) if below.any() else 1.0
-    if flat >= 2 or (flat == 1 and standing < NEVER):
+    equal = (np.diff(values) == 0.0) & below
+    standing = float(np.mean(equal[below])) if below.any() else 1.0
+    # A coarse converter repeats readings where the motion turns, but briefly.
+    moving = np.flatnonzero(np.concatenate([[True], ~equal, [True]]))
+    longest = int(np.diff(moving).max())
+    if len(flat) >= 2 or (flat and (standing < NEVER or flat[0] > 2 * longest)):
         return float(size.max())
     # Third differences of white noise have 20 times its variance.
     noise = float(np.median(np.abs(np.diff(values, 3)))) / (0.6745 * np.sqrt(20.0))
