@@ -35,6 +35,9 @@ BROKEN = 0.9
 """Share of the gain promised by one iteration, missed by which an estimate begins anew."""
 PARENTS = {False: 2, True: 3}
 """Sets of different mechanisms that grow on; more where all leave far more than the noise."""
+BEHIND = 4.0
+"""Cost, relative to the leader's, from which a set does not grow on where the leader is near the
+noise."""
 WORTH = 0.3
 """Share of the best quick gain from which a mechanism is estimated in full."""
 VARIANT = 0.7
@@ -84,6 +87,8 @@ def grow(
             labels = tuple(arena.super_model.candidates[i].label for i in entry.members)
             distinct.setdefault(labels, entry)
         leaders = list(distinct.values())[: PARENTS[far]]
+        if not far:
+            leaders = [e for e in leaders if e.fit.cost < BEHIND * leaders[0].fit.cost]
         if not leaders or (leaders[0] is not known[0] and not far):
             break
     return list(found.values())
