@@ -12,7 +12,7 @@ from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
 from jaxsr.diagnosis.mechanisms.periodic import harmonic, ripple, swing
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.responses import Responses
+from jaxsr.diagnosis.responses import SURE, Responses, surely
 from jaxsr.diagnosis.waves import _gains, _kinds, wave_candidates
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
@@ -139,3 +139,20 @@ def test_noise_alone_shows_no_wave():
     for seed in range(10):
         arena, null, responses = arena_of(100 + seed, lambda t, x: (0.0, 0.0))
         assert wave_candidates(arena, null, responses) == []
+
+
+def test_a_force_that_holds_nearly_all_stands_out_however_few_residuals_tell_of_it():
+    """What one column of many leaves of 20 numbers: noise is never sure, a signal always is."""
+    rng, count, choices = np.random.default_rng(6), 20, 60
+    false = found = 0
+    for _ in range(400):
+        columns = rng.normal(size=(choices, count))
+        columns /= np.linalg.norm(columns, axis=1, keepdims=True)
+        noise = rng.normal(size=count)
+        for signal in (0.0, 40.0):
+            r = noise + signal * columns[7]
+            cost, gains = float(r @ r), (columns @ r) ** 2
+            sure = gains.max() > surely(cost, count, choices)
+            found, false = found + (sure and signal > 0), false + (sure and signal == 0)
+    assert found == 400 and false <= 8  # 3 expected: R2 above 0.55 of 20 numbers, 60 columns
+    assert surely(1e4, 1e4, choices) == pytest.approx(SURE + 2.0 * np.log(choices), rel=1e-2)
