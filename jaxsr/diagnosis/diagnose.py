@@ -67,6 +67,8 @@ SEARCHING = 0.65
 """Share of the time budget after which no more sets are tried."""
 REPORTING = 3.0
 """Time kept for refining and reporting, relative to that of reading and screening."""
+OWN = 0.05
+"""Share of the time budget that a set's own widths of jumps may need."""
 AGAIN = 0.2
 """Share of the time budget from which longer segments are still asked."""
 GROWING = 0.7
@@ -140,7 +142,8 @@ def diagnose(
     if not decision[-1].detected and case.search.remaining >= AGAIN * budget.seconds:
         decision, headline, grown = looked_further(case, (decision, headline, grown), rng)
     arena, good, decisive, detection = decision
-    chosen = in_own_widths(arena, decisive)
+    in_time = search.remaining > OWN * budget.seconds or not np.isfinite(budget.seconds)
+    chosen = in_own_widths(arena, decisive) if in_time else decisive
     good = [chosen if e is decisive else e for e in good]
     null = next(e for e in good if not e.members)
     ingredients = Ingredients(

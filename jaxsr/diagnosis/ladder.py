@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 NAMED = 0.05
 """Share of the residual's power from which a dependence is named."""
+LEFT = 0.15
+"""Share of the time budget without which the halves are not estimated."""
 AGREE = 3.0
 """Standard errors within which two halves agree."""
 
@@ -158,6 +160,9 @@ def _without(arena: Arena, out: np.ndarray) -> Arena:
 
 
 def _halves(parts: Ingredients) -> str:
+    budget = parts.case.budget
+    if budget.remaining < LEFT * budget.seconds:
+        return "No time was left to estimate on each half of the segments."
     rows = halves(parts)
     if not rows:
         return "Too few segments to estimate on halves."
