@@ -10,10 +10,7 @@ wrong, in a quick run only if the committed results had it right.
 from __future__ import annotations
 
 import argparse
-import importlib.metadata
 import json
-import os
-import platform
 import sys
 import time
 from pathlib import Path
@@ -22,6 +19,7 @@ from typing import Any
 import jax
 
 import jaxsr
+from benchmarks.provenance import origin_of
 from jaxsr._files import atomic_write_text, dump_json
 from jaxsr.diagnosis.result import Diagnosis
 
@@ -32,18 +30,6 @@ SEED = 0
 BUDGET = 120.0
 """Seconds; answers are judged here, and a busy machine must not change them."""
 QUICK = ("set1", "set4")
-
-
-def provenance() -> dict[str, Any]:
-    """Return seed, versions and machine of this run."""
-    versions = {name: importlib.metadata.version(name) for name in ("jax", "numpy")}
-    return {
-        "seed": SEED,
-        "python": platform.python_version(),
-        **versions,
-        "jaxsr": jaxsr.__version__,
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
-    }
 
 
 def judge(found: Diagnosis, truth: dict[str, Any]) -> dict[str, bool]:
@@ -109,7 +95,7 @@ def main() -> int:
     quick = parser.parse_args().quick
     truths = json.loads((HERE / "demo_truth.json").read_text())["sets"]
     committed = json.loads(RESULT.read_text())["sets"] if RESULT.exists() else {}
-    origin = provenance()
+    origin = origin_of(SEED)
     print(", ".join(f"{k} {v}" for k, v in origin.items()))
     rows: dict[str, Any] = {}
     for name in QUICK if quick else truths:

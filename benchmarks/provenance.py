@@ -32,6 +32,17 @@ def machine() -> str:
     return f"{platform.machine()}, {platform.system()}, {os.cpu_count()} cores"
 
 
+def origin_of(seed: int) -> dict[str, Any]:
+    """Return seed, versions and machine of a run in one flat row."""
+    return {
+        "seed": seed,
+        "python": platform.python_version(),
+        **{name: importlib.metadata.version(name) for name in ("jax", "numpy")},
+        "jaxsr": jaxsr.__version__,
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+    }
+
+
 def write(name: str, title: str, seeds: Sequence[int], body: dict[str, Any]) -> None:
     """Write ``results/NAME.json``: the title, the body, seeds, versions, machine."""
     document = {

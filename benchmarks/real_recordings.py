@@ -11,10 +11,8 @@ status 1 if a target that the committed results met is missed.
 from __future__ import annotations
 
 import argparse
-import importlib.metadata
 import json
 import os
-import platform
 import sys
 import tempfile
 import time
@@ -27,6 +25,7 @@ import jax
 import numpy as np
 
 import jaxsr
+from benchmarks.provenance import origin_of
 from jaxsr._files import atomic_write_text, dump_json
 from jaxsr._result import InputError
 from jaxsr.datasets import fetch
@@ -342,18 +341,6 @@ CASES: dict[str, tuple[str, Callable[[Path, bool], Case]]] = {
 }
 
 
-def provenance() -> dict[str, Any]:
-    """Return seed, versions and machine of this run."""
-    versions = {name: importlib.metadata.version(name) for name in ("jax", "numpy")}
-    return {
-        "seed": SEED,
-        "python": platform.python_version(),
-        **versions,
-        "jaxsr": jaxsr.__version__,
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
-    }
-
-
 def missed(name: str, case: Case, committed: dict[str, Any]) -> list[str]:
     """Return the checks that the committed results met and this run does not."""
     before = {
@@ -377,7 +364,7 @@ def main() -> int:
     if local.is_dir():
         os.environ.setdefault("JAXSR_DATA_DIR", str(local))
     committed = json.loads(RESULT.read_text())["cases"] if RESULT.exists() else {}
-    origin, lost = provenance(), []
+    origin, lost = origin_of(SEED), []
     print(", ".join(f"{k} {v}" for k, v in origin.items()))
     for name in chosen:
         dataset, run = CASES[name]

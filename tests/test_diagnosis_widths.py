@@ -24,7 +24,7 @@ from jaxsr.diagnosis.contest import (
 from jaxsr.diagnosis.decide import plausible
 from jaxsr.diagnosis.integration import choose_stepping
 from jaxsr.diagnosis.mechanisms import force_candidates
-from jaxsr.diagnosis.refine import Ground, refine
+from jaxsr.diagnosis.refine import Ground, refine, without_width
 from jaxsr.diagnosis.widths import BEGIN
 from jaxsr.diagnosis.widths import width_of as width_of_law
 from jaxsr.models import Simulator, parse_model
@@ -106,23 +106,37 @@ def test_a_peak_is_held_against_the_width_of_its_own_law() -> None:
     assert not plausible(arena, wide)
 
 
-def test_estimates_that_do_not_follow_the_width_in_a_line_are_not_extrapolated() -> None:
-    """A body that turns over softly, estimated with the sharpest law: the interval must hold."""
-    arena, prepared = rail(0.05, "coulomb_friction")
+@pytest.mark.parametrize("width", [0.02, 0.05, 0.1])
+def test_the_sharpest_law_gives_an_interval_that_holds_for_a_soft_turn(width: float) -> None:
+    arena, prepared = rail(width, "coulomb_friction")
     least = width_of(arena) / BEGIN
     sharp = in_widths(arena, (least,))
     entry = enter(sharp, (0,), neutral_values(arena.super_model), near=True)
-    series = [entry]
-    for factor in (2.0, 4.0):
-        at = in_widths(arena, (factor * least,))
-        series.append(enter(at, (0,), entry.fit.theta, entry.fit.path, near=True))
     (k,) = arena.super_model.index(0)
-    values = np.array([e.fit.theta[k] for e in series])
-    first, second = np.diff(values)
+    wider = in_widths(arena, (2.0 * least,))
+    change = enter(wider, (0,), entry.fit.theta, entry.fit.path, near=True).fit.theta[k]
+    change -= entry.fit.theta[k]
     value, half = refine(Ground(sharp, prepared, (1.0,), None), entry).interval("Fc")
-    straight = abs(second - 2.0 * first) < abs(first)
-    assert value == pytest.approx(values[0] - first if straight else values[0], rel=1e-3)
-    assert half >= (0.5 if straight else 0.99) * abs(first)
+    # here estimates follow the width in a line
+    assert value == pytest.approx(entry.fit.theta[k] - change, rel=1e-3)
+    assert abs(value - TRUE["Fc"]) < half < 0.01 * TRUE["Fc"] and half >= 0.5 * abs(change)
+
+
+def test_only_what_follows_the_width_in_a_line_is_extrapolated() -> None:
+    """A line, one that bends slightly, a jump, and an estimate that turns back."""
+    laws = [
+        lambda w: 3.0 - 0.5 * w,
+        lambda w: 3.0 - 0.5 * w + 0.02 * w**2,
+        lambda w: 3.0 if w < 1.5 else 3.4,
+        lambda w: 3.0 + 0.2 * np.sin(np.pi * w / 2.0),
+    ]
+    found, left = without_width(*(np.array([law(w) for law in laws]) for w in (1.0, 2.0, 4.0)))
+    np.testing.assert_allclose(found, [3.0, 2.96, laws[2](1.0), laws[3](1.0)], atol=1e-12)
+    sharp, wider = (np.array([law(w) for law in laws]) for w in (1.0, 2.0))
+    change = np.abs(wider - sharp)
+    np.testing.assert_allclose(left, [0.5, 0.5, 1.0, 1.0] * change)
+    limits = np.array([law(0.0) for law in laws])
+    assert (np.abs(found - limits) <= left + 1e-12).all()
 
 
 def test_a_width_is_kept_between_the_sharpest_and_the_widest() -> None:

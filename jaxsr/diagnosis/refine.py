@@ -39,7 +39,8 @@ ANCHORED = 1e-3
 NOISE_ALONE = 2.5
 """Ratio of residual to coloured noise up to which noise alone may be all that is left."""
 CURVED = 1.0
-"""Second difference of estimates over widths, relative to the first, that is taken for a line."""
+"""Departure from a line of estimates over widths, relative to their change, up to which they are
+taken for one."""
 SMOOTH = 0.93
 """Correlation of neighbouring samples from which a residual is motion and not coloured noise."""
 
@@ -273,13 +274,24 @@ def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarr
     wider = estimate(2.0, entry.fit)
     if not wider.usable:
         return theta, none
-    change = wider.theta - theta
     widest = estimate(4.0, wider)
-    curved = np.abs(widest.theta - wider.theta - 2.0 * change) if widest.usable else np.abs(change)
-    straight = curved < CURVED * np.abs(change)
+    if not widest.usable:
+        return theta, np.abs(wider.theta - theta)
+    result, left = without_width(theta, wider.theta, widest.theta)
     low, high = parameter_bounds(arena.super_model)
-    result = theta - change
-    result = np.where(straight & (result > low) & (result < high), result, theta)
+    return np.where((result > low) & (result < high), result, theta), left
+
+
+def without_width(
+    theta: np.ndarray, wider: np.ndarray, widest: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Extrapolate estimates at the widths w, 2 w and 4 w to none; return a bound of what is left.
+
+    Estimates that do not follow the width in a line stay, and all of their change is the bound.
+    """
+    change = wider - theta
+    straight = np.abs(widest - wider - 2.0 * change) < CURVED * np.abs(change)
+    result = np.where(straight, theta - change, theta)
     return result, np.where(straight, 0.5, 1.0) * np.abs(change)
 
 

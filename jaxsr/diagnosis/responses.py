@@ -136,10 +136,12 @@ class Responses:
 
 
 def surely(cost: float, independent: float, choices: int) -> float:
-    """Return the fall of the cost from which the best of many forces is no doing of noise.
+    r"""Return the fall of the cost from which the best of many forces is no doing of noise.
 
     Noise is what the force leaves: what it removes may be nearly all there is, and as coloured
-    as the motion.
+    as the motion. With n independent residuals, a fall g of the cost C is sure where
+
+    .. math:: g > \frac{C - g}{n} (16 + 2 \log(\mathrm{choices})).
     """
     ratio = (SURE + 2.0 * float(np.log(choices))) / independent
     return cost * ratio / (1.0 + ratio)
