@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import sys
 from pathlib import Path
@@ -26,10 +27,18 @@ from benchmarks.systems import (
     with_force,
 )
 
+ROOT = Path(__file__).resolve().parents[1]
+SCRIPTS = [p for p in sorted((ROOT / "benchmarks").rglob("*.py")) if p.stem[:2] != "__"]
+
 
 @pytest.fixture(scope="module")
 def data() -> dict[str, np.ndarray]:
     return variables(two_mass_unseen(200))
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
+def test_every_script_finds_what_it_imports(script: Path) -> None:
+    importlib.import_module(".".join(script.relative_to(ROOT).with_suffix("").parts))
 
 
 @pytest.mark.parametrize("state", TWO_MASS)
