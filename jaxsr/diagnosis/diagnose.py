@@ -25,30 +25,21 @@ from jaxsr.diagnosis.contest import (
     ITERATIONS,
     Arena,
     Entry,
-    build_arena,
     enter,
     in_steps_of,
     in_widths_of_best,
-    neutral_values,
     with_rounded_jumps,
 )
-from jaxsr.diagnosis.decide import plausible
 from jaxsr.diagnosis.document import Ingredients, assemble
 from jaxsr.diagnosis.horizon import Headline, Outlook
 from jaxsr.diagnosis.integration import choose_stepping, with_smooth
 from jaxsr.diagnosis.located import with_located
+from jaxsr.diagnosis.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
 from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
 from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.diagnosis.stepwise import glance, grow
-from jaxsr.diagnosis.unnamed import (
-    ProposedForce,
-    crowded,
-    propose_instead,
-    propose_unnamed,
-    worth_no_name,
-)
 from jaxsr.models import Simulator
 from jaxsr.recordings import Recording
 
@@ -77,12 +68,8 @@ PROMISING = 0.7
 """Error left in the weak view, relative to re-calibration, below which a set must do well."""
 MOST_BROKEN = 2
 """Sets that do not do so well, from which the weak view is not believed about larger ones."""
-ABOVE_NOISE = 2.0
-"""Ratio of residual to sensor noise from which a law is searched that no named mechanism covers."""
 HIDDEN = 5.0
 """The same in longer segments from which an effect is looked for that short ones do not show."""
-REMOVED = 0.3
-"""Share of the re-calibrated error up to which a mismatch counts as explained."""
 
 
 def diagnose(
@@ -168,7 +155,8 @@ def decided(case: Case, field: Contest, rng: np.random.Generator) -> Decided:
     """Choose among the sets of a contest and what the evolution adds to them."""
     arena, entries, headline, grown = field
     entries = with_parts(case, arena, entries)
-    arena, entries = with_unnamed(case, arena, entries, rng)
+    curved = with_curve(case, (arena, entries), rng)
+    arena, entries = with_unnamed(case, curved, rng)
     case.progress.stage("deciding")
     decision = with_nameless(case, decide(case, arena, entries), rng)
     return decision, headline, grown
@@ -187,95 +175,6 @@ def looked_further(case: Case, before: Decided, rng: np.random.Generator) -> Dec
     arena, _, chosen, detection = after[0]
     clear = detection.detected and residual_to_noise(arena, chosen) < ABOVE_NOISE
     return after if clear else before
-
-
-def with_unnamed(
-    case: Case, arena: Arena, entries: list[Entry], rng: np.random.Generator
-) -> tuple[Arena, list[Entry]]:
-    """Let the evolution write a law where no set of named mechanisms comes near the noise."""
-    null = next(e for e in entries if not e.members)
-    best = min((e for e in entries if e is null or plausible(arena, e)), key=lambda e: e.fit.cost)
-    if not _unexplained(case, arena, null, best):
-        return arena, entries
-    case.progress.stage("searching a term that no named mechanism covers")
-    found = propose_unnamed(case, arena, best, rng)
-    if found is None:
-        return arena, entries
-    proposal, rest = found
-    number = len(arena.super_model.candidates)
-    beside = ((), rest, best.members)
-    wider, again = with_candidate(case, arena, entries, best, proposal, beside)
-    own = min((e for e in again if number in e.members), key=lambda e: e.fit.cost)
-    return (wider, again) if worth_no_name(wider, own, best) else (arena, entries)
-
-
-def with_nameless(case: Case, decision: Decision, rng: np.random.Generator) -> Decision:
-    """Let the evolution write one law in the place of several named forces at one equation."""
-    arena, good, chosen, _ = decision
-    for state, rest in crowded(arena, chosen, good):
-        case.progress.stage("searching one law for several forces at one place")
-        proposal = propose_instead(case, arena, chosen, state, rest, rng)
-        if proposal is None:
-            continue
-        number = len(arena.super_model.candidates)
-        rival = decide(case, *with_candidate(case, arena, good, chosen, proposal, (rest,)))
-        if number in rival[2].members and worth_no_name(rival[0], rival[2], chosen):
-            decision = arena, good, chosen, _ = rival
-    return decision
-
-
-def _unexplained(case: Case, arena: Arena, null: Entry, best: Entry) -> bool:
-    """Whether a mismatch above the noise is left that no named mechanism removes."""
-    if case.screened is None or case.search.exhausted:
-        return False
-    left = np.sqrt(best.error / max(null.error, 1e-300))
-    return left > REMOVED and residual_to_noise(arena, best) > ABOVE_NOISE
-
-
-def with_candidate(
-    case: Case,
-    arena: Arena,
-    entries: list[Entry],
-    chosen: Entry,
-    proposal: ProposedForce,
-    beside: Sequence[tuple[int, ...]],
-) -> tuple[Arena, list[Entry]]:
-    """Enter the contest again with one more candidate, itself beside the sets `beside`.
-
-    Each of these is a part of the chosen set, and starts from where that ended.
-    """
-
-    def stop() -> bool:
-        return case.search.exhausted
-
-    (candidate, coefficients), old = proposal, arena.super_model
-    super_model = SuperModel.build(old.given, [*old.candidates, candidate])
-    simulator = Simulator(super_model.model, case.simulator.function)
-    stepping, scale = arena.problem.stepping, arena.problem.scale
-    if len(simulator.smoothed_arguments) != len(stepping.widths):  # a law that jumps
-        start = np.concatenate([chosen.fit.theta, coefficients])
-        stepping = choose_stepping(simulator, case.prepared, start)
-    same = stepping == arena.problem.stepping
-    setting = super_model, case.prepared, stepping, arena.seconds, scale, simulator
-    new = build_arena(*setting, arena if same else None)
-    new = new if same else replace(with_rounded_jumps(new), patience=arena.patience)
-    number, added = len(old.candidates), neutral_values(super_model)[len(old.model.parameters) :]
-    leading = sorted(entries, key=lambda e: e.error)[:4]
-    null = next(e for e in entries if not e.members)
-    sets = {e.members: e for e in (null, chosen, *leading)}
-    if same:
-        again = [replace(e, fit=e.fit.extended(added)) for e in entries]
-    else:
-        starts = {m: np.concatenate([e.fit.theta, added]) for m, e in sets.items()}
-        again = [enter(new, members, theta, stop=stop) for members, theta in starts.items()]
-    neutral = neutral_values(old)
-    for members in dict.fromkeys(beside):
-        theta = sets.get(members, chosen).fit.theta.copy()
-        for i in set(chosen.members) - set(members):
-            theta[old.index(i)] = neutral[old.index(i)]
-        theta = np.concatenate([theta, coefficients])
-        again.append(enter(new, (*members, number), theta, stop=stop))
-    return new, again
 
 
 @overload

@@ -13,6 +13,7 @@ import numpy as np
 from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import Arena, Entry, active_parameters, neutral_values
+from jaxsr.diagnosis.decide import independent_residuals
 from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
 from jaxsr.diagnosis.weak_system import WeakSystem, weak_system
 from jaxsr.evolution import SearchConfig, propose
@@ -41,6 +42,11 @@ REACH = 10.0
 """Factor within which constants inside a proposed term are estimated."""
 FORCES = frozenset("dissipative elastic coupling periodic memory".split())
 """Families of forces that the shape of another one can imitate."""
+ALONG_POSITION = frozenset(
+    "linear_stiffness quadratic_stiffness cubic_stiffness piecewise_stiffness backlash "
+    "position_ripple".split()
+)
+"""Mechanisms whose forces depend on the position alone."""
 ProposedForce = tuple[Candidate, np.ndarray]
 """A candidate and the values of its coefficients."""
 
@@ -93,6 +99,22 @@ def crowded(
     return found
 
 
+def crowded_over_position(arena: Arena, chosen: Entry) -> list[tuple[str, tuple[int, ...]]]:
+    """Return the equations at which several chosen forces depend on the position alone.
+
+    Together they are one law of it. With the members that stand beside them.
+    """
+    every, at = arena.super_model.candidates, {}
+    for number in chosen.members:
+        if every[number].mechanism in ALONG_POSITION:
+            at.setdefault(every[number].site.partition(":")[2], []).append(number)
+    crowds = {state: crowd for state, crowd in at.items() if len(crowd) >= CROWD}
+    return [
+        (state, tuple(i for i in chosen.members if i not in crowd))
+        for state, crowd in crowds.items()
+    ]
+
+
 def propose_instead(
     case: Case,
     arena: Arena,
@@ -112,13 +134,21 @@ def propose_instead(
     if not (system.state == index).any():
         return None
     good = _search(case, arena, system, rest, index, rng)
-    return _as_candidate(case, index, good[0]) if good else None
+    return as_candidate(case, index, good[0]) if good else None
 
 
 def worth_no_name(arena: Arena, unnamed: Entry, named: Entry) -> bool:
-    """Whether a law without a name reaches the noise, or leaves far less than the named ones."""
-    near = residual_to_noise(arena, unnamed) <= LIMITED
-    return near or unnamed.fit.cost < NAMELESS * named.fit.cost
+    """Whether a law without a name leaves far less than named ones, or is shorter at the noise.
+
+    Shorter by Schwarz's criterion, n log(cost) + k log(n): the price of several names in a
+    library does not make a law nameless.
+    """
+    if unnamed.fit.cost < NAMELESS * named.fit.cost:
+        return True
+    n = independent_residuals(unnamed)
+    more = unnamed.fit.active.size - named.fit.active.size
+    shorter = n * np.log(unnamed.fit.cost / named.fit.cost) + more * np.log(n) < 0.0
+    return bool(shorter) and residual_to_noise(arena, unnamed) <= LIMITED
 
 
 def _without(arena: Arena, entry: Entry, members: Iterable[int]) -> np.ndarray:
@@ -153,7 +183,7 @@ def _search(
     seconds = min(SECONDS, SHARE * case.search.remaining)
     if not seconds > 0.0:
         return []
-    rows, sizes = system.state == state, _sizes(case)
+    rows, sizes = system.state == state, sizes_of(case)
     weight = np.zeros(rows.size)
     for index in np.unique(system.state):
         own = system.state == index
@@ -185,7 +215,7 @@ def _search(
     return [p for p in found if 0 < len(p.terms) <= MAX_TERMS and p.relative_loss < WORTH]
 
 
-def _sizes(case: Case) -> dict[str, float]:
+def sizes_of(case: Case) -> dict[str, float]:
     """Rms of every state to two digits, by which the search divides."""
     sizes = {}
     for i, name in enumerate(case.simulator.model.states):
@@ -195,9 +225,9 @@ def _sizes(case: Case) -> dict[str, float]:
     return sizes
 
 
-def _as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
+def as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
     """Write a proposal as a candidate; constants inside its terms are estimated as well."""
-    name, sizes = case.simulator.model.states[state], _sizes(case)
+    name, sizes = case.simulator.model.states[state], sizes_of(case)
     inner: list[float] = []
     pieces = [
         f"{{c{k}}}*({to_text(_written(term, sizes, inner), 6)})"

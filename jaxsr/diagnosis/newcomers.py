@@ -1,0 +1,206 @@
+"""Newcomers: laws without a name that enter the contest once the named ones have been compared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.choice import Decision, decide
+from jaxsr.diagnosis.contest import (
+    Arena,
+    Entry,
+    build_arena,
+    enter,
+    neutral_values,
+    with_rounded_jumps,
+)
+from jaxsr.diagnosis.curves import Curve, curves_at, laws_along
+from jaxsr.diagnosis.decide import plausible
+from jaxsr.diagnosis.integration import choose_stepping
+from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
+from jaxsr.diagnosis.unnamed import (
+    FORCES,
+    NAMELESS,
+    ProposedForce,
+    crowded,
+    crowded_over_position,
+    propose_instead,
+    propose_unnamed,
+    worth_no_name,
+)
+from jaxsr.models import Simulator
+
+ABOVE_NOISE = 2.0
+"""Ratio of residual to sensor noise from which a law is sought that no named mechanism covers."""
+REMOVED = 0.3
+"""Share of the re-calibrated error up to which a mismatch counts as explained."""
+
+Field = tuple[Arena, list[Entry]]
+"""An arena and its entries."""
+
+
+def with_curve(case: Case, field: Field, rng: np.random.Generator) -> Field:
+    """Enter one curve over the position in the place of several springs and ripples over it."""
+    arena, entries = field
+    best = min((e for e in entries if plausible(arena, e)), key=lambda e: e.fit.cost, default=None)
+    if best is None:
+        return field
+    for state, rest in crowded_over_position(arena, best):
+        case.progress.stage("estimating one curve for several forces over a position")
+        curves = [c for c in curves_at(case, best, state) if c.variable != state]
+        found = _with_curves(case, (arena, entries), best, curves, rest, rng)
+        if found is not None and worth_no_name(found[0], _leading(arena, found), best):
+            arena, entries = found
+    return arena, entries
+
+
+def with_unnamed(case: Case, field: Field, rng: np.random.Generator) -> Field:
+    """Enter a law without a name where no set of named mechanisms comes near the noise.
+
+    First curves, then what the evolution writes where the sensors show the equations. Where named
+    ones explain most of the mismatch, only a curve that reaches the noise may stand for them.
+    """
+    arena, entries = field
+    null = next(e for e in entries if not e.members)
+    best = min((e for e in entries if e is null or plausible(arena, e)), key=lambda e: e.fit.cost)
+    if case.search.exhausted or residual_to_noise(arena, best) <= ABOVE_NOISE:
+        return field
+    case.progress.stage("searching a law that no named mechanism covers")
+    kept, least = field, best
+    for state, rest in _places(case, arena, best):
+        found = _with_curves(case, field, best, curves_at(case, best, state), rest, rng)
+        if found is None:
+            continue
+        leading = _leading(arena, found)
+        if residual_to_noise(found[0], leading) < ABOVE_NOISE:
+            return found
+        if leading.fit.cost < NAMELESS * least.fit.cost:
+            kept, least = found, leading
+    if np.sqrt(best.error / max(null.error, 1e-300)) < REMOVED:
+        return field
+    proposed = propose_unnamed(case, arena, best, rng)
+    if proposed is not None:
+        proposal, rest = proposed
+        beside = ((), rest, best.members)
+        found = with_candidates(case, field, best, [proposal], beside)
+        if worth_no_name(found[0], _leading(arena, found), least):
+            return found
+    return kept
+
+
+def _leading(before: Arena, found: Field) -> Entry:
+    """Return the best entry with a candidate that the arena `before` did not have."""
+    known = len(before.super_model.candidates)
+    return min(
+        (e for e in found[1] if max(e.members, default=-1) >= known), key=lambda e: e.fit.cost
+    )
+
+
+def with_nameless(case: Case, decision: Decision, rng: np.random.Generator) -> Decision:
+    """Let the evolution write one law in the place of several named forces at one equation."""
+    arena, good, chosen, _ = decision
+    for state, rest in crowded(arena, chosen, good):
+        case.progress.stage("searching one law for several forces at one place")
+        proposal = propose_instead(case, arena, chosen, state, rest, rng)
+        if proposal is None:
+            continue
+        number = len(arena.super_model.candidates)
+        found = with_candidates(case, (arena, good), chosen, [proposal], (rest,))
+        rival = decide(case, *found)
+        if number in rival[2].members and worth_no_name(rival[0], rival[2], chosen):
+            decision = arena, good, chosen, _ = rival
+    return decision
+
+
+def _with_curves(
+    case: Case,
+    field: Field,
+    chosen: Entry,
+    curves: Sequence[Curve],
+    rest: tuple[int, ...],
+    rng: np.random.Generator,
+) -> Field | None:
+    """Enter free curves, each alone and beside the members `rest`, and laws that follow the best.
+
+    None where no curve can be estimated.
+    """
+    if not curves or case.search.exhausted:
+        return None
+    arena, known = field[0], len(field[0].super_model.candidates)
+    forces = [curve.proposed() for curve in curves]
+    wider, entries = with_candidates(case, field, chosen, forces, ((), rest))
+    best = _leading(arena, (wider, entries))
+    if not best.fit.usable:
+        return None
+    if residual_to_noise(wider, best) > LIMITED:
+        return wider, entries
+    laws = laws_along(case, wider, curves[best.members[-1] - known], best, rng)
+    if not laws:
+        return wider, entries
+    return with_candidates(case, (wider, entries), best, laws, (best.members[:-1],))
+
+
+def _places(case: Case, arena: Arena, best: Entry) -> list[tuple[str, tuple[int, ...]]]:
+    """Return equations at which a law may be missing, with the members of `best` elsewhere.
+
+    Those at which it has forces; all where it has none.
+    """
+    every = arena.super_model.candidates
+    at: dict[str, list[int]] = {}
+    for number in best.members:
+        if every[number].family in (*FORCES, "external"):
+            at.setdefault(every[number].site.partition(":")[2], []).append(number)
+    places: Iterable[str] = at or case.simulator.model.dynamic_states
+    return [(s, tuple(i for i in best.members if i not in at.get(s, ()))) for s in places]
+
+
+def with_candidates(
+    case: Case,
+    field: Field,
+    chosen: Entry,
+    proposals: Sequence[ProposedForce],
+    beside: Sequence[tuple[int, ...]],
+) -> Field:
+    """Enter the contest again with more candidates, each by itself beside the sets `beside`.
+
+    Each of these is a part of the chosen set, and starts from where that ended.
+    """
+
+    def stop() -> bool:
+        return case.search.exhausted
+
+    arena, entries = field
+    old = arena.super_model
+    super_model = SuperModel.build(old.given, [*old.candidates, *(c for c, _ in proposals)])
+    simulator = Simulator(super_model.model, case.simulator.function)
+    stepping, scale = arena.problem.stepping, arena.problem.scale
+    known, neutral = len(old.candidates), neutral_values(super_model)
+    added = neutral[len(old.model.parameters) :]
+    if len(simulator.smoothed_arguments) != len(stepping.widths):  # a law that jumps
+        start = np.concatenate([chosen.fit.theta, *(values for _, values in proposals)])
+        stepping = choose_stepping(simulator, case.prepared, start)
+    same = stepping == arena.problem.stepping
+    setting = super_model, case.prepared, stepping, arena.seconds, scale, simulator
+    new = build_arena(*setting, arena if same else None)
+    new = new if same else replace(with_rounded_jumps(new), patience=arena.patience)
+    leading = sorted(entries, key=lambda e: e.error)[:4]
+    null = next(e for e in entries if not e.members)
+    sets = {e.members: e for e in (null, chosen, *leading)}
+    if same:
+        again = [replace(e, fit=e.fit.extended(added)) for e in entries]
+    else:
+        starts = {m: np.concatenate([e.fit.theta, added]) for m, e in sets.items()}
+        again = [enter(new, members, theta, stop=stop) for members, theta in starts.items()]
+    for members in dict.fromkeys(beside):
+        start = np.concatenate([sets.get(members, chosen).fit.theta, added])
+        for i in set(chosen.members) - set(members):
+            start[super_model.index(i)] = neutral[super_model.index(i)]
+        for number, (_, values) in enumerate(proposals, known):
+            theta = start.copy()
+            theta[super_model.index(number)] = values
+            again.append(enter(new, (*members, number), theta, stop=stop))
+    return new, again
