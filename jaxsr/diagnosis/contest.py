@@ -49,6 +49,8 @@ class Entry:
         How it was integrated, where it asked for other steps or widths than the arena's.
     rounded : float
         Share of its cost that is the doing of how its jumps are rounded.
+    seconds : float
+        Time that its estimation took.
     """
 
     members: tuple[int, ...]
@@ -56,6 +58,7 @@ class Entry:
     errors: np.ndarray
     stepping: Stepping | None = None
     rounded: float = 0.0
+    seconds: float = 0.0
 
     @property
     def error(self) -> float:
@@ -215,7 +218,8 @@ def enter(
     """
     super_model = arena.super_model
     problem = arena.problem
-    end = time.monotonic() + arena.patience
+    begun = time.monotonic()
+    end = begun + arena.patience
     late = arena.wide is not None and late_members(super_model, members)
     if late and arena.wide is not None:
         problem = replace(arena.wide, scale=problem.scale)
@@ -277,7 +281,7 @@ def enter(
         everywhere = arena.problem.simulator.smoothed_arguments
         before = zip(everywhere, arena.problem.stepping.widths, strict=False)
         stepping = replace(finest, widths=tuple(known.get(a, w) for a, w in before))
-    return Entry(members, result, errors, stepping, share)
+    return Entry(members, result, errors, stepping, share, time.monotonic() - begun)
 
 
 def in_steps_of(arena: Arena, entry: Entry) -> Arena:

@@ -58,6 +58,8 @@ SEARCHING = 0.65
 """Share of the time budget after which no more sets are tried."""
 REPORTING = 3.0
 """Time kept for refining and reporting, relative to that of reading and screening."""
+SLOW, MOST_REPORTING = 8.0, 0.45
+"""The same relative to the estimation of the leading set; its largest share of the time budget."""
 OWN = 0.05
 """Share of the time budget that a set's own widths of jumps may need."""
 AGAIN = 0.2
@@ -68,7 +70,7 @@ PROMISING = 0.7
 """Error left in the weak view, relative to re-calibration, below which a set must do well."""
 MOST_BROKEN = 2
 """Sets that do not do so well, from which the weak view is not believed about larger ones."""
-HIDDEN = 5.0
+HIDDEN = 2.5
 """The same in longer segments from which an effect is looked for that short ones do not show."""
 
 
@@ -125,7 +127,10 @@ def diagnose(
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * budget.elapsed)
     search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress)
-    decision, headline, grown = decided(case, contest(case), rng)
+    field = contest(case)
+    case = leaving_time(case, field[1])
+    search = case.search
+    decision, headline, grown = decided(case, field, rng)
     if not decision[-1].detected and case.search.remaining >= AGAIN * budget.seconds:
         decision, headline, grown = looked_further(case, (decision, headline, grown), rng)
     arena, good, decisive, detection = decision
@@ -149,6 +154,15 @@ def diagnose(
         stopped=case.stopped_by(grown),
     )
     return assemble(ingredients)
+
+
+def leaving_time(case: Case, entries: Sequence[Entry]) -> Case:
+    """Return the case with more time kept for the report, where the leading set is slow."""
+    leader = min(entries, key=lambda e: e.fit.cost)
+    reporting = min(SLOW * leader.seconds, MOST_REPORTING * case.budget.seconds)
+    if case.budget.remaining - case.search.remaining < reporting:
+        return replace(case, search=case.budget.keeping(reporting))
+    return case
 
 
 def decided(case: Case, field: Contest, rng: np.random.Generator) -> Decided:

@@ -43,7 +43,7 @@ from jaxsr.recordings import check_recording
 
 UNEXPLAINED = 5.0
 """Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""
-REFINING = 0.25
+REFINING = 0.15
 """Share of the time left that leading estimates out of corners and checking them may take."""
 MATTERS = 1e-3
 """Share of the free-run error that physics left out must remove to be claimed."""

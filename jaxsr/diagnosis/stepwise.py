@@ -16,7 +16,12 @@ from jaxsr.diagnosis.contest import (
     neutral_values,
     shifting_members,
 )
-from jaxsr.diagnosis.decide import criterion, independent_residuals, plausible
+from jaxsr.diagnosis.decide import (
+    criterion,
+    detect_in_noise,
+    independent_residuals,
+    plausible,
+)
 from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion
 from jaxsr.diagnosis.nesting import continued, simplified
 from jaxsr.diagnosis.reduced import reduce
@@ -82,6 +87,8 @@ def grow(
         n = independent_residuals(min(known, key=lambda e: e.fit.cost))
         known.sort(key=lambda e: criterion(arena.super_model, e, n))
         far = residual_to_noise(arena, known[0]) > LIMITED
+        if size == 1 and not far and not _detected(arena, found[()], known[0]):
+            break
         distinct: dict[tuple[str, ...], Entry] = {}
         for entry in (e for e in known if len(e.members) == size):
             labels = tuple(arena.super_model.candidates[i].label for i in entry.members)
@@ -92,6 +99,13 @@ def grow(
         if not leaders or (leaders[0] is not known[0] and not far):
             break
     return list(found.values())
+
+
+def _detected(arena: Arena, null: Entry, best: Entry) -> bool:
+    """Whether a mechanism stands out of the noise, given how many were tried."""
+    every = arena.super_model.candidates
+    count = len({c.label for c in every}) * max((every[i].tried for i in best.members), default=1)
+    return detect_in_noise(null, best, count).detected
 
 
 def glance(
