@@ -50,13 +50,14 @@ class Curve:
 
     @property
     def centres(self) -> np.ndarray:
-        """Places x_k of the bumps."""
-        return np.linspace(self.low, self.high, BUMPS)
+        """Places x_k of the bumps, half the distance of two beyond either end."""
+        beyond = 0.5 * (self.high - self.low) / (BUMPS - 2)
+        return np.linspace(self.low - beyond, self.high + beyond, BUMPS)
 
     @property
     def width(self) -> float:
         """Width h of the bumps."""
-        return WIDTH * (self.high - self.low) / (BUMPS - 1)
+        return WIDTH * (self.high - self.low) / (BUMPS - 2)
 
     def basis(self, x: np.ndarray) -> np.ndarray:
         """Return every bump at the places `x`, shape (places, bumps)."""
@@ -168,7 +169,8 @@ def _has_a_name(proposal: Proposal) -> bool:
 
 def _is_power(term: Term) -> bool:
     """Whether a term is a product of powers, with or without an absolute value or a sign."""
-    return all(t.op in _POWERS or not t.args for t in term.walk()) and _degree(term) <= CUBIC
+    plain = all(t.op in _POWERS or not t.args for t in term.walk())
+    return plain and 0.0 <= _degree(term) <= CUBIC
 
 
 def _is_ripple(term: Term) -> bool:
