@@ -232,11 +232,11 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
         return case.search.exhausted
 
     entries: list[Entry] = []
-    broken = 0  # promises of the weak view
+    calm, broken = False, 0  # promises of the weak view
     for number, (members, start) in enumerate(starts):
         if entries and case.search.exhausted:
             break
-        if broken >= MOST_BROKEN and len(members) > 1:
+        if len(members) > 1 and (calm or broken >= MOST_BROKEN):
             continue
         case.progress.update(number / len(starts), _label(super_model, members))
         path = entries[0].fit.path if entries and entries[0].fit.usable else None
@@ -255,6 +255,8 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
             if broken == MOST_BROKEN:
                 entries = glance(arena, entries[0], entries, stop)
         entries.append(entry)
+        # Where re-calibration is near the noise, larger sets grow from single ones.
+        calm = residual_to_noise(arena, entries[0]) <= ABOVE_NOISE
         if entry.fit.cost < entries[0].fit.cost:
             entries = with_sound_part(case, arena, entry, entries)
         if beyond is not None and not members and residual_to_noise(arena, entry) < HIDDEN:

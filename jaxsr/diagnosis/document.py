@@ -14,10 +14,12 @@ from jaxsr.diagnosis.blocks import gain
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import Arena, Entry, enter, neutral_values
 from jaxsr.diagnosis.decide import (
+    SIGNIFICANCE,
     TIE,
     Alternative,
     Detection,
     alternatives,
+    detect_in_noise,
     most_credible,
     odds,
 )
@@ -32,7 +34,14 @@ from jaxsr.diagnosis.explain import (
     rounding_rows,
     wrong_value_row,
 )
-from jaxsr.diagnosis.refine import Estimate, Ground, model_limited, refine, residual_to_noise
+from jaxsr.diagnosis.refine import (
+    LIMITED,
+    Estimate,
+    Ground,
+    model_limited,
+    refine,
+    residual_to_noise,
+)
 from jaxsr.diagnosis.result import SCHEMA, Diagnosis
 from jaxsr.diagnosis.scoring import FreeRun
 from jaxsr.diagnosis.setup import prepare
@@ -45,6 +54,8 @@ UNEXPLAINED = 5.0
 """Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""
 REFINING = 0.15
 """Share of the time left that leading estimates out of corners and checking them may take."""
+WRONG = 0.02
+"""Log mean square that re-calibration must gain over the given values for these to be wrong."""
 MATTERS = 1e-3
 """Share of the free-run error that physics left out must remove to be claimed."""
 
@@ -201,7 +212,6 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
     given_values = neutral_values(parts.arena.super_model)
     given = enter(_frozen(parts.arena), (), given_values)
-    mean, _, p = gain(given.errors, recalibrated.entry.errors)
     rows = []
     for name in parts.case.simulator.model.free_parameters:
         place = recalibrated.positions[name]
@@ -211,7 +221,7 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
             rows.append((distance / max(half, 1e-300), name))
     rounding, edits = rounding_rows(parts, recalibrated)
     findings = []
-    if rows and p < 1e-3 and mean > 0.02:
+    if rows and _differ(given, recalibrated):
         rows.sort(reverse=True)
         probability = odds(parts.arena.super_model, recalibrated.entry, given, parts.rng)
         findings = [
@@ -226,6 +236,19 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
     return Judged(recalibrated, recalibrated, verdict, [], [], False)
+
+
+def _differ(given: Entry, recalibrated: Estimate) -> bool:
+    """Whether re-calibration beats the given values: by the likelihood, or block by block.
+
+    Blocks of which noise leaves little in some tell less than all residuals together.
+    """
+    best = recalibrated.entry
+    if residual_to_noise(recalibrated.arena, best) <= LIMITED:
+        test = detect_in_noise(given, best, 1)
+        return test.detected and test.log_gain > WRONG
+    mean, _, p = gain(given.errors, best.errors)
+    return p < SIGNIFICANCE and mean > WRONG
 
 
 def _frozen(arena: Arena) -> Arena:

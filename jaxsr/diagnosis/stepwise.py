@@ -29,7 +29,7 @@ from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
 from jaxsr.diagnosis.screening import redundant
 from jaxsr.models.shooting import linearise_fit
 
-QUICK, QUICK_THRESHOLD, QUICK_HIDDEN = 1, 4, 6
+QUICK, QUICK_THRESHOLD, QUICK_HIDDEN = 1, 10, 6
 """Iterations by which a mechanism is judged before it is estimated in full; a threshold has to be
 moved to where it hardly acts, and where a state hides, its path has to be found first."""
 FULL = (8, 5, 4)
