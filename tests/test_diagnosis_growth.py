@@ -1,0 +1,84 @@
+"""How sets grow, and when re-calibration alone tells of wrong values."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnosis_systems import CART
+from scipy.integrate import solve_ivp
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.contest import Arena, build_arena, enter, neutral_values
+from jaxsr.diagnosis.document import _differ, _frozen
+from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.stepwise import grow, tried
+from jaxsr.models import Simulator, parse_model
+from jaxsr.models.rollout import Stepping
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording
+
+SIMULATOR = Simulator(parse_model(CART))
+
+
+def cart(seed: int, noise: float, limit: float = 1e3, spring: float = 8.0) -> Prepared:
+    """A cart on a spring, whose motor follows commands up to a limit."""
+    rng = np.random.default_rng(seed)
+    time, phases = np.arange(0.0, 20.0, 0.02), rng.uniform(0.0, 6.0, 8)
+    u = 4.0 * np.sin(2 * np.pi * np.linspace(0.15, 1.5, 8) * time[:, None] + phases).sum(1)
+    acts = np.clip(u, -limit * np.abs(u).max(), limit * np.abs(u).max())
+
+    def rates(t: float, x: np.ndarray) -> list[float]:
+        return [x[1], (np.interp(t, time, acts) - 3.0 * x[1] - spring * x[0]) / 2.0]
+
+    path = solve_ivp(rates, (0.0, time[-1]), [0.0, 0.0], t_eval=time, rtol=1e-8, max_step=0.02)
+    y = path.y[0] + noise * rng.normal(size=time.size)
+    return Prepared.build(SIMULATOR.model, Recording("cart.csv", time, {"u": u, "y": y}))
+
+
+def arena_of(data: Prepared, noise: float, kinds: tuple[str, ...] = ()) -> Arena:
+    model = SIMULATOR.model
+    scale = {"q": np.linspace(-1.0, 1.0, 21), "v": np.linspace(-2.0, 2.0, 21)}
+    inputs = {"u": data.recording.channels["u"]}
+    offered = [c for c in force_candidates(model, scale, inputs=inputs) if c.mechanism in kinds]
+    super_model = SuperModel.build(model, offered)
+    simulator = Simulator(super_model.model) if offered else SIMULATOR
+    setting = Stepping("rk4", 2), 2.0, np.array([noise]), simulator
+    return build_arena(super_model, [data], *setting)
+
+
+@pytest.mark.parametrize("limit", [0.97, 0.9, 0.7])
+def test_a_limit_is_seen_from_wherever_its_search_begins(limit):
+    """From half the largest command on, a few iterations lead to one that is hardly reached."""
+    arena = arena_of(cart(0, 1e-3, limit), 1e-3, ("input_saturation",))
+    null = enter(arena, (), neutral_values(arena.super_model))
+    trials = tried(arena, null, {(): null}, lambda: False, lambda *_: None)
+    hard = [t for t in trials if "Max(" in arena.super_model.candidates[t.members[0]].terms[0][1]]
+    top = limit * float(np.abs(arena.prepared[0].recording.channels["u"]).max())
+    assert len(hard) == 4 and all(t.cost < null.fit.cost - 20.0 for t in hard)
+    at = [arena.super_model.index(t.members[0])[0] for t in hard]
+    assert [t.theta[j] for t, j in zip(hard, at, strict=True)] == pytest.approx([top] * 4, rel=0.01)
+
+
+def test_growth_ends_where_the_best_mechanism_is_no_detection():
+    kinds = ("quadratic_drag", "cubic_stiffness", "quadratic_stiffness", "gravity")
+    larger = 0
+    for seed in range(10):
+        arena = arena_of(cart(seed, 1e-2), 1e-2, kinds)
+        null = enter(arena, (), neutral_values(arena.super_model))
+        found = grow(arena, [null], lambda: False)
+        larger += any(len(e.members) > 1 for e in found)
+    assert larger == 0  # one false alarm in 1000 diagnoses is what the detection allows
+
+
+@pytest.mark.parametrize(("spring", "most", "least"), [(8.0, 1, 0), (9.0, 20, 19)])
+def test_given_values_are_wrong_where_the_likelihood_says_so(spring, most, least):
+    """Noise of a sixth of the motion: 20 draws, a false alarm in 1000 each is allowed."""
+    noise, found = 0.1, 0
+    for seed in range(20):
+        arena = arena_of(cart(seed, noise, spring=spring), noise)
+        values = neutral_values(arena.super_model)
+        recalibrated = SimpleNamespace(arena=arena, entry=enter(arena, (), values))
+        found += _differ(enter(_frozen(arena), (), values), recalibrated)
+    assert least <= found <= most
