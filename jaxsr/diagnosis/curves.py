@@ -14,6 +14,7 @@ from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import Arena, Entry
 from jaxsr.diagnosis.decide import independent_residuals
+from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.unnamed import MAX_TERMS, ProposedForce, as_candidate, sizes_of
 from jaxsr.evolution import SearchConfig, propose
 from jaxsr.evolution.config import SizeLimits
@@ -38,7 +39,7 @@ CUBIC = 3
 
 @dataclass(frozen=True)
 class Curve:
-    r"""A force along `state` as a curve over `variable`, which moves between `low` and `high`.
+    r"""A force in `unit` along `state` as a curve over `variable`, moving from `low` to `high`.
 
     .. math:: f(x) = \sum_k c_k \exp(-((x - x_k)/h)^2), \qquad h = 1.2 (x_2 - x_1)
     """
@@ -47,6 +48,7 @@ class Curve:
     variable: str
     low: float
     high: float
+    unit: str | None = None
 
     @property
     def centres(self) -> np.ndarray:
@@ -73,7 +75,7 @@ class Curve:
             mechanism="unnamed",
             family="unnamed",
             site=f"equation:{self.state}",
-            parameters=tuple(ParameterSpec(f"c{k}") for k in range(1, BUMPS + 1)),
+            parameters=tuple(ParameterSpec(f"c{k}", self.unit) for k in range(1, BUMPS + 1)),
             sentence="A force that matches no named mechanism acts along {site}, as a curve over "
             f"{self.variable}.",
             terms=((self.state, "+ " + " + ".join(pieces)),),
@@ -86,6 +88,7 @@ class Curve:
 def curves_at(case: Case, entry: Entry, state: str) -> list[Curve]:
     """Return a curve over the position of an equation, and one over its rate."""
     model, path = case.simulator.model, entry.fit.path
+    unit = next((s.force_unit for s in sites_of(model, {}) if s.state == state), None)
     found = []
     for name in (model.kinematic_parent(state), state):
         if name is None or path is None:
@@ -93,7 +96,7 @@ def curves_at(case: Case, entry: Entry, state: str) -> list[Curve]:
         values = path[model.states.index(name)]
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         if np.isfinite(high - low) and high > low:
-            found.append(Curve(state, name, low, high))
+            found.append(Curve(state, name, low, high, unit))
     return found
 
 
