@@ -232,7 +232,7 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
         return case.search.exhausted
 
     entries: list[Entry] = []
-    calm, broken = False, 0  # promises of the weak view
+    weighed, calm, broken = False, False, 0  # promises of the weak view
     for number, (members, start) in enumerate(starts):
         if entries and case.search.exhausted:
             break
@@ -261,11 +261,12 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
             entries = with_sound_part(case, arena, entry, entries)
         if beyond is not None and not members and residual_to_noise(arena, entry) < HIDDEN:
             return None
-        if number == 1:
+        if len(entries) > 1 and not weighed:
             arena, entries = in_widths_of_best(arena, entries)
             arena, entries = _rescaled(arena, entries, stop)
+            weighed = True
     case.progress.stage("trying every mechanism in free run")
-    if len(starts) == 1:
+    if not weighed:
         arena, entries = _rescaled(arena, entries, stop)
     arena, entries = in_widths_of_best(arena, entries)
     growing = case.search.share(GROWING)

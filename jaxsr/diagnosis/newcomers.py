@@ -61,7 +61,7 @@ def with_curve(case: Case, field: Field, rng: np.random.Generator) -> Field:
 def with_unnamed(case: Case, field: Field, rng: np.random.Generator) -> Field:
     """Enter a law without a name where no set of named mechanisms comes near the noise.
 
-    First curves, then what the evolution writes where the sensors show the equations. Where named
+    First what the evolution writes where the sensors show the equations, then curves. Where named
     ones explain most of the mismatch, only a curve that reaches the noise may stand for them.
     """
     arena, entries = field
@@ -71,6 +71,13 @@ def with_unnamed(case: Case, field: Field, rng: np.random.Generator) -> Field:
         return field
     case.progress.stage("searching a law that no named mechanism covers")
     kept, least = field, best
+    unexplained = np.sqrt(best.error / max(null.error, 1e-300)) > REMOVED
+    if unexplained:
+        found = _written(case, field, best, rng)
+        if found is not None and worth_no_name(found[0], _leading(arena, found), best):
+            kept, least = found, _leading(arena, found)
+            if residual_to_noise(found[0], least) < ABOVE_NOISE:
+                return found
     for state, rest in _places(case, arena, best):
         found = _with_curves(case, field, best, curves_at(case, best, state), rest, rng)
         if found is None:
@@ -78,18 +85,18 @@ def with_unnamed(case: Case, field: Field, rng: np.random.Generator) -> Field:
         leading = _leading(arena, found)
         if residual_to_noise(found[0], leading) < ABOVE_NOISE:
             return found
-        if leading.fit.cost < NAMELESS * least.fit.cost:
+        if unexplained and leading.fit.cost < NAMELESS * least.fit.cost:
             kept, least = found, leading
-    if np.sqrt(best.error / max(null.error, 1e-300)) < REMOVED:
-        return field
-    proposed = propose_unnamed(case, arena, best, rng)
-    if proposed is not None:
-        proposal, rest = proposed
-        beside = ((), rest, best.members)
-        found = with_candidates(case, field, best, [proposal], beside)
-        if worth_no_name(found[0], _leading(arena, found), least):
-            return found
     return kept
+
+
+def _written(case: Case, field: Field, best: Entry, rng: np.random.Generator) -> Field | None:
+    """Enter a law that the evolution writes from what the sensors leave of an equation."""
+    proposed = propose_unnamed(case, field[0], best, rng)
+    if proposed is None:
+        return None
+    proposal, rest = proposed
+    return with_candidates(case, field, best, [proposal], ((), rest, best.members))
 
 
 def _leading(before: Arena, found: Field) -> Entry:
