@@ -157,11 +157,17 @@ def test_candidates_enter_by_themselves_and_what_was_known_stays():
 def test_springs_and_ripples_at_one_equation_are_one_law_of_its_position():
     names = "linear_stiffness viscous_damping position_ripple cubic_stiffness".split()
     sites = ("equation:v", "equation:v", "equation:v", "equation:w")
-    candidates = [SimpleNamespace(mechanism=m, site=s) for m, s in zip(names, sites, strict=True)]
+    shaped = (False, False, True, False)
+    candidates = [
+        SimpleNamespace(mechanism=m, site=s, parameters=[SimpleNamespace(coefficient=not inner)])
+        for m, s, inner in zip(names, sites, shaped, strict=True)
+    ]
     arena = SimpleNamespace(super_model=SimpleNamespace(candidates=candidates))
     crowds = crowded_over_position(arena, SimpleNamespace(members=(0, 1, 2, 3)))
     assert crowds == [("v", (1, 3))]
     assert crowded_over_position(arena, SimpleNamespace(members=(0, 1, 3))) == []
+    candidates[2].parameters[0].coefficient = True  # powers alone are the series of a spring
+    assert crowded_over_position(arena, SimpleNamespace(members=(0, 1, 2, 3))) == []
 
 
 def test_a_nameless_law_at_the_noise_must_be_the_shorter_one(monkeypatch):

@@ -46,9 +46,10 @@ Field = tuple[Arena, list[Entry]]
 def with_curve(case: Case, field: Field, rng: np.random.Generator) -> Field:
     """Enter one curve over the position in the place of several springs and ripples over it."""
     arena, entries = field
-    best = min((e for e in entries if plausible(arena, e)), key=lambda e: e.fit.cost, default=None)
-    if best is None:
+    good = [e for e in entries if e.fit.usable and plausible(arena, e)]
+    if not good:
         return field
+    best = min(good, key=lambda e: e.fit.cost)
     for state, rest in crowded_over_position(arena, best):
         case.progress.stage("estimating one curve for several forces over a position")
         curves = [c for c in curves_at(case, best, state) if c.variable != state]
@@ -62,16 +63,18 @@ def with_unnamed(case: Case, field: Field, rng: np.random.Generator) -> Field:
     """Enter a law without a name where no set of named mechanisms comes near the noise.
 
     First what the evolution writes where the sensors show the equations, then curves. Where named
-    ones explain most of the mismatch, only a curve that reaches the noise may stand for them.
+    ones explain most of the mismatch, they must leave far more than the noise, and only a curve
+    that reaches it may stand for them.
     """
     arena, entries = field
     null = next(e for e in entries if not e.members)
     best = min((e for e in entries if e is null or plausible(arena, e)), key=lambda e: e.fit.cost)
-    if case.search.exhausted or residual_to_noise(arena, best) <= ABOVE_NOISE:
+    unexplained = np.sqrt(best.error / max(null.error, 1e-300)) > REMOVED
+    enough = ABOVE_NOISE if unexplained else LIMITED
+    if case.search.exhausted or residual_to_noise(arena, best) <= enough:
         return field
     case.progress.stage("searching a law that no named mechanism covers")
     kept, least = field, best
-    unexplained = np.sqrt(best.error / max(null.error, 1e-300)) > REMOVED
     if unexplained:
         found = _written(case, field, best, rng)
         if found is not None and worth_no_name(found[0], _leading(arena, found), best):

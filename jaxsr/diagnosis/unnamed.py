@@ -102,13 +102,15 @@ def crowded(
 def crowded_over_position(arena: Arena, chosen: Entry) -> list[tuple[str, tuple[int, ...]]]:
     """Return the equations at which several chosen forces depend on the position alone.
 
-    Together they are one law of it. With the members that stand beside them.
+    Together they are one law of it, unless they are powers alone, the series of a spring. With the
+    members that stand beside them.
     """
     every, at = arena.super_model.candidates, {}
     for number in chosen.members:
         if every[number].mechanism in ALONG_POSITION:
             at.setdefault(every[number].site.partition(":")[2], []).append(number)
-    crowds = {state: crowd for state, crowd in at.items() if len(crowd) >= CROWD}
+    shaped = {i for i in chosen.members if any(not p.coefficient for p in every[i].parameters)}
+    crowds = {s: crowd for s, crowd in at.items() if len(crowd) >= CROWD and shaped & set(crowd)}
     return [
         (state, tuple(i for i in chosen.members if i not in crowd))
         for state, crowd in crowds.items()
