@@ -35,6 +35,7 @@ SEEN = 1e-10
 """Eigenvalue, relative to the largest, from which a direction of a curve is told by the data."""
 CUBIC = 3
 """Highest power that has a name."""
+_POWERS = frozenset({"mul", "div", "pow", "sqrt", "abs", "sign"})
 
 
 @dataclass(frozen=True)
@@ -181,9 +182,6 @@ def _is_ripple(term: Term) -> bool:
     return term.op in ("sin", "cos") and all(
         t.op in ("add", "sub", "mul", "div") or not t.args for t in term.args[0].walk()
     )
-
-
-_POWERS = frozenset({"mul", "div", "pow", "sqrt", "abs", "sign"})
 
 
 def _degree(term: Term) -> float:
