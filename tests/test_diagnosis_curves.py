@@ -15,12 +15,12 @@ from jaxsr._progress import Budget
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import build_arena, enter, neutral_values
-from jaxsr.diagnosis.curves import BUMPS, Curve, _has_a_name, _root_of_precision, _sight, curves_at
+from jaxsr.diagnosis.curves import BUMPS, Curve, _root_of_precision, _sight, curves_at
 from jaxsr.diagnosis.diagnose import MOST_REPORTING, SLOW, leaving_time
 from jaxsr.diagnosis.newcomers import _with_curves, with_candidates
 from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.setup import prepare
-from jaxsr.diagnosis.unnamed import crowded_over_position, worth_no_name
+from jaxsr.diagnosis.unnamed import crowded_over_position, has_a_name, worth_no_name
 from jaxsr.expressions import evaluate, parse
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
@@ -91,9 +91,9 @@ def test_powers_drags_and_ripples_have_names():
         return SimpleNamespace(terms=tuple(parse(t) for t in texts))
 
     for named in (("q",), ("q**3", "q"), ("q*Abs(q)",), ("sin(3.1*q + 0.2)", "q"), ("q**2*q",)):
-        assert _has_a_name(proposal(*named)), named
+        assert has_a_name(proposal(*named)), named
     for law in (("q*exp(-q**2)",), ("q/(q**4 + 1.7)",), ("q**5",), ("q", "tanh(3*q)"), ("1/q",)):
-        assert not _has_a_name(proposal(*law)), law
+        assert not has_a_name(proposal(*law)), law
 
 
 @cache

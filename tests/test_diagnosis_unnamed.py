@@ -11,8 +11,9 @@ from diagnosis_systems import CART
 from scipy.integrate import solve_ivp
 
 from jaxsr._progress import Budget
-from jaxsr.diagnosis import diagnose, unnamed
-from jaxsr.diagnosis.unnamed import _search, _worst_state, _written
+from jaxsr.diagnosis import diagnose, weak_laws
+from jaxsr.diagnosis.unnamed import _written
+from jaxsr.diagnosis.weak_laws import _search, _worst_state
 from jaxsr.diagnosis.weak_system import WeakSystem
 from jaxsr.expressions import evaluate, parse, to_text
 from jaxsr.models import Simulator, parse_model
@@ -184,16 +185,16 @@ def test_forces_at_other_equations_stay_however_alike_their_names(monkeypatch):
         simulator=SimpleNamespace(model=SimpleNamespace(states=("v", "wv"))),
     )
     view = SimpleNamespace(state=np.array([0, 1]))
-    monkeypatch.setattr(unnamed, "_without", lambda *_: np.zeros(0))
-    monkeypatch.setattr(unnamed, "_view", lambda *_: view)
-    monkeypatch.setattr(unnamed, "_worst_state", lambda system, states: 0)
-    monkeypatch.setattr(unnamed, "propose_instead", lambda *_: "a law")
+    monkeypatch.setattr(weak_laws, "_without", lambda *_: np.zeros(0))
+    monkeypatch.setattr(weak_laws, "_view", lambda *_: view)
+    monkeypatch.setattr(weak_laws, "_worst_state", lambda system, states: 0)
+    monkeypatch.setattr(weak_laws, "propose_instead", lambda *_: "a law")
     entry = SimpleNamespace(members=(0, 1, 2, 3))
-    found = unnamed.propose_unnamed(case, arena, entry, np.random.default_rng(0))
+    found = weak_laws.propose_unnamed(case, arena, entry, np.random.default_rng(0))
     assert found == ("a law", (1, 3))
     # a member's own state can leave no equation to be read off the sensors
     view.state = np.array([], dtype=int)
-    assert unnamed.propose_unnamed(case, arena, entry, np.random.default_rng(0)) is None
+    assert weak_laws.propose_unnamed(case, arena, entry, np.random.default_rng(0)) is None
 
 
 def test_a_budget_that_runs_out_before_the_search_proposes_nothing():

@@ -15,11 +15,15 @@ from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import Arena, Entry
 from jaxsr.diagnosis.decide import independent_residuals
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.unnamed import MAX_TERMS, ProposedForce, as_candidate, sizes_of
+from jaxsr.diagnosis.unnamed import (
+    MAX_TERMS,
+    ProposedForce,
+    as_candidate,
+    has_a_name,
+    sizes_of,
+)
 from jaxsr.evolution import SearchConfig, propose
 from jaxsr.evolution.config import SizeLimits
-from jaxsr.evolution.propose import Proposal
-from jaxsr.expressions import Term
 
 BUMPS = 8
 """Gaussian bumps of which a curve consists."""
@@ -33,9 +37,6 @@ LAWS = 2
 """Laws read off a curve that are estimated in free run."""
 SEEN = 1e-10
 """Eigenvalue, relative to the largest, from which a direction of a curve is told by the data."""
-CUBIC = 3
-"""Highest power that has a name."""
-_POWERS = frozenset({"mul", "div", "pow", "sqrt", "abs", "sign"})
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ def laws_along(
         budget=seconds,
     )
     n = independent_residuals(entry)
-    fit = [p for p in found if 0 < len(p.terms) <= MAX_TERMS and not _has_a_name(p)]
+    fit = [p for p in found if 0 < len(p.terms) <= MAX_TERMS and not has_a_name(p)]
     fit.sort(key=lambda p: p.loss * len(onto) + p.size * np.log(n))
     return [as_candidate(case, index, p) for p in fit[:LAWS]]
 
@@ -164,38 +165,6 @@ def _root_of_precision(entry: Entry, own: list[int]) -> np.ndarray:
     values, vectors = np.linalg.eigh(precision)
     seen = values > SEEN * values[-1]
     return np.sqrt(values[seen])[:, None] * vectors[:, seen].T
-
-
-def _has_a_name(proposal: Proposal) -> bool:
-    """Whether every term is one that named mechanisms have: powers, drags and ripples."""
-    return all(_is_power(t) or _is_ripple(t) for t in proposal.terms)
-
-
-def _is_power(term: Term) -> bool:
-    """Whether a term is a product of powers, with or without an absolute value or a sign."""
-    plain = all(t.op in _POWERS or not t.args for t in term.walk())
-    return plain and 0.0 <= _degree(term) <= CUBIC
-
-
-def _is_ripple(term: Term) -> bool:
-    """Whether a term is a sine of a line."""
-    return term.op in ("sin", "cos") and all(
-        t.op in ("add", "sub", "mul", "div") or not t.args for t in term.args[0].walk()
-    )
-
-
-def _degree(term: Term) -> float:
-    """Degree of a product of powers of one variable."""
-    if not term.args:
-        return float(term.is_variable)
-    first = _degree(term.args[0])
-    if term.op == "mul":
-        return sum(_degree(a) for a in term.args)
-    if term.op == "div":
-        return first - _degree(term.args[1])
-    if term.op == "pow":
-        return first * term.args[1].value if term.args[1].is_constant else np.inf
-    return {"sqrt": 0.5, "abs": 1.0, "sign": 0.0}[term.op] * first
 
 
 __all__ = ["Curve", "curves_at", "laws_along"]

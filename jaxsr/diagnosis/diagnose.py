@@ -30,6 +30,7 @@ from jaxsr.diagnosis.contest import (
     in_widths_of_best,
     with_rounded_jumps,
 )
+from jaxsr.diagnosis.decide import plausible
 from jaxsr.diagnosis.document import Ingredients, assemble
 from jaxsr.diagnosis.horizon import Headline, Outlook
 from jaxsr.diagnosis.integration import choose_stepping, with_smooth
@@ -40,6 +41,7 @@ from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
 from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.diagnosis.stepwise import glance, grow
+from jaxsr.diagnosis.tangent_laws import promise
 from jaxsr.models import Simulator
 from jaxsr.recordings import Recording
 
@@ -66,6 +68,9 @@ AGAIN = 0.2
 """Share of the time budget from which longer segments are still asked."""
 GROWING = 0.7
 """Share of the time left that larger sets may take: the rest is for telling rivals apart."""
+GROWING_LESS, MORE = 0.4, 0.5
+"""The same where a law without a name promises less than `MORE` times the cost that any single
+mechanism leaves."""
 PROMISING = 0.7
 """Error left in the weak view, relative to re-calibration, below which a set must do well."""
 MOST_BROKEN = 2
@@ -269,12 +274,29 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     if not weighed:
         arena, entries = _rescaled(arena, entries, stop)
     arena, entries = in_widths_of_best(arena, entries)
-    growing = case.search.share(GROWING)
+    stopped = case.search.stopped_by
     if entries[0].fit.usable:
         arena, entries = with_located(arena, entries)
-        entries = grow(arena, entries, lambda: growing.exhausted, case.progress.update)
+        entries, stopped = _grown(case, arena, entries)
         arena, entries = in_widths_of_best(arena, entries)
-    return arena, entries, headline.seconds, growing.stopped_by
+    return arena, entries, headline.seconds, stopped
+
+
+def _grown(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry], StoppedBy]:
+    """Return larger sets as well, and why no more were tried.
+
+    Less time is theirs where a law without a name promises far more than any mechanism.
+    """
+    growing = case.search.share(GROWING)
+    rounds = grow(arena, entries, lambda: growing.exhausted, case.progress.update)
+    for size, larger in enumerate(rounds, start=1):
+        entries = larger
+        best = min((e for e in entries if plausible(arena, e)), key=lambda e: e.fit.cost)
+        if size == 1 and residual_to_noise(arena, best) > ABOVE_NOISE:
+            null = next(e for e in entries if not e.members)
+            if promise(arena, null) < MORE * best.fit.cost:
+                growing = case.search.share(GROWING_LESS)
+    return entries, growing.stopped_by
 
 
 def _astray(null: Entry, entry: Entry, promised: float) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,22 +22,28 @@ from jaxsr.diagnosis.curves import Curve, curves_at, laws_along
 from jaxsr.diagnosis.decide import plausible
 from jaxsr.diagnosis.integration import choose_stepping
 from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
+from jaxsr.diagnosis.tangent_laws import laws_at, places
 from jaxsr.diagnosis.unnamed import (
     FORCES,
     NAMELESS,
     ProposedForce,
     crowded,
     crowded_over_position,
-    propose_instead,
-    propose_unnamed,
     worth_no_name,
 )
+from jaxsr.diagnosis.weak_laws import propose_unnamed
 from jaxsr.models import Simulator
 
 ABOVE_NOISE = 2.0
 """Ratio of residual to sensor noise from which a law is sought that no named mechanism covers."""
 REMOVED = 0.3
 """Share of the re-calibrated error up to which a mismatch counts as explained."""
+PLACES = 3
+"""Equations, of those seen from re-calibration and from the best set, that a law is sought at."""
+BESIDE = 1.5
+"""Factor by which a law beside another mechanism must promise less than one alone."""
+ROUNDS = 2
+"""Times that a law is written, the second time about the free run with the first."""
 
 Field = tuple[Arena, list[Entry]]
 """An arena and its entries."""
@@ -62,9 +68,10 @@ def with_curve(case: Case, field: Field, rng: np.random.Generator) -> Field:
 def with_unnamed(case: Case, field: Field, rng: np.random.Generator) -> Field:
     """Enter a law without a name where no set of named mechanisms comes near the noise.
 
-    First what the evolution writes where the sensors show the equations, then curves. Where named
-    ones explain most of the mismatch, they must leave far more than the noise, and only a curve
-    that reaches it may stand for them.
+    First what the evolution writes through the simulator, then what it writes where the sensors
+    show the equations, then curves. Where named ones explain most of the mismatch, they must leave
+    far more than the noise, and only a law that reaches it, or explains most of what they leave,
+    may stand for them.
     """
     arena, entries = field
     null = next(e for e in entries if not e.members)
@@ -74,23 +81,61 @@ def with_unnamed(case: Case, field: Field, rng: np.random.Generator) -> Field:
     if case.search.exhausted or residual_to_noise(arena, best) <= enough:
         return field
     case.progress.stage("searching a law that no named mechanism covers")
-    kept, least = field, best
-    if unexplained:
-        found = _written(case, field, best, rng)
-        if found is not None and worth_no_name(found[0], _leading(arena, found), best):
-            kept, least = found, _leading(arena, found)
-            if residual_to_noise(found[0], least) < ABOVE_NOISE:
-                return found
-    for state, rest in _places(case, arena, best):
-        found = _with_curves(case, field, best, curves_at(case, best, state), rest, rng)
-        if found is None:
-            continue
+    kept, least = field, NAMELESS * best.fit.cost if unexplained else REMOVED**2 * best.fit.cost
+    for found in _unnamed(case, field, (null, best), rng, unexplained):
         leading = _leading(arena, found)
         if residual_to_noise(found[0], leading) < ABOVE_NOISE:
             return found
-        if unexplained and leading.fit.cost < NAMELESS * least.fit.cost:
-            kept, least = found, leading
+        if leading.fit.cost < least:
+            kept, least = found, NAMELESS * leading.fit.cost
     return kept
+
+
+def _unnamed(
+    case: Case,
+    field: Field,
+    about: tuple[Entry, Entry],
+    rng: np.random.Generator,
+    unexplained: bool,
+) -> Iterator[Field]:
+    """Yield the field with laws in the place of the best entry's, from one way of seeking to the
+    next."""
+    best = about[1]
+    yield from _through_simulator(case, field, about, rng)
+    if unexplained:
+        found = _written(case, field, best, rng)
+        if found is not None and worth_no_name(found[0], _leading(field[0], found), best):
+            yield found
+    for state, rest in _places(case, field[0], best):
+        found = _with_curves(case, field, best, curves_at(case, best, state), rest, rng)
+        if found is not None:
+            yield found
+
+
+def _through_simulator(
+    case: Case, field: Field, about: tuple[Entry, Entry], rng: np.random.Generator
+) -> Iterator[Field]:
+    """Yield the field with laws that the evolution writes about the free runs of some entries.
+
+    A law found is written anew about its own free run, where that is not yet near the noise.
+    """
+    arena, best = field[0], about[1]
+    promising = [p for e in dict.fromkeys(about) for p in places(arena, e)]
+    promising.sort(key=lambda p: p.cost * BESIDE ** len(p.rest))
+    for place in promising[:PLACES]:
+        if place.cost > NAMELESS * best.fit.cost:
+            return
+        known, here = field, place
+        for _ in range(ROUNDS):
+            laws = laws_at(case, here, rng)
+            if not laws or case.search.exhausted:
+                break
+            known = with_candidates(case, known, here.entry, laws, (here.rest,))
+            yield known
+            again = places(known[0], _leading(arena, known))
+            here = next((p for p in again if p.site.state == place.site.state), None)
+            if here is None:
+                break
 
 
 def _written(case: Case, field: Field, best: Entry, rng: np.random.Generator) -> Field | None:
@@ -113,16 +158,18 @@ def _leading(before: Arena, found: Field) -> Entry:
 def with_nameless(case: Case, decision: Decision, rng: np.random.Generator) -> Decision:
     """Let the evolution write one law in the place of several named forces at one equation."""
     arena, good, chosen, _ = decision
-    for state, rest in crowded(arena, chosen, good):
+    crowds = {state for state, _ in crowded(arena, chosen, good)}
+    for place in (p for p in places(arena, chosen) if p.site.state in crowds):
         case.progress.stage("searching one law for several forces at one place")
-        proposal = propose_instead(case, arena, chosen, state, rest, rng)
-        if proposal is None:
+        laws = laws_at(case, place, rng)
+        if not laws or case.search.exhausted:
             continue
-        number = len(arena.super_model.candidates)
-        found = with_candidates(case, (arena, good), chosen, [proposal], (rest,))
+        known = len(arena.super_model.candidates)
+        found = with_candidates(case, (arena, good), chosen, laws, (place.rest,))
         rival = decide(case, *found)
-        if number in rival[2].members and worth_no_name(rival[0], rival[2], chosen):
-            decision = arena, good, chosen, _ = rival
+        unnamed = max(rival[2].members, default=-1) >= known
+        if unnamed and worth_no_name(rival[0], rival[2], chosen):
+            decision = rival
     return decision
 
 
@@ -164,8 +211,8 @@ def _places(case: Case, arena: Arena, best: Entry) -> list[tuple[str, tuple[int,
     for number in best.members:
         if every[number].family in (*FORCES, "external"):
             at.setdefault(every[number].site.partition(":")[2], []).append(number)
-    places: Iterable[str] = at or case.simulator.model.dynamic_states
-    return [(s, tuple(i for i in best.members if i not in at.get(s, ()))) for s in places]
+    states: Iterable[str] = at or case.simulator.model.dynamic_states
+    return [(s, tuple(i for i in best.members if i not in at.get(s, ()))) for s in states]
 
 
 def with_candidates(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,8 +64,8 @@ def grow(
     entries: Sequence[Entry],
     exhausted: Callable[[], bool],
     tell: Callable[[float, str], None] = lambda share, text: None,
-) -> list[Entry]:
-    """Return the entries and those of larger sets found on the way.
+) -> Iterator[list[Entry]]:
+    """Yield the entries and those of larger sets found on the way, size by size.
 
     One iteration from a leader's estimate, all parameters moving with it, tells what a mechanism
     can gain (the tangent view); the best of each round are estimated until they settle. Growth
@@ -77,18 +77,21 @@ def grow(
     for size, most in enumerate(FULL, start=1):
         for leader in leaders:
             if exhausted():
-                return list(found.values())
+                break
             every = size < len(FULL) and leader is leaders[0]
             if every:
                 found = {e.members: e for e in glance(arena, leader, found.values(), exhausted)}
             quick = tried(arena, leader, found, exhausted, tell if every else None)
             _estimate(arena, leader, quick, most, found, exhausted)
+        yield list(found.values())
+        if exhausted():
+            return
         known = [e for e in found.values() if not e.members or plausible(arena, e)]
         n = independent_residuals(min(known, key=lambda e: e.fit.cost))
         known.sort(key=lambda e: criterion(arena.super_model, e, n))
         far = residual_to_noise(arena, known[0]) > LIMITED
         if size == 1 and not far and not _detected(arena, found[()], known[0]):
-            break
+            return
         distinct: dict[tuple[str, ...], Entry] = {}
         for entry in (e for e in known if len(e.members) == size):
             labels = tuple(arena.super_model.candidates[i].label for i in entry.members)
@@ -97,8 +100,7 @@ def grow(
         if not far:
             leaders = [e for e in leaders if e.fit.cost < BEHIND * leaders[0].fit.cost]
         if not leaders or (leaders[0] is not known[0] and not far):
-            break
-    return list(found.values())
+            return
 
 
 def _detected(arena: Arena, null: Entry, best: Entry) -> bool:

@@ -1,0 +1,168 @@
+"""Laws without a name, written by the evolution in the tangent view of a free run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnosis_systems import TWO_MASSES
+from scipy.integrate import solve_ivp
+
+from jaxsr._progress import Budget
+from jaxsr.diagnosis.candidates import Candidate, ParameterSpec, SuperModel
+from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
+from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.responses import Responses
+from jaxsr.diagnosis.tangent import TangentView, surface
+from jaxsr.diagnosis.tangent_laws import chosen_among, laws_at, places
+from jaxsr.diagnosis.unnamed import has_a_name
+from jaxsr.expressions import evaluate, parse
+from jaxsr.models import Simulator, parse_model
+from jaxsr.models.rollout import Stepping
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording
+
+TIME = np.arange(0.0, 20.0, 0.025)
+NOISE = 2e-3
+MODEL = parse_model(TWO_MASSES)
+Law = Callable[[float, float], float]
+
+
+def film(b: float, vb: float) -> float:
+    """A damping that grows with the square of the way."""
+    return -0.04 * vb * b**2
+
+
+def recording(seed: int, law: Law) -> Recording:
+    """Two positions with noise; the law acts at the second mass, whose speed no sensor shows."""
+    rng = np.random.default_rng(seed)
+    drive = np.repeat(12.0 * rng.normal(size=TIME.size // 8), 8)
+
+    def rates(t: float, x: np.ndarray) -> list[float]:
+        a, b, va, vb = x
+        u = np.interp(t, TIME, drive)
+        forces = u - 9 * a - 0.4 * va + 6 * (b - a), -4 * b - 0.3 * vb + 6 * (a - b) + law(b, vb)
+        return [va, vb, *forces]
+
+    run = solve_ivp(
+        rates, TIME[[0, -1]], np.zeros(4), t_eval=TIME, rtol=1e-9, atol=1e-11, max_step=0.2
+    )
+    y, z = run.y[:2] + NOISE * rng.normal(size=(2, TIME.size))
+    return Recording(f"{seed}.csv", TIME, {"u": drive, "y": y, "z": z})
+
+
+SPRING = Candidate(
+    "cubic_stiffness",
+    "elastic",
+    "equation:vb",
+    (ParameterSpec("k3"),),
+    "",
+    terms=(("vb", "- {k3}*b**3"),),
+)
+
+
+@cache
+def field(law: Law) -> tuple[Arena, Entry]:
+    """The contest of one cubic spring, and re-calibration in it."""
+    prepared = tuple(Prepared.build(MODEL, recording(seed, law)) for seed in (1, 2))
+    super_model = SuperModel.build(MODEL, [SPRING])
+    setting = Stepping("rk4", 2), 10.0, np.full(2, NOISE), Simulator(super_model.model)
+    arena = build_arena(super_model, prepared, *setting)
+    return arena, enter(arena, (), neutral_values(super_model))
+
+
+def viewed(arena: Arena, entry: Entry, number: int) -> tuple[Responses, TangentView]:
+    responses = Responses.of(arena, entry, sites_of(MODEL, {}))
+    return responses, TangentView.of(responses, number, np.ones(entry.fit.active.size, bool))
+
+
+def test_compressed_the_cost_of_any_forces_stays_what_it_is():
+    """Against r'G (G'G)^-1 G'r with all readings, starts and parameters projected out."""
+    arena, null = field(film)
+    rng = np.random.default_rng(0)
+    for number in (0, 1):
+        responses, view = viewed(arena, null, number)
+        assert view.cost(np.zeros((view.samples, 0))) == pytest.approx(null.fit.cost, rel=1e-3)
+        assert view.target.size < responses.residual.size
+        for _ in range(5):
+            k = rng.normal(size=(3, 4))
+
+            def shapes(s: int, r: Responses = responses, k: np.ndarray = k) -> np.ndarray:
+                path = r.path[:4, : int(r.segments.count[s]), s]
+                return np.sin(k @ (0.5 * (path[:, 1:] + path[:, :-1]))).T
+
+            columns = np.concatenate([shapes(s) for s in range(responses.segments.number)])
+            gain = responses.gains(number, shapes, 3)[0][0]
+            assert null.fit.cost - view.cost(columns) == pytest.approx(gain, rel=0.02)
+
+
+def test_a_force_that_is_taken_away_is_found_again():
+    """From the free run with a spring: without it, a cube in its place leaves the same cost."""
+    arena, null = field(lambda b, vb: -0.1 * b**3)
+    fitted = enter(arena, (0,), null.fit.theta)
+    place = next(p for p in places(arena, fitted) if p.site.state == "vb")
+    assert place.rest == () and fitted.fit.cost < 0.1 * null.fit.cost
+    view = place.view
+    assert view.cost(np.zeros((view.samples, 0))) > 5.0 * fitted.fit.cost
+    assert view.cost(view.variables["b"][:, None] ** 3) == pytest.approx(fitted.fit.cost, rel=0.01)
+
+
+def test_a_surface_tells_the_equation_that_lacks_a_law():
+    arena, null = field(film)
+    first, second = places(arena, null)
+    assert first.site.state == "vb" and first.cost < 0.5 * second.cost
+    x = np.linspace(-2.0, 3.0, 50)
+    products = surface([x, x[::-1]], (2, 1))
+    assert products.shape == (50, 6)
+    fitted = products @ np.linalg.lstsq(products, x**2 * x[::-1], rcond=None)[0]
+    np.testing.assert_allclose(fitted, x**2 * x[::-1], atol=1e-9)
+
+
+def test_a_law_of_two_states_is_written_though_no_sensor_shows_one_of_them():
+    arena, null = field(film)
+    budget = Budget(60.0)
+    case = Case(Simulator(MODEL), arena.prepared, None, budget, budget)
+    place = places(arena, null)[0]
+    laws = laws_at(case, place, np.random.default_rng(0))
+    rng = np.random.default_rng(1)
+    b, vb = rng.uniform(-1.0, 1.0, 200), rng.uniform(-2.0, 2.0, 200)
+    errors = []
+    for candidate, values in laws:
+        names = {p.name: p.name for p in candidate.parameters}
+        own = dict(zip(names, values, strict=True))
+        states = {"a": 0 * b, "va": 0 * b, "b": b, "vb": vb}
+        force = evaluate(parse(candidate.terms[0][1].format(**names)), {**states, **own})
+        errors.append(np.std(force - film(b, vb)) / np.std(film(b, vb)))
+    assert min(errors) < 0.1
+
+
+def test_simple_laws_that_explain_nearly_all_go_before_the_shortest_description():
+    def law(text: str, size: int, cost: float):
+        return SimpleNamespace(terms=(parse(text),), size=size, loss=cost), cost
+
+    laws = [
+        law("x**2*v", 7, 120.0),
+        law("v*exp(x)", 9, 60.0),
+        law("v/(x**2 + 3)", 10, 20.0),
+        law("v/(x**2 + 3.1)*cos(x)", 15, 10.0),
+    ]
+    kept = chosen_among(laws, 2000.0, 1000.0)
+    assert [p.size for p in kept] == [9, 10, 15]  # 95 %, 99 %, shortest
+    assert chosen_among(laws, 60.5, 10.0) == []  # too few residuals for any
+    assert chosen_among(laws, 5.0, 1000.0) == []
+    jump = law("sign(x)*v**2", 6, 9.0)
+    assert [p.size for p in chosen_among([*laws, jump], 2000.0, 1000.0)] == [9, 10, 15]
+    jump = law("sign(x)*v**2", 6, 4.0)  # no smooth one comes near
+    assert [p.size for p in chosen_among([*laws, jump], 2000.0, 1000.0)] == [6]
+
+
+def test_products_of_two_states_have_no_name():
+    def proposal(*texts: str):
+        return SimpleNamespace(terms=tuple(parse(t) for t in texts))
+
+    assert has_a_name(proposal("x**2*Abs(x)"))
+    assert not has_a_name(proposal("x**2*v"))
