@@ -16,6 +16,7 @@ from jaxsr.diagnosis.candidates import Candidate, ParameterSpec, SuperModel
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
 from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.newcomers import _places
 from jaxsr.diagnosis.responses import Responses
 from jaxsr.diagnosis.tangent import TangentView, surface
 from jaxsr.diagnosis.tangent_laws import chosen_among, laws_at, places
@@ -158,6 +159,19 @@ def test_simple_laws_that_explain_nearly_all_go_before_the_shortest_description(
     assert [p.size for p in chosen_among([*laws, jump], 2000.0, 1000.0)] == [9, 10, 15]
     jump = law("sign(x)*v**2", 6, 4.0)  # no smooth one comes near
     assert [p.size for p in chosen_among([*laws, jump], 2000.0, 1000.0)] == [6]
+
+
+def test_a_lag_of_an_input_is_no_place_for_a_law():
+    """Of the families of forces, but at no equation: all equations are asked."""
+    sites = (("input:u", "memory"), ("equation:vb", "elastic"), ("output:y", "measurement"))
+    candidates = [SimpleNamespace(site=site, family=family) for site, family in sites]
+    arena = SimpleNamespace(super_model=SimpleNamespace(candidates=candidates))
+    case = SimpleNamespace(simulator=SimpleNamespace(model=MODEL))
+    assert _places(case, arena, SimpleNamespace(members=(0, 2))) == [
+        ("va", (0, 2)),
+        ("vb", (0, 2)),
+    ]
+    assert _places(case, arena, SimpleNamespace(members=(0, 1, 2))) == [("vb", (0, 2))]
 
 
 def test_products_of_two_states_have_no_name():

@@ -222,7 +222,8 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     outlook = Outlook(super_model, case.prepared, stepping, scale, simulator)
     starts = outlook.usable_starts(starts)
     if beyond is None:
-        headline = outlook.headline(starts)
+        leader = starts[min(1, len(starts) - 1)][0]
+        headline = outlook.headline(starts, promised.get(leader, 0.0))
     else:
         longer = outlook.beyond(beyond)
         if longer is None:

@@ -24,6 +24,9 @@ MAX_SAMPLES = 1024
 MANY_SEGMENTS, MANY_WITH_JUMPS = 4, 20
 """Segments from which the work is shared; where friction sticks and slides, short segments keep
 an estimate from being caught among the many orders in which it can."""
+BELIEVED = 0.8
+"""Error left in the weak view, relative to re-calibration, below which a set may ask for segments
+in which friction can stick and slide."""
 SMALL, SATURATED, FORGOTTEN = 0.1, 1.3, 0.7
 """Error of re-calibration that is small, its growth that counts as none, and the error below which
 a growth that ended tells a system that forgets its start; unrelated motions differ by 1.4."""
@@ -93,8 +96,10 @@ class Outlook:
                 break
         return arena
 
-    def headline(self, starts: list[Start]) -> Headline:
+    def headline(self, starts: list[Start], promised: float = 0.0) -> Headline:
         """Choose the horizon of the verdict, and segment lengths for the contest, in seconds.
+
+        `promised` is what the leading set leaves in the weak view, relative to re-calibration.
 
         The longest horizon up to which the re-calibrated model's error stays small, or no longer
         grows: errors of a drifting, unstable or chaotic system grow with the horizon, and judging
@@ -126,7 +131,7 @@ class Outlook:
             headline = options[-1]
         fitting = [h for h in fitting if h <= headline]
         least = MANY_SEGMENTS
-        if self._jumps(starts[:2]):
+        if self._jumps(starts[: 2 if promised < BELIEVED else 1]):
             least = MANY_WITH_JUMPS
         elif headline == options[-1] and len(self.prepared) == 1 and self.prepared[0].states.hidden:
             least = 1  # the start of a hidden state, estimated anew, absorbs what is left out

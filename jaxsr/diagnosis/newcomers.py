@@ -206,12 +206,13 @@ def _places(case: Case, arena: Arena, best: Entry) -> list[tuple[str, tuple[int,
 
     Those at which it has forces; all where it has none.
     """
-    every = arena.super_model.candidates
+    every, dynamic = arena.super_model.candidates, case.simulator.model.dynamic_states
     at: dict[str, list[int]] = {}
     for number in best.members:
-        if every[number].family in (*FORCES, "external"):
-            at.setdefault(every[number].site.partition(":")[2], []).append(number)
-    states: Iterable[str] = at or case.simulator.model.dynamic_states
+        state = every[number].site.partition(":")[2]
+        if every[number].family in (*FORCES, "external") and state in dynamic:
+            at.setdefault(state, []).append(number)
+    states: Iterable[str] = at or dynamic
     return [(s, tuple(i for i in best.members if i not in at.get(s, ()))) for s in states]
 
 
