@@ -96,7 +96,7 @@ def test_walls_on_both_sides_enter_wherever_the_weak_view_sees_one() -> None:
     for candidate in super_model.candidates:
         entered[candidate.label].add(candidate.terms)
     for number, candidate in enumerate(screened.super_model.candidates):
-        if number not in screened.screening.collinear:
+        if number not in screened.screening.blind:
             offered[candidate.label].add(candidate.terms)
     assert sum(len(forms) > 1 for forms in offered.values()) > 1
     assert {label: entered[label] for label in offered} == offered

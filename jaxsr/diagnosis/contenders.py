@@ -177,7 +177,7 @@ def _best_variants(screened: Screened) -> set[int]:
     error = {s.members[0]: s.error for s in screening.sets if len(s.members) == 1}
     by_label: dict[str, list[int]] = {}
     for number, candidate in enumerate(super_model.candidates):
-        if number not in screening.collinear:
+        if number not in screening.blind:
             by_label.setdefault(candidate.label, []).append(number)
     chosen: set[int] = set()
     for numbers in by_label.values():

@@ -17,7 +17,9 @@ BEAM = 10
 MAX_SET = 4
 TOGETHER = 200  # sets solved at once: few enough for the cache
 ENGAGED = (0.25, 4.0)  # share of a threshold's seeded effect that the data may ask for
-COLLINEAR = 0.02  # relative norm left after projection, below which a column adds nothing
+COLLINEAR, BLIND = 0.02, 0.002
+"""Share of a column that the free parameters leave, below which the weak view does not try it, and
+below which free runs, which noise troubles less, do not either."""
 TRIVIAL = 1e-8
 """Share of the residual's power, left by a constant that lets all forces and inertias vanish."""
 SHRUNK = 0.01
@@ -59,7 +61,7 @@ class Screening:
     """Result of the screening: sets by error, and candidates that no data can tell apart."""
 
     sets: tuple[ScreenedSet, ...]
-    collinear: tuple[int, ...]
+    blind: tuple[int, ...]
 
     @property
     def empty(self) -> ScreenedSet:
@@ -96,7 +98,7 @@ def screen(system: WeakSystem, super_model: SuperModel) -> Screening:
     assert search is not None
     search = _Search(system, super_model, scale)
     sets = sorted(search.run(), key=lambda s: s.error)
-    return Screening(tuple(sets), search.collinear)
+    return Screening(tuple(sets), search.below(BLIND))
 
 
 def redundant(super_model: SuperModel, members: Sequence[int]) -> bool:
@@ -143,11 +145,12 @@ class _Search:
                 self.low[at], self.high[at] = spec.low, spec.high
         self.seed = _seeds(super_model)
         self.open = False
-        self.collinear = tuple(
-            i
-            for i in range(len(self.index))
-            if self._left_over(i) < COLLINEAR or self._scales_all(i)
-        )
+        every = range(len(self.index))
+        self.left = [0.0 if self._scales_all(i) else self._left_over(i) for i in every]
+
+    def below(self, share: float) -> tuple[int, ...]:
+        """Return candidates of which the free parameters leave less than a share."""
+        return tuple(i for i, left in enumerate(self.left) if left < share)
 
     def _left_over(self, candidate: int) -> float:
         """Share of a candidate's columns that the free parameters cannot reproduce."""
@@ -197,7 +200,8 @@ class _Search:
         found[()] = empty
         self.open = self._trivial(empty.values[self.base], empty.errors)
         beam = [empty]
-        usable = [i for i in range(len(self.index)) if i not in self.collinear]
+        collinear = self.below(COLLINEAR)
+        usable = [i for i in range(len(self.index)) if i not in collinear]
         for _ in range(MAX_SET):
             wanted = {tuple(sorted({*p.members, c})) for p in beam for c in usable}
             grown = self._scored([m for m in sorted(wanted) if self._fresh(m, found)])
