@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import UNLIMITED, Candidate, ParameterSpec
+from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Site
 
 _SOURCE = "Kerschen, Worden, Vakakis & Golinval, Mech. Syst. Signal Process. 20 (2006)"
@@ -94,31 +94,27 @@ def elastic(site: Site) -> Iterator[Candidate]:
 def _paths_of_level(site: Site) -> Iterator[Candidate]:
     """Yield a flow in proportion to how far a level is below a place, in models of levels.
 
-    Above a place the same is an overflow, unless it holds back what flows out.
+    Above a place the same is an overflow. Where a level hides, the two imitate each other.
     """
     x, values = site.state, site.scale.get(site.state)
     levels = all(site.model.kinematic_parent(s) is None for s in site.model.dynamic_states)
-    if not levels or values is None or not values[-1] > values[0]:
+    if not levels or values is None or not values[-1] > values[0] or site.motion is None:
         return
     unit, spread = site.model.units.get(x), float(values[-1] - values[0])
     low, high = float(values[0]) - 0.1 * spread, float(values[-1]) + 0.1 * spread
-    for ramp, places, most, side in (
-        ("Min", (8, 5, 2), UNLIMITED, "below"),
-        ("Max", (12, 15, 18), 0.0, "beyond"),
-    ):
-        for at in places:
-            yield Candidate(
-                "piecewise_stiffness",
-                "elastic",
-                site.name,
-                (
-                    ParameterSpec("ks", site.per(x), high=most),
-                    ParameterSpec("qs", unit, low, high, float(values[at]), False),
-                ),
-                f"{{site}} flows otherwise {side} a certain level.",
-                terms=((x, f"- {{ks}}*{ramp}({x} - {{qs}}, 0)"),),
-                source=_SOURCE,
-            )
+    for at in (8, 5, 2):
+        yield Candidate(
+            "piecewise_stiffness",
+            "elastic",
+            site.name,
+            (
+                ParameterSpec("ks", site.per(x)),
+                ParameterSpec("qs", unit, low, high, float(values[at]), False),
+            ),
+            "{site} flows otherwise below a certain level.",
+            terms=((x, f"- {{ks}}*Min({x} - {{qs}}, 0)"),),
+            source=_SOURCE,
+        )
 
 
 def _end_stops(
