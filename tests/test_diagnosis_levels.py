@@ -14,6 +14,7 @@ from jaxsr import diagnose
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.contest import Entry, neutral_values
 from jaxsr.diagnosis.decide import plausible
+from jaxsr.diagnosis.mechanisms.elastic import elastic
 from jaxsr.diagnosis.mechanisms.memory import overflows
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.reduced import STIFF_STEPS, lean
@@ -124,3 +125,52 @@ def test_sets_that_may_be_steep_leave_the_explicit_method() -> None:
         steep = lean(super_model, simulator, stepping, (0,)).stepping
         assert (steep.method, steep.substeps) == ("rodas3", max(substeps, STIFF_STEPS))
         assert lean(super_model, simulator, stepping, ()).stepping == stepping
+
+
+def test_a_second_flow_below_a_place_is_found_where_a_sensor_shows_the_level() -> None:
+    """A second inlet opens below a level of 3; no overflow, whose flow is above its edge, is it."""
+    found = diagnose(Simulator(parse_model(TANK)), [drained(s) for s in (1, 2)], seed=0)
+    (row,) = found.findings
+    assert (row["mechanism"], row["site"]) == ("piecewise_stiffness", "equation:h")
+    assert row["parameters"]["qs"]["value"] == pytest.approx(3.0, rel=0.02)
+    assert row["parameters"]["ks"]["value"] == pytest.approx(0.03, rel=0.05)
+
+
+def test_a_hidden_level_is_offered_none() -> None:
+    model = parse_model(TANKS)
+    scale = {s: np.linspace(1.0, 9.0, 21) for s in model.states}
+    seen: Any = SimpleNamespace(signals={})
+    shown, hidden = (sites_of(model, scale, m)[0] for m in (seen, None))
+    assert {c.mechanism for c in elastic(shown)} == {"piecewise_stiffness"}
+    assert list(elastic(hidden)) == []
+
+
+TANK = """
+[model]
+states = ["h"]
+inputs = ["u"]
+outputs = ["y"]
+input_hold = "zero"
+[equations]
+h = "kin*u - kout*sqrt(Max(h, 0))"
+[readings]
+y = "h"
+[parameters]
+kin = { value = 0.06, bounds = [0.01, 0.3] }
+kout = { value = 0.06, bounds = [0.01, 0.3] }
+"""
+
+
+def drained(seed: int) -> Recording:
+    """A tank with an inlet that opens below a level of 3 in proportion to how far below."""
+    rng = np.random.default_rng(seed)
+    drive = np.repeat(rng.uniform(0.5, 3.2, 40), 10)
+    fine, h, level = 40, 3.0, np.empty(drive.size)
+    for k, u in enumerate(drive):
+        level[k] = h
+        for _ in range(fine):
+            rate = 0.06 * u - 0.06 * np.sqrt(max(h, 0.0)) - 0.03 * min(h - 3.0, 0.0)
+            h += rate * STEP / fine
+    time = STEP * np.arange(drive.size)
+    y = level + 0.002 * rng.normal(size=level.size)
+    return Recording(f"{seed}.csv", time, {"u": drive, "y": y})
