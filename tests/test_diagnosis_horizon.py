@@ -15,6 +15,7 @@ from jaxsr.diagnosis.choice import decide
 from jaxsr.diagnosis.contest import neutral_values
 from jaxsr.diagnosis.diagnose import Decided, contest, looked_further
 from jaxsr.diagnosis.horizon import Outlook
+from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.scoring import horizons
 from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.models import Model, Simulator, parse_model
@@ -76,6 +77,20 @@ def test_a_mass_without_a_spring_is_judged_by_short_runs():
     model = parse_model(PARTS.format(force="u - c*v"))
     chosen, *options = headline(model, lambda q, v, u: u - 0.05 * v - 0.6)
     assert chosen < options[-1]
+
+
+def test_friction_shortens_segments_only_where_the_weak_view_believes_in_it() -> None:
+    model = parse_model(PARTS.format(force="u - 10*q - c*v"))
+    friction = next(
+        c for c in force_candidates(model, {}) if c.label == "coulomb_friction@equation:v"
+    )
+    prepared = (Prepared.build(model, driven(0, lambda q, v, u: u - 10.0 * q - 3.0 * v, 1e-4)),)
+    super_model = SuperModel.build(model, [friction])
+    simulator, scale = Simulator(super_model.model), np.array([1e-3])
+    outlook = Outlook(super_model, prepared, Stepping("rk4", 2), scale, simulator)
+    starts = [(members, neutral_values(super_model)) for members in ((), (0,))]
+    believed, doubted = (max(outlook.headline(starts, p).lengths) for p in (0.5, 0.9))
+    assert believed < 0.5 * doubted
 
 
 def second_look(limit: float) -> tuple[object, Decided]:

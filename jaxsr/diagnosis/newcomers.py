@@ -98,8 +98,7 @@ def _unnamed(
     rng: np.random.Generator,
     unexplained: bool,
 ) -> Iterator[Field]:
-    """Yield the field with laws in the place of the best entry's, from one way of seeking to the
-    next."""
+    """Yield the field with laws that may stand for the best entry's, one way after another."""
     best = about[1]
     yield from _through_simulator(case, field, about, rng)
     if unexplained:

@@ -1,8 +1,4 @@
-"""Unnamed physics: the evolution proposes a term where no named mechanism explains the rest.
-
-It is asked where a mismatch is left, and where several named forces at one equation may stand for
-one law without a name.
-"""
+"""Laws without a name: where one may stand for named forces, and how it becomes a candidate."""
 
 from __future__ import annotations
 
