@@ -15,8 +15,10 @@ from jaxsr._progress import Budget
 from jaxsr.diagnosis.candidates import Candidate, ParameterSpec, SuperModel
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
+from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.newcomers import _places
+from jaxsr.diagnosis.naming import named
+from jaxsr.diagnosis.newcomers import _places, with_candidates
 from jaxsr.diagnosis.responses import Responses
 from jaxsr.diagnosis.tangent import TangentView, surface
 from jaxsr.diagnosis.tangent_laws import chosen_among, laws_at, places
@@ -139,6 +141,49 @@ def test_a_law_of_two_states_is_written_though_no_sensor_shows_one_of_them():
         force = evaluate(parse(candidate.terms[0][1].format(**names)), {**states, **own})
         errors.append(np.std(force - film(b, vb)) / np.std(film(b, vb)))
     assert min(errors) < 0.1
+
+
+def test_a_law_with_a_name_goes_by_it():
+    """The contest knows the spring already: it stands for itself, and no set is tried twice."""
+    arena, null = field(lambda b, vb: -0.1 * b**3)
+    budget = Budget(60.0)
+    case = Case(Simulator(MODEL), arena.prepared, None, budget, budget)
+    place = next(p for p in places(arena, null) if p.site.state == "vb")
+    laws = laws_at(case, place, np.random.default_rng(0))
+    candidate, values = laws[0]
+    assert candidate.key == SPRING.key and values == pytest.approx([0.1], rel=0.1)
+    found = with_candidates(case, (arena, [null]), null, laws[:1], ((),))
+    assert found[0] is arena and [e.members for e in found[1]] == [(), (0,)]
+    again = with_candidates(case, found, null, laws[:1], ((),))
+    assert [e.members for e in again[1]] == [(), (0,)]
+
+
+PLAIN = [
+    c
+    for c in force_candidates(MODEL, {})
+    if [p.coefficient for p in c.parameters] == [True] and [s for s, _ in c.terms] == ["vb"]
+]
+
+
+@pytest.mark.parametrize("mechanism", PLAIN, ids=lambda c: c.mechanism)
+def test_a_course_names_its_mechanism(mechanism):
+    rng = np.random.default_rng(0)
+    site = next(s for s in sites_of(MODEL, {}) if s.state == "vb")
+    states = dict(zip(MODEL.states, rng.normal(size=(4, 300)), strict=True))
+    (spec,) = mechanism.parameters
+    term = parse(mechanism.terms[0][1].format(**{spec.name: "c"}))
+
+    def course(value: float) -> np.ndarray:
+        return np.broadcast_to(evaluate(term, {**states, "c": value}), (300,))
+
+    found = named(site, course(0.7), states)
+    assert found is not None and found[0].key == mechanism.key
+    assert found[1] == pytest.approx([0.7])
+    driving = named(site, course(-0.7), states)
+    assert (driving is None) == (spec.low == 0.0)
+    size = np.sqrt(np.mean(course(0.7) ** 2))
+    other = course(0.7) + 1e-3 * size * rng.normal(size=300)
+    assert named(site, other, states) is None
 
 
 def test_simple_laws_that_explain_nearly_all_go_before_the_shortest_description():

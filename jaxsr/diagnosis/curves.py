@@ -17,6 +17,7 @@ from jaxsr.diagnosis.decide import independent_residuals
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.unnamed import (
     MAX_TERMS,
+    UNNAMED,
     ProposedForce,
     as_candidate,
     has_a_name,
@@ -74,8 +75,8 @@ class Curve:
             for k, centre in enumerate(self.centres, 1)
         ]
         candidate = Candidate(
-            mechanism="unnamed",
-            family="unnamed",
+            mechanism=UNNAMED,
+            family=UNNAMED,
             site=f"equation:{self.state}",
             parameters=tuple(ParameterSpec(f"c{k}", self.unit) for k in range(1, BUMPS + 1)),
             sentence="A force that matches no named mechanism acts along {site}, as a curve over "

@@ -56,8 +56,8 @@ MOST_PATIENCE = 10.0
 """The same in seconds: what takes longer is caught in a law that jumps."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
-SEARCHING = 0.65
-"""Share of the time budget after which no more sets are tried."""
+SEARCHING, DECIDING = 0.65, 0.75
+"""Shares of the time budget after which no more sets are tried, and nothing more is compared."""
 REPORTING = 3.0
 """Time kept for refining and reporting, relative to that of reading and screening."""
 SLOW, MOST_REPORTING = 8.0, 0.45
@@ -129,11 +129,12 @@ def diagnose(
     progress.stage("screening mechanisms in the weak view")
     screened = screen_all(simulator, prepared)
     # What was slow to read and to screen is slow to report.
-    reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * budget.elapsed)
+    reading = budget.elapsed
+    reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress)
     field = contest(case)
-    case = leaving_time(case, field[1])
+    case = leaving_time(case, field[1], reading)
     search = case.search
     decision, headline, grown = decided(case, field, rng)
     if not decision[-1].detected and case.search.remaining >= AGAIN * budget.seconds:
@@ -161,13 +162,13 @@ def diagnose(
     return assemble(ingredients)
 
 
-def leaving_time(case: Case, entries: Sequence[Entry]) -> Case:
-    """Return the case with more time kept for the report, where the leading set is slow."""
+def leaving_time(case: Case, entries: Sequence[Entry], reading: float) -> Case:
+    """Return the case with as much time for the report as its leading set and `reading` tell."""
+    whole = case.budget.seconds
     leader = min(entries, key=lambda e: e.fit.cost)
-    reporting = min(SLOW * leader.seconds, MOST_REPORTING * case.budget.seconds)
-    if case.budget.remaining - case.search.remaining < reporting:
-        return replace(case, search=case.budget.keeping(reporting))
-    return case
+    slow = min(SLOW * leader.seconds, MOST_REPORTING * whole)
+    reporting = max((1.0 - DECIDING) * whole, REPORTING * reading, slow)
+    return replace(case, search=case.budget.keeping(reporting))
 
 
 def decided(case: Case, field: Contest, rng: np.random.Generator) -> Decided:

@@ -26,9 +26,11 @@ from jaxsr.diagnosis.tangent_laws import laws_at, places
 from jaxsr.diagnosis.unnamed import (
     FORCES,
     NAMELESS,
+    UNNAMED,
     ProposedForce,
     crowded,
     crowded_over_position,
+    nameless,
     worth_no_name,
 )
 from jaxsr.diagnosis.weak_laws import propose_unnamed
@@ -60,7 +62,7 @@ def with_curve(case: Case, field: Field, rng: np.random.Generator) -> Field:
         case.progress.stage("estimating one curve for several forces over a position")
         curves = [c for c in curves_at(case, best, state) if c.variable != state]
         found = _with_curves(case, (arena, entries), best, curves, rest, rng)
-        if found is not None and worth_no_name(found[0], _leading(arena, found), best):
+        if found is not None and _worth_no_name((arena, entries), found, best):
             arena, entries = found
     return arena, entries
 
@@ -69,24 +71,32 @@ def with_unnamed(case: Case, field: Field, rng: np.random.Generator) -> Field:
     """Enter a law without a name where no set of named mechanisms comes near the noise.
 
     First what the evolution writes through the simulator, then what it writes where the sensors
-    show the equations, then curves. Where named ones explain most of the mismatch, they must leave
-    far more than the noise, and only a law that reaches it, or explains most of what they leave,
-    may stand for them.
+    show the equations, then curves. Where named ones explain most of the mismatch, only a law
+    through the simulator that reaches the noise, or explains most of what they leave far above
+    it, may stand for them.
     """
     arena, entries = field
     null = next(e for e in entries if not e.members)
     best = min((e for e in entries if e is null or plausible(arena, e)), key=lambda e: e.fit.cost)
-    unexplained = np.sqrt(best.error / max(null.error, 1e-300)) > REMOVED
-    enough = ABOVE_NOISE if unexplained else LIMITED
-    if case.search.exhausted or residual_to_noise(arena, best) <= enough:
+    above = residual_to_noise(arena, best)
+    if case.search.exhausted or above <= ABOVE_NOISE:
         return field
     case.progress.stage("searching a law that no named mechanism covers")
-    kept, least = field, NAMELESS * best.fit.cost if unexplained else REMOVED**2 * best.fit.cost
-    for found in _unnamed(case, field, (null, best), rng, unexplained):
-        leading = _leading(arena, found)
+    unexplained = np.sqrt(best.error / max(null.error, 1e-300)) > REMOVED
+    if not unexplained and above <= LIMITED:
+        rivals = _through_simulator(case, field, (null, best), rng, (ABOVE_NOISE / above) ** 2)
+        least = 0.0
+    else:
+        rivals = _unnamed(case, field, (null, best), rng, unexplained)
+        least = (NAMELESS if unexplained else REMOVED**2) * best.fit.cost
+    kept = field
+    for found in rivals:
+        leading = _leading(field, found)
+        if leading is None:
+            continue
         if residual_to_noise(found[0], leading) < ABOVE_NOISE:
             return found
-        if leading.fit.cost < least:
+        if leading.fit.cost < (least if nameless(found[0], leading) else best.fit.cost):
             kept, least = found, NAMELESS * leading.fit.cost
     return kept
 
@@ -103,7 +113,7 @@ def _unnamed(
     yield from _through_simulator(case, field, about, rng)
     if unexplained:
         found = _written(case, field, best, rng)
-        if found is not None and worth_no_name(found[0], _leading(field[0], found), best):
+        if found is not None and _worth_no_name(field, found, best):
             yield found
     for state, rest in _places(case, field[0], best):
         found = _with_curves(case, field, best, curves_at(case, best, state), rest, rng)
@@ -112,17 +122,22 @@ def _unnamed(
 
 
 def _through_simulator(
-    case: Case, field: Field, about: tuple[Entry, Entry], rng: np.random.Generator
+    case: Case,
+    field: Field,
+    about: tuple[Entry, Entry],
+    rng: np.random.Generator,
+    share: float = NAMELESS,
 ) -> Iterator[Field]:
     """Yield the field with laws that the evolution writes about the free runs of some entries.
 
-    A law found is written anew about its own free run, where that is not yet near the noise.
+    Where a law promises to leave less than a share of the best cost. A law found is written anew
+    about its own free run, where that is not yet near the noise.
     """
     arena, best = field[0], about[1]
     promising = [p for e in dict.fromkeys(about) for p in places(arena, e)]
     promising.sort(key=lambda p: p.cost * BESIDE ** len(p.rest))
     for place in promising[:PLACES]:
-        if place.cost > NAMELESS * best.fit.cost:
+        if place.cost > share * best.fit.cost:
             return
         known, here = field, place
         for _ in range(ROUNDS):
@@ -131,7 +146,8 @@ def _through_simulator(
                 break
             known = with_candidates(case, known, here.entry, laws, (here.rest,))
             yield known
-            again = places(known[0], _leading(arena, known))
+            leading = _leading(field, known)
+            again = places(known[0], leading) if leading is not None else []
             here = next((p for p in again if p.site.state == place.site.state), None)
             if here is None:
                 break
@@ -146,12 +162,16 @@ def _written(case: Case, field: Field, best: Entry, rng: np.random.Generator) ->
     return with_candidates(case, field, best, [proposal], ((), rest, best.members))
 
 
-def _leading(before: Arena, found: Field) -> Entry:
-    """Return the best entry with a candidate that the arena `before` did not have."""
-    known = len(before.super_model.candidates)
-    return min(
-        (e for e in found[1] if max(e.members, default=-1) >= known), key=lambda e: e.fit.cost
-    )
+def _leading(before: Field, found: Field) -> Entry | None:
+    """Return the best entry whose set the field `before` did not have, None where none is new."""
+    known = {frozenset(e.members) for e in before[1]}
+    new = (e for e in found[1] if frozenset(e.members) not in known)
+    return min(new, key=lambda e: e.fit.cost, default=None)
+
+
+def _worth_no_name(before: Field, found: Field, named: Entry) -> bool:
+    leading = _leading(before, found)
+    return leading is not None and worth_no_name(found[0], leading, named)
 
 
 def with_nameless(case: Case, decision: Decision, rng: np.random.Generator) -> Decision:
@@ -163,11 +183,9 @@ def with_nameless(case: Case, decision: Decision, rng: np.random.Generator) -> D
         laws = laws_at(case, place, rng)
         if not laws or case.search.exhausted:
             continue
-        known = len(arena.super_model.candidates)
-        found = with_candidates(case, (arena, good), chosen, laws, (place.rest,))
-        rival = decide(case, *found)
-        unnamed = max(rival[2].members, default=-1) >= known
-        if unnamed and worth_no_name(rival[0], rival[2], chosen):
+        rival = decide(case, *with_candidates(case, (arena, good), chosen, laws, (place.rest,)))
+        new = frozenset(rival[2].members) not in {frozenset(e.members) for e in good}
+        if new and (not nameless(rival[0], rival[2]) or worth_no_name(rival[0], rival[2], chosen)):
             decision = rival
     return decision
 
@@ -186,11 +204,11 @@ def _with_curves(
     """
     if not curves or case.search.exhausted:
         return None
-    arena, known = field[0], len(field[0].super_model.candidates)
+    known = len(field[0].super_model.candidates)
     forces = [curve.proposed() for curve in curves]
     wider, entries = with_candidates(case, field, chosen, forces, ((), rest))
-    best = _leading(arena, (wider, entries))
-    if not best.fit.usable:
+    best = _leading(field, (wider, entries))
+    if best is None or not best.fit.usable:
         return None
     if residual_to_noise(wider, best) > LIMITED:
         return wider, entries
@@ -224,26 +242,33 @@ def with_candidates(
 ) -> Field:
     """Enter the contest again with more candidates, each by itself beside the sets `beside`.
 
-    Each of these is a part of the chosen set, and starts from where that ended.
+    Each of these is a part of the chosen set, and starts from where that ended. What the contest
+    knows already, by its name, stands for itself; sets that it has tried are not tried again.
     """
 
     def stop() -> bool:
         return case.search.exhausted
 
     arena, entries = field
-    old = arena.super_model
-    super_model = SuperModel.build(old.given, [*old.candidates, *(c for c, _ in proposals)])
+    old, tried = arena.super_model, {frozenset(e.members) for e in entries}
+    by_name = {c.key: i for i, c in enumerate(old.candidates) if c.mechanism != UNNAMED}
+    unknown = [c for c, _ in proposals if c.key not in by_name]
+    super_model = SuperModel.build(old.given, [*old.candidates, *unknown]) if unknown else old
     simulator = Simulator(super_model.model, case.simulator.function)
     stepping, scale = arena.problem.stepping, arena.problem.scale
-    known, neutral = len(old.candidates), neutral_values(super_model)
+    neutral = neutral_values(super_model)
     added = neutral[len(old.model.parameters) :]
     if len(simulator.smoothed_arguments) != len(stepping.widths):  # a law that jumps
-        start = np.concatenate([chosen.fit.theta, *(values for _, values in proposals)])
+        news = [values for c, values in proposals if c.key not in by_name]
+        start = np.concatenate([chosen.fit.theta, *news])
         stepping = choose_stepping(simulator, case.prepared, start)
     same = stepping == arena.problem.stepping
-    setting = super_model, case.prepared, stepping, arena.seconds, scale, simulator
-    new = build_arena(*setting, arena if same else None)
-    new = new if same else replace(with_rounded_jumps(new), patience=arena.patience)
+    if unknown:
+        setting = super_model, case.prepared, stepping, arena.seconds, scale, simulator
+        new = build_arena(*setting, arena if same else None)
+        new = new if same else replace(with_rounded_jumps(new), patience=arena.patience)
+    else:
+        new = arena
     leading = sorted(entries, key=lambda e: e.error)[:4]
     null = next(e for e in entries if not e.members)
     sets = {e.members: e for e in (null, chosen, *leading)}
@@ -252,12 +277,16 @@ def with_candidates(
     else:
         starts = {m: np.concatenate([e.fit.theta, added]) for m, e in sets.items()}
         again = [enter(new, members, theta, stop=stop) for members, theta in starts.items()]
+    numbers = iter(range(len(old.candidates), len(super_model.candidates)))
+    own = [by_name[c.key] if c.key in by_name else next(numbers) for c, _ in proposals]
     for members in dict.fromkeys(beside):
         start = np.concatenate([sets.get(members, chosen).fit.theta, added])
         for i in set(chosen.members) - set(members):
             start[super_model.index(i)] = neutral[super_model.index(i)]
-        for number, (_, values) in enumerate(proposals, known):
+        for number, (_, values) in zip(own, proposals, strict=True):
+            if {*members, number} in tried:
+                continue
             theta = start.copy()
             theta[super_model.index(number)] = values
-            again.append(enter(new, (*members, number), theta, stop=stop))
+            again.append(enter(new, tuple(sorted((*members, number))), theta, stop=stop))
     return new, again

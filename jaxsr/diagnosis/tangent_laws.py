@@ -11,11 +11,13 @@ from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest import Arena, Entry
 from jaxsr.diagnosis.decide import independent_residuals
 from jaxsr.diagnosis.mechanisms.site import Site, sites_of
+from jaxsr.diagnosis.naming import named
 from jaxsr.diagnosis.responses import Responses
 from jaxsr.diagnosis.tangent import TangentView, surface
 from jaxsr.diagnosis.unnamed import (
     FORCES,
     MAX_TERMS,
+    UNNAMED,
     ProposedForce,
     as_candidate,
     has_a_name,
@@ -89,16 +91,17 @@ def laws_at(case: Case, place: Place, rng: np.random.Generator) -> list[Proposed
 
     To first order about the entry. Where that is far from the noise, costs tell laws apart no
     better than the linearisation holds, and the simplest that explain nearly all go beside the
-    shortest description.
+    shortest description. A law of one term that the library has a name for goes by that name.
     """
     seconds = min(SECONDS, SHARE * case.search.remaining)
     if not seconds > 0.0:
         return []
     view, sizes = place.view, sizes_of(case)
+    scaled = {name: values / sizes[name] for name, values in view.variables.items()}
     found = propose(
         rng,
         view.target,
-        {name: values / sizes[name] for name, values in view.variables.items()},
+        scaled,
         view=view,
         fixed=view.fixed,
         config=SearchConfig(population=120, sizes=SizeLimits(terms=MAX_TERMS)),
@@ -106,12 +109,19 @@ def laws_at(case: Case, place: Place, rng: np.random.Generator) -> list[Proposed
     )
     nothing, n = view.cost(np.zeros((view.samples, 0))), independent_residuals(place.entry)
     laws = [
-        (p, p.loss * view.target.size + view.beyond)
-        for p in found
-        if 0 < len(p.terms) <= MAX_TERMS and not has_a_name(p)
+        (p, p.loss * view.target.size + view.beyond) for p in found if 0 < len(p.terms) <= MAX_TERMS
     ]
+    nameless = [law for law in laws if not has_a_name(law[0])]
     state = case.simulator.model.states.index(place.site.state)
-    return [as_candidate(case, state, p) for p in chosen_among(laws, nothing, n)]
+    mechanisms: dict[str, ProposedForce] = {}
+    for law in chosen_among(laws, nothing, n):
+        if len(law.terms) == 1:
+            force = law.coefficients[0] * evaluate(law.terms[0], scaled)
+            mechanism = named(place.site, np.broadcast_to(force, (view.samples,)), view.variables)
+            if mechanism is not None:
+                mechanisms.setdefault(mechanism[0].label, mechanism)
+    written = [as_candidate(case, state, p) for p in chosen_among(nameless, nothing, n)]
+    return [*mechanisms.values(), *written]
 
 
 def chosen_among(
@@ -156,7 +166,7 @@ def promise(arena: Arena, entry: Entry) -> float:
 def _along(arena: Arena, number: int, site: Site) -> bool:
     """Whether a candidate is a force along one equation alone that the states tell."""
     candidate, names = arena.super_model.candidates[number], arena.super_model.names[number]
-    if candidate.family not in (*FORCES, "unnamed") or candidate.states or candidate.replaced:
+    if candidate.family not in (*FORCES, UNNAMED) or candidate.states or candidate.replaced:
         return False
     if [s for s, _ in candidate.terms] != [site.state]:
         return False

@@ -14,6 +14,8 @@ from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
 from jaxsr.evolution.propose import Proposal
 from jaxsr.expressions import Term, to_text
 
+UNNAMED = "unnamed"
+"""What a law without a name is called."""
 MAX_TERMS = 2
 CROWD = 2
 """Forces chosen at one equation from which one law may stand for all of them."""
@@ -95,6 +97,11 @@ def worth_no_name(arena: Arena, unnamed: Entry, named: Entry) -> bool:
     return bool(shorter) and residual_to_noise(arena, unnamed) <= LIMITED
 
 
+def nameless(arena: Arena, entry: Entry) -> bool:
+    """Whether a set holds a law without a name."""
+    return any(arena.super_model.candidates[i].mechanism == UNNAMED for i in entry.members)
+
+
 def sizes_of(case: Case) -> dict[str, float]:
     """Rms of every state to two digits, by which the search divides."""
     sizes = {}
@@ -125,8 +132,8 @@ def as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
         for k, value in enumerate(inner, 1)
     ]
     candidate = Candidate(
-        mechanism="unnamed",
-        family="unnamed",
+        mechanism=UNNAMED,
+        family=UNNAMED,
         site=f"equation:{name}",
         parameters=(*coefficients, *constants),
         sentence="A force that matches no named mechanism acts along {site}; the search wrote it.",
