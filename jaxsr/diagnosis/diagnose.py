@@ -56,14 +56,15 @@ MOST_PATIENCE = 10.0
 """The same in seconds: what takes longer is caught in a law that jumps."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
-SEARCHING, DECIDING = 0.65, 0.75
+SEARCHING, DECIDING = 0.65, 0.72
 """Shares of the time budget after which no more sets are tried, and nothing more is compared."""
 REPORTING = 3.0
 """Time kept for refining and reporting, relative to that of reading and screening."""
-SLOW, MOST_REPORTING = 8.0, 0.45
+SLOW, MOST_REPORTING = 10.0, 0.45
 """The same relative to the estimation of the leading set; its largest share of the time budget."""
-OWN = 0.05
-"""Share of the time budget that a set's own widths of jumps may need."""
+OWN, OWN_SLOW = 0.05, 4.0
+"""Time that a set's own widths of jumps may need: a share of the budget, and relative to the
+estimation of the set."""
 AGAIN = 0.2
 """Share of the time budget from which longer segments are still asked."""
 GROWING = 0.7
@@ -140,7 +141,8 @@ def diagnose(
     if not decision[-1].detected and case.search.remaining >= AGAIN * budget.seconds:
         decision, headline, grown = looked_further(case, (decision, headline, grown), rng)
     arena, good, decisive, detection = decision
-    in_time = search.remaining > OWN * budget.seconds or not np.isfinite(budget.seconds)
+    needed = max(OWN * budget.seconds, OWN_SLOW * decisive.seconds)
+    in_time = search.remaining > needed or not np.isfinite(budget.seconds)
     chosen = in_own_widths(arena, decisive) if in_time else decisive
     good = [chosen if e is decisive else e for e in good]
     null = next(e for e in good if not e.members)
