@@ -21,8 +21,8 @@ def named(
 ) -> ProposedForce | None:
     """Return the mechanism with one coefficient whose force is f(t) at an equation of motion.
 
-    The library's own reasons not to offer it in a recording do not count against a law that the
-    data wrote. None where nothing has this course, or only with a sign that is not physical.
+    Also one that the screening left out, but none that the recorded motion cannot tell: the site
+    knows its scale. None where nothing has this course, or only with a sign that is not physical.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def named(
 
 def _along(site: Site, variables: Mapping[str, np.ndarray]) -> Iterator[Candidate]:
     """Yield the plain forces of the library along one equation: one coefficient times states."""
-    for candidate in force_candidates(site.model, {}):
+    for candidate in force_candidates(site.model, site.scale):
         plain = [s.coefficient for s in candidate.parameters] == [True]
         if candidate.site != site.name or not plain or candidate.fixed_parameter is not None:
             continue

@@ -71,33 +71,29 @@ def with_unnamed(case: Case, field: Field, rng: np.random.Generator) -> Field:
     """Enter a law without a name where no set of named mechanisms comes near the noise.
 
     First what the evolution writes through the simulator, then what it writes where the sensors
-    show the equations, then curves. Where named ones explain most of the mismatch, only a law
-    through the simulator that reaches the noise, or explains most of what they leave far above
-    it, may stand for them.
+    show the equations, then curves. Where named ones explain most of the mismatch, they must leave
+    far more than the noise, and only a law that reaches it, or explains most of what they leave,
+    may stand for them.
     """
     arena, entries = field
     null = next(e for e in entries if not e.members)
     best = min((e for e in entries if e is null or plausible(arena, e)), key=lambda e: e.fit.cost)
-    above = residual_to_noise(arena, best)
-    if case.search.exhausted or above <= ABOVE_NOISE:
+    unexplained = np.sqrt(best.error / max(null.error, 1e-300)) > REMOVED
+    enough = ABOVE_NOISE if unexplained else LIMITED
+    if case.search.exhausted or residual_to_noise(arena, best) <= enough:
         return field
     case.progress.stage("searching a law that no named mechanism covers")
-    unexplained = np.sqrt(best.error / max(null.error, 1e-300)) > REMOVED
-    if not unexplained and above <= LIMITED:
-        rivals = _through_simulator(case, field, (null, best), rng, (ABOVE_NOISE / above) ** 2)
-        least = 0.0
-    else:
-        rivals = _unnamed(case, field, (null, best), rng, unexplained)
-        least = (NAMELESS if unexplained else REMOVED**2) * best.fit.cost
-    kept = field
-    for found in rivals:
+    kept, most = field, best.fit.cost
+    least = (NAMELESS if unexplained else REMOVED**2) * most
+    for found in _unnamed(case, field, (null, best), rng, unexplained):
         leading = _leading(field, found)
         if leading is None:
             continue
         if residual_to_noise(found[0], leading) < ABOVE_NOISE:
             return found
-        if leading.fit.cost < (least if nameless(found[0], leading) else best.fit.cost):
-            kept, least = found, NAMELESS * leading.fit.cost
+        if leading.fit.cost < (least if nameless(found[0], leading) else most):
+            kept, most = found, leading.fit.cost
+            least = NAMELESS * most
     return kept
 
 
@@ -122,22 +118,17 @@ def _unnamed(
 
 
 def _through_simulator(
-    case: Case,
-    field: Field,
-    about: tuple[Entry, Entry],
-    rng: np.random.Generator,
-    share: float = NAMELESS,
+    case: Case, field: Field, about: tuple[Entry, Entry], rng: np.random.Generator
 ) -> Iterator[Field]:
     """Yield the field with laws that the evolution writes about the free runs of some entries.
 
-    Where a law promises to leave less than a share of the best cost. A law found is written anew
-    about its own free run, where that is not yet near the noise.
+    A law found is written anew about its own free run, where that is not yet near the noise.
     """
     arena, best = field[0], about[1]
     promising = [p for e in dict.fromkeys(about) for p in places(arena, e)]
     promising.sort(key=lambda p: p.cost * BESIDE ** len(p.rest))
     for place in promising[:PLACES]:
-        if place.cost > share * best.fit.cost:
+        if place.cost > NAMELESS * best.fit.cost:
             return
         known, here = field, place
         for _ in range(ROUNDS):

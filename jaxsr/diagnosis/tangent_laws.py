@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from jaxsr.diagnosis.decide import independent_residuals
 from jaxsr.diagnosis.mechanisms.site import Site, sites_of
 from jaxsr.diagnosis.naming import named
 from jaxsr.diagnosis.responses import Responses
+from jaxsr.diagnosis.setup import state_scale
 from jaxsr.diagnosis.tangent import TangentView, surface
 from jaxsr.diagnosis.unnamed import (
     FORCES,
@@ -113,11 +114,13 @@ def laws_at(case: Case, place: Place, rng: np.random.Generator) -> list[Proposed
     ]
     nameless = [law for law in laws if not has_a_name(law[0])]
     state = case.simulator.model.states.index(place.site.state)
+    scale = state_scale(case.simulator.model, case.prepared)
+    site = replace(place.site, scale=scale)
     mechanisms: dict[str, ProposedForce] = {}
     for law in chosen_among(laws, nothing, n):
         if len(law.terms) == 1:
             force = law.coefficients[0] * evaluate(law.terms[0], scaled)
-            mechanism = named(place.site, np.broadcast_to(force, (view.samples,)), view.variables)
+            mechanism = named(site, np.broadcast_to(force, (view.samples,)), view.variables)
             if mechanism is not None:
                 mechanisms.setdefault(mechanism[0].label, mechanism)
     written = [as_candidate(case, state, p) for p in chosen_among(nameless, nothing, n)]
