@@ -14,6 +14,7 @@ from test_report_documents import drive_evidence
 
 from jaxsr.report.diff import diff_tables
 from jaxsr.report.evidence import DiffRow
+from jaxsr.report.fit_tables import figures_at_a_glance
 from jaxsr.report.formatting import estimate, number, odds, percent, unit_text
 from jaxsr.report.mathml import equation, expression
 from jaxsr.report.mismatch import medians
@@ -85,6 +86,25 @@ def test_mathml_keeps_signs_and_brackets(text: str, shown: str) -> None:
 def test_expression_outside_the_grammar_is_shown_as_code() -> None:
     assert expression("__import__('os')<b>") == ("<code>__import__(&#39;os&#39;)&lt;b&gt;</code>")
     assert equation("<z>", "open(").count("<z>") == 0
+
+
+@pytest.mark.parametrize(
+    ("explained", "shown"),
+    [
+        ([0.09, 0.08, 0.02], ["0.1 s", "0.1 s", "10 s"]),  # 90 % left at the headline, 5 % after
+        ([0.09, 0.10, 0.20], ["0.1 s", "0.1 s"]),  # 50 % left: no other horizon stands out
+        ([0.04, None, 0.30], ["0.1 s", "0.1 s"]),
+        ([None, None, 0.02], ["0.1 s", "0.1 s", "10 s"]),
+    ],
+)
+def test_the_horizon_at_which_far_more_was_removed_stands_beside_the_headline(explained, shown):
+    rows = {"recalibrated": [0.1, 0.2, 0.4], "explained": explained}
+    fit = {"horizons_s": [0.1, 1.0, 10.0], "headline_s": 0.1, "held_out": rows, "train": rows}
+    tiles = figures_at_a_glance(fit)
+    assert [t["title"].removeprefix("Free run over ") for t in tiles] == shown
+    if len(shown) > 2:
+        assert tiles[-1]["role"] == "held-out recordings"
+        assert (tiles[-1]["before"], tiles[-1]["after"]) == (percent(0.4), percent(0.02))
 
 
 def test_diff_of_added_and_removed_entries() -> None:

@@ -6,8 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from jaxsr.report.formatting import is_number, percent, seconds
-from jaxsr.report.words import capital, headline, headline_index, site_words
+from jaxsr.report.words import capital, errors_at, headline_index, site_words
 
+CLEARER = 0.5
+"""Share of the error left, relative to that at the headline horizon, below which another horizon
+is shown beside it."""
 _MODELS = {
     "given": "As given",
     "recalibrated": "Re-calibrated",
@@ -19,13 +22,18 @@ _ROLES = {"train": "Training", "held_out": "Held out"}
 def figures_at_a_glance(fit: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the few before-and-after pairs that stand beside the verdict.
 
-    Free runs at the headline horizon, held-out first, then the force error of the first site.
+    Free runs at the headline horizon, held-out first, and at the horizon where far more of the
+    error was removed, if there is one; then the force error of the first site.
     """
-    horizon = seconds(fit.get("headline_s"))
+    shown = headline_index(fit)
     tiles = [
-        _tile(f"Free run over {horizon}", role, before, after)
-        for role, before, after in headline(fit)
+        _tile(f"Free run over {seconds(fit.get('headline_s'))}", role, before, after)
+        for role, before, after in errors_at(fit, shown)
     ]
+    clearer = _clearer_horizon(fit, shown)
+    if clearer is not None:
+        words = seconds((fit.get("horizons_s") or [])[clearer])
+        tiles.append(_tile(f"Free run over {words}", *errors_at(fit, clearer)[0]))
     for site, entry in (fit.get("force") or {}).items():
         role = "held_out" if (entry.get("held_out") or {}).get("explained") is not None else "train"
         pair = entry.get(role) or {}
@@ -35,6 +43,17 @@ def figures_at_a_glance(fit: Mapping[str, Any]) -> list[dict[str, Any]]:
             tiles.append(_tile(title, words, pair["recalibrated"], pair["explained"]))
             break
     return tiles
+
+
+def _clearer_horizon(fit: Mapping[str, Any], shown: int | None) -> int | None:
+    """Return the horizon at which least of the error is left, if far less than at the one shown."""
+
+    def left(index: int | None) -> float:
+        (_, before, after), *_ = errors_at(fit, index) or [("", None, None)]
+        return after / before if is_number(before) and is_number(after) and before > 0.0 else 1.0
+
+    best = min(range(len(fit.get("horizons_s") or [])), key=left, default=None)
+    return best if best is not None and left(best) < CLEARER * left(shown) else None
 
 
 def _tile(title: str, role: str, before: float | None, after: float | None) -> dict[str, Any]:

@@ -149,9 +149,10 @@ def _wrong_value(finding: Mapping[str, Any], name: str) -> str:
     return f"{shown} ({interval})" if fitted.get("ci95") else shown
 
 
-def headline(fit: Mapping[str, Any] | None) -> list[tuple[str, float | None, float | None]]:
-    """Return (recordings, re-calibrated, explained) at the headline horizon."""
-    index = headline_index(fit)
+def errors_at(
+    fit: Mapping[str, Any] | None, index: int | None
+) -> list[tuple[str, float | None, float | None]]:
+    """Return (recordings, re-calibrated, explained) at one of the horizons, held-out first."""
     if fit is None or index is None:
         return []
     pairs = []
