@@ -45,7 +45,7 @@ def decide(case: Case, arena: Arena, entries: list[Entry]) -> Decision:
     """Choose an entry; re-calibration alone unless another clearly beats it."""
     exchanged: set[tuple[int, ...]] = set()
     for _ in range(ROUNDS):
-        good, chosen, detection = _choose(case, arena, entries)
+        good, chosen, detection = choose(case, arena, entries)
         if not detection.detected:
             break
         before = entries
@@ -56,7 +56,7 @@ def decide(case: Case, arena: Arena, entries: list[Entry]) -> Decision:
         exchanged.add(chosen.members)
         entries = exchange(arena, chosen, entries, lambda: case.search.exhausted)
         entries = _merged(arena, chosen, entries, lambda: case.search.exhausted)
-    good, chosen, detection = _choose(case, arena, entries)
+    good, chosen, detection = choose(case, arena, entries)
     # The chosen set without a member is reported whatever its estimates.
     good += [e for e in entries if set(e.members) < set(chosen.members) and e not in good]
     return arena, good, chosen, detection
@@ -87,7 +87,7 @@ def _merged(
     return [best.get(e.members, e) for e in entries]
 
 
-def _choose(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry], Entry, Detection]:
+def choose(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry], Entry, Detection]:
     """Return the entries to be believed, the one among them to choose, and the test of it."""
     null = next(e for e in entries if not e.members)
     good = [e for e in entries if not e.members or plausible(arena, e)]

@@ -116,22 +116,28 @@ def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[St
     if seen < set(given.dynamic_states):
         chosen += [c for c in _unscreened(case) if c.terms and not seen & {s for s, _ in c.terms}]
     super_model = SuperModel.build(given, [*chosen, *sensors])
-    order, full = list(super_model.model.parameters), list(screened.super_model.model.parameters)
-
-    def carried(item: ScreenedSet) -> np.ndarray:
-        theta = neutral_values(super_model)
-        for j in screened.super_model.base_index():
-            theta[order.index(full[j])] = item.values[j]
-        for i in item.members:
-            for own, name in screened.super_model.names[i].items():
-                target = super_model.names[used.index(i)][own]
-                theta[order.index(target)] = item.values[full.index(name)]
-        return theta
-
-    empty = carried(screened.screening.empty)
+    empty = carried(screened, super_model, used, screened.screening.empty)
     starts = [((), empty)]
-    starts += [(tuple(used.index(i) for i in s.members), carried(s)) for s in sets]
+    starts += [
+        (tuple(used.index(i) for i in s.members), carried(screened, super_model, used, s))
+        for s in sets
+    ]
     return super_model, starts
+
+
+def carried(
+    screened: Screened, super_model: SuperModel, used: list[int], item: ScreenedSet
+) -> np.ndarray:
+    """Return the values of a screened set in a super-model of the candidates `used`."""
+    order, full = list(super_model.model.parameters), list(screened.super_model.model.parameters)
+    theta = neutral_values(super_model)
+    for j in screened.super_model.base_index():
+        theta[order.index(full[j])] = item.values[j]
+    for i in item.members:
+        for own, name in screened.super_model.names[i].items():
+            target = super_model.names[used.index(i)][own]
+            theta[order.index(target)] = item.values[full.index(name)]
+    return theta
 
 
 def _readings(case: Case) -> dict[str, np.ndarray]:

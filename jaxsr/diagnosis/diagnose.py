@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import overload
@@ -34,8 +34,10 @@ from jaxsr.diagnosis.decide import plausible
 from jaxsr.diagnosis.document import Ingredients, assemble
 from jaxsr.diagnosis.horizon import Headline, Outlook
 from jaxsr.diagnosis.integration import choose_stepping, with_smooth
+from jaxsr.diagnosis.large_contest import decided_among_many, with_many_equations
 from jaxsr.diagnosis.located import with_located
 from jaxsr.diagnosis.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
+from jaxsr.diagnosis.output_weights import rescaled
 from jaxsr.diagnosis.refine import residual_to_noise
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
@@ -134,17 +136,11 @@ def diagnose(
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress)
-    field = contest(case)
-    case = leaving_time(case, field[1], reading)
-    search = case.search
-    decision, headline, grown = decided(case, field, rng)
-    if not decision[-1].detected and case.search.remaining >= AGAIN * budget.seconds:
-        decision, headline, grown = looked_further(case, (decision, headline, grown), rng)
-    arena, good, decisive, detection = decision
-    needed = max(OWN * budget.seconds, OWN_SLOW * decisive.seconds)
-    in_time = search.remaining > needed or not np.isfinite(budget.seconds)
-    chosen = in_own_widths(arena, decisive) if in_time else decisive
-    good = [chosen if e is decisive else e for e in good]
+    if with_many_equations(case):
+        decision, headline, grown = decided_among_many(case)
+    else:
+        decision, headline, grown = decided_among_few(case, reading, rng)
+    arena, good, chosen, detection = decision
     null = next(e for e in good if not e.members)
     ingredients = Ingredients(
         case=case,
@@ -159,9 +155,25 @@ def diagnose(
         rng=rng,
         seed=seed,
         command=command,
-        stopped=case.stopped_by(grown),
+        stopped=grown,
     )
     return assemble(ingredients)
+
+
+def decided_among_few(case: Case, reading: float, rng: np.random.Generator) -> Decided:
+    """Grow sets of mechanisms in free run and decide, on longer segments if need be."""
+    budget, field = case.budget, contest(case)
+    case = leaving_time(case, field[1], reading)
+    decision, headline, grown = decided(case, field, rng)
+    if not decision[-1].detected and case.search.remaining >= AGAIN * budget.seconds:
+        decision, headline, grown = looked_further(case, (decision, headline, grown), rng)
+    arena, good, decisive, detection = decision
+    needed = max(OWN * budget.seconds, OWN_SLOW * decisive.seconds)
+    if case.search.remaining > needed or not np.isfinite(budget.seconds):
+        chosen = in_own_widths(arena, decisive)
+        good = [chosen if e is decisive else e for e in good]
+        decision = arena, good, chosen, detection
+    return decision, headline, case.stopped_by(grown)
 
 
 def leaving_time(case: Case, entries: Sequence[Entry], reading: float) -> Case:
@@ -272,11 +284,11 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
             return None
         if len(entries) > 1 and not weighed:
             arena, entries = in_widths_of_best(arena, entries)
-            arena, entries = _rescaled(arena, entries, stop)
+            arena, entries = rescaled(arena, entries, stop)
             weighed = True
     case.progress.stage("trying every mechanism in free run")
     if not weighed:
-        arena, entries = _rescaled(arena, entries, stop)
+        arena, entries = rescaled(arena, entries, stop)
     arena, entries = in_widths_of_best(arena, entries)
     stopped = case.search.stopped_by
     if entries[0].fit.usable:
@@ -306,28 +318,6 @@ def _grown(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry],
 def _astray(null: Entry, entry: Entry, promised: float) -> bool:
     """Whether an estimate has not half the effect that the weak view promised."""
     return promised < PROMISING and entry.fit.cost > 0.5 * (1.0 + promised) * null.fit.cost
-
-
-def _rescaled(
-    arena: Arena, entries: list[Entry], stop: Callable[[], bool]
-) -> tuple[Arena, list[Entry]]:
-    """Weigh the outputs by the residual that the best set so far leaves on each."""
-    leader = min(entries, key=lambda e: e.fit.cost)
-    count = arena.problem.segments.weights.sum((1, 2))
-    power = (leader.fit.residual**2).sum((1, 2)) / np.maximum(count, 1.0)
-    if not np.isfinite(power).all():
-        return arena, entries
-    factor = np.sqrt(power + 1e-12)
-    arena = replace(arena, problem=replace(arena.problem, scale=arena.problem.scale * factor))
-    if factor.size == 1:
-        return arena, [e.scaled(float(factor[0])) for e in entries]
-    again = []
-    for e in entries:
-        if e.fit.usable and e.fit.cost <= entries[0].fit.cost:
-            again.append(enter(arena, e.members, e.fit.theta, e.fit.path, stop, near=True))
-        else:  # what does worse than re-calibration is not worth another estimate
-            again.append(e.lost())
-    return arena, again
 
 
 def _label(super_model: SuperModel, members: tuple[int, ...]) -> str:

@@ -27,6 +27,8 @@ TOLERABLE = 0.1
 """Integration error of a set, relative to what it leaves unexplained."""
 FINEST = {"rk4": 8, "rodas3": 2}
 """Substeps up to which that is held to."""
+ROUNDEST, EXPLICIT = (4.0, 8.0, 16.0, 32.0), 2
+"""Factors by which jumps may be widened for explicit steps, and the most of these per sample."""
 POINTS = 200
 TRIAL = 400
 
@@ -40,14 +42,8 @@ def choose_stepping(
     L-stable method. Two runs, one with four times the substeps, tell the error, and the
     method's order how it falls.
     """
-    x = np.concatenate([known_states(simulator.model, p, theta, simulator) for p in prepared])
-    u = np.concatenate([p.inputs for p in prepared])
-    env = simulator.environment(0.0, tuple(x.T), tuple(u.T), tuple(theta))
-    widths = width_scales(simulator, env)
-    pick = np.linspace(0, len(x) - 1, min(POINTS, len(x))).astype(int)
-    # The steepest place of friction is standstill: look there as well.
-    at = np.concatenate([x[pick], np.zeros((1, x.shape[1]))])
-    fastest = _fastest(simulator, theta, widths, at, np.concatenate([u[pick], u[:1]]))
+    x, u, widths = _samples(simulator, prepared, theta)
+    fastest = _fastest(simulator, theta, widths, x, u)
     step = min(p.recording.sample_time for p in prepared)
     needed = _substeps(fastest * step)
     if needed > (LIFTED_SUBSTEPS if liftable(simulator) else MOST_SUBSTEPS):
@@ -63,6 +59,25 @@ def choose_stepping(
         if change / factor**order < STEP_ERROR:
             return Stepping(method, factor * needed, widths)
     return Stepping(method, 4 * needed, widths)
+
+
+def rounded_explicit(
+    stepping: Stepping, simulator: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
+) -> Stepping:
+    """Widen jumps until explicit steps are stable, where they are too steep; up to `ROUNDEST`.
+
+    Many sharp laws cost an implicit method a large Jacobian at every step.
+    """
+    if stepping.method == "rk4" or not stepping.widths:
+        return stepping
+    step = min(p.recording.sample_time for p in prepared)
+    x, u, _ = _samples(simulator, prepared, theta)
+    for factor in ROUNDEST:
+        widths = tuple(factor * w for w in stepping.widths)
+        needed = _substeps(_fastest(simulator, theta, widths, x, u) * step)
+        if needed <= EXPLICIT:
+            return Stepping("rk4", needed, widths)
+    return stepping
 
 
 def with_smooth(
@@ -143,6 +158,21 @@ def with_steps(problem: Problem, method: str, substeps: int) -> Problem:
     stepping = replace(problem.stepping, method=method, substeps=substeps)
     segments = restepped(problem.segments, stepping, problem.stepping)
     return replace(problem, stepping=stepping, segments=segments)
+
+
+def _samples(
+    simulator: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple]:
+    """Return states and inputs at some samples, and the widths of jumps by all of them."""
+    x = np.concatenate([known_states(simulator.model, p, theta, simulator) for p in prepared])
+    u = np.concatenate([p.inputs for p in prepared])
+    widths = width_scales(
+        simulator, simulator.environment(0.0, tuple(x.T), tuple(u.T), tuple(theta))
+    )
+    pick = np.linspace(0, len(x) - 1, min(POINTS, len(x))).astype(int)
+    # The steepest place of friction is standstill: look there as well.
+    at = np.concatenate([x[pick], np.zeros((1, x.shape[1]))])
+    return at, np.concatenate([u[pick], u[:1]]), widths
 
 
 def _substeps(product: float) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.columns import WeakColumns, motion_of, with_candidates
+from jaxsr.diagnosis.many_equations import many_equations, screen_each
 from jaxsr.diagnosis.mechanisms import Motion, force_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
 from jaxsr.diagnosis.memory_columns import with_memory
@@ -80,6 +81,10 @@ def screen_all(simulator: Simulator, prepared: Sequence[Prepared]) -> Screened |
     columns = WeakColumns(model, prepared, half_width)
     scale = state_scale(model, prepared)
     candidates = force_candidates(model, scale, motion_of_case(simulator, prepared, half_width))
+    if many_equations(given):
+        super_model = SuperModel.build(model, candidates)
+        system = with_candidates(columns, given, super_model)
+        return Screened(super_model, system, screen_each(system, super_model), half_width)
     candidates += memory_candidates(model, scale, sample_step(prepared))
     super_model = SuperModel.build(model, candidates)
     system = with_memory(with_candidates(columns, given, super_model), super_model, prepared)
