@@ -158,11 +158,12 @@ def _rows(
 ) -> tuple[list[dict[str, Any]], list[tuple[int, list[Alternative]]], list[int]]:
     """Findings of an entry by falling share, what could replace each, and the order by share."""
     rows, rivals = [], []
+    given = enter(_frozen(parts.arena), (), neutral_values(parts.arena.super_model)).fit.cost
     for k, number in enumerate(entry.members):
         probability, others = alternatives(
             parts.arena.super_model, entry, number, parts.entries, parts.rng
         )
-        share = _share(parts, entry, number)
+        share = _share(parts, entry, number, given)
         rows.append(finding_row(parts, estimate, k, number, probability, others, share))
         rivals.append((number, others))
     order = sorted(range(len(rows)), key=lambda k: -rows[k]["share"])
@@ -262,11 +263,10 @@ def _frozen(arena: Arena) -> Arena:
     return replace(arena, super_model=replace(arena.super_model, given=given))
 
 
-def _share(parts: Ingredients, entry: Entry, number: int) -> float:
-    """Share of the explained mismatch that is lost without one member."""
+def _share(parts: Ingredients, entry: Entry, number: int, given: float) -> float:
+    """Share of the mismatch, by the cost of the given values, that is lost without one member."""
     rest = tuple(i for i in entry.members if i != number)
     without = [e.fit.cost for e in parts.entries if e.members == rest]
-    given = enter(_frozen(parts.arena), (), neutral_values(parts.arena.super_model)).fit.cost
     explained_cost = entry.fit.cost
     if not without or not np.isfinite(given):
         return 1.0

@@ -18,8 +18,9 @@ from jaxsr.diagnosis.many_equations import many_equations
 from jaxsr.diagnosis.output_weights import rescaled
 from jaxsr.models import Simulator
 
-WHOLE, RIVAL = 12, 6
-"""Iterations of the whole set and of what could stand in a member's place, which begins near it."""
+WHOLE, RIVAL, PART = 12, 6, 2
+"""Iterations of the whole set, of what could stand in a member's place, and of what is left
+without one: begun near the whole, a bad one is told soon."""
 PATIENCE = 0.2
 """Share of the time budget after which the estimation of the whole set stops where it is."""
 
@@ -34,7 +35,7 @@ def decided_among_many(case: Case) -> tuple[Decision, float, StoppedBy]:
 
     The weak view has chosen a mechanism or more at every equation. Free runs estimate them
     together, compare them with re-calibration, and then with the sets in which one of them is
-    missing or another stands in its place, the closest first, for as long as there is time. A
+    missing, or another stands in its place, for as long as there is time. A
     free run of many sharp friction laws is stiff: theirs are rounded until explicit steps do.
     """
     assert case.screened is not None
@@ -54,6 +55,7 @@ def decided_among_many(case: Case) -> tuple[Decision, float, StoppedBy]:
     arena, (null, whole) = rescaled(patient, [null, whole], stop)
     entries = [null, whole]
     case.progress.stage(f"comparing it with {len(others)} sets that lack or replace one of them")
+    others.sort(key=lambda other: len(other[0]))
     for number, (members, start) in enumerate(others):
         if case.search.exhausted or not whole.fit.usable:
             break
@@ -61,7 +63,8 @@ def decided_among_many(case: Case) -> tuple[Decision, float, StoppedBy]:
         shared = [super_model.index(i) for i in set(members) & set(whole.members)]
         kept = [*super_model.base_index(), *(j for index in shared for j in index)]
         start[kept] = whole.fit.theta[kept]
-        entries.append(enter(arena, members, start, whole.fit.path, stop, RIVAL))
+        most = RIVAL if len(members) == len(whole.members) else PART
+        entries.append(enter(arena, members, start, whole.fit.path, stop, most))
     case.progress.stage("deciding")
     good, chosen, detection = choose(case, arena, entries)
     good += [e for e in entries if set(e.members) < set(chosen.members) and e not in good]

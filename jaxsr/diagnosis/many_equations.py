@@ -21,6 +21,9 @@ from jaxsr.diagnosis.weak_system import WeakSystem
 
 LEAST = 0.1
 """Fall of one equation's log mean square that a further mechanism must bring, block by block."""
+SMALLEST = 0.01
+"""Least rms of what a mechanism takes from an equation, relative to the force that drives it: what
+the weak view itself gets wrong is no mechanism."""
 RICHER = 0.1
 """The same for every constant of a law beyond its first, seeded or estimated."""
 PER_EQUATION = 4
@@ -88,6 +91,8 @@ class _Search:
         self.order = np.argsort(group, kind="stable")
         self.groups, self.begin = np.unique(group[self.order], return_index=True)
         self.count = np.bincount(self.row).astype(float)
+        driven = np.sqrt(np.bincount(self.row, system.input_side**2) / self.count)
+        self.drive = np.where(driven > 0.0, driven, self.estimate(())[1])
 
     def grown(self, members: tuple[int, ...]) -> tuple[int, ...]:
         """Add the mechanism that gains most until none gains enough."""
@@ -144,6 +149,9 @@ class _Search:
                 continue
             after = self._held_back(left, free, before)
             if after is None or not self._allowed(number, left, free):
+                continue
+            taken = (before.sum(1) - after.sum(1)) * (scale / self.drive) ** 2 / self.count
+            if taken.max() < SMALLEST**2:
                 continue
             fall = np.log(before.sum(1) / after.sum(1))
             price = RICHER * (len(self.super_model.candidates[number].parameters) - 1)

@@ -315,8 +315,40 @@ class _Ground:
     def forward(self, path: Array, stop: Callable[[], bool], first: int = 0) -> Array | None:
         """Simulate from the start of a path, one sample after the other; None if it diverges."""
         path = path.copy()
+        if (
+            path.shape[2] == 1
+            and self.stepping.method == "rk4"
+            and not any(map(np.ndim, self.values))
+        ):
+            return self._forward_alone(path, stop, first)
         for k in range(path.shape[1] - 1):
             path[:, k + 1] = self.step(path[:, k : k + 2], first + k, tangents=False)[0][:, 0]
+            if stop() or not np.isfinite(path[:, k + 1]).all():
+                return None
+        return path
+
+    def _forward_alone(self, path: Array, stop: Callable[[], bool], first: int) -> Array | None:
+        """Simulate one segment in numbers: arrays of one element cost several times as much."""
+        times, lengths = self.segments.time[:, 0], self.segments.length[:, :, 0]
+        inputs = self.stages[0][..., 0]
+        rates = self.field.rates
+        for k in range(path.shape[1] - 1):
+            x, t = list(path[:, k, 0]), times[first + k]
+            for number, h in enumerate(lengths[first + k]):
+                begin, middle, end = (list(u) for u in inputs[:, :, first + k, number])
+                half = h / 2
+                k1 = rates(Point(t, x, begin))
+                k2 = rates(
+                    Point(t + half, [a + half * b for a, b in zip(x, k1, strict=True)], middle)
+                )
+                k3 = rates(
+                    Point(t + half, [a + half * b for a, b in zip(x, k2, strict=True)], middle)
+                )
+                k4 = rates(Point(t + h, [a + h * b for a, b in zip(x, k3, strict=True)], end))
+                slopes = zip(x, k1, k2, k3, k4, strict=True)
+                x = [a + h / 6 * (p + 2 * (q + r) + s) for a, p, q, r, s in slopes]
+                t = t + h
+            path[:, k + 1, 0] = x
             if stop() or not np.isfinite(path[:, k + 1]).all():
                 return None
         return path
