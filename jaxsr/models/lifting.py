@@ -24,10 +24,11 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr.models.alone import alone
 from jaxsr.models.delays import delay_of, delayed_stages, smoothly_interpolated, stage_of
 from jaxsr.models.field import Field, Point
 from jaxsr.models.rollout import Stepping
-from jaxsr.models.segments import Segments
+from jaxsr.models.segments import Segments, values_over
 from jaxsr.models.sensitivity import Directions, advanced, condensed
 from jaxsr.models.simulator import Simulator
 
@@ -241,7 +242,7 @@ class _Ground:
         model = simulator.model
         names = list(model.parameters)
         chosen = [names[i] for i in active]
-        values = _values(theta, segments.override)
+        values = values_over(theta, segments.override)
         late = [u for u in model.inputs if model.delays.get(u) in chosen]
         field = Field(simulator, values, stepping.widths, chosen, late)
         to = _directions(simulator, chosen, late)
@@ -315,40 +316,11 @@ class _Ground:
     def forward(self, path: Array, stop: Callable[[], bool], first: int = 0) -> Array | None:
         """Simulate from the start of a path, one sample after the other; None if it diverges."""
         path = path.copy()
-        if (
-            path.shape[2] == 1
-            and self.stepping.method == "rk4"
-            and not any(map(np.ndim, self.values))
-        ):
-            return self._forward_alone(path, stop, first)
+        own = any(np.ndim(value) for value in self.values)
+        if path.shape[2] == 1 and self.stepping.method == "rk4" and not own:
+            return alone(self.field, self.segments, self.stages[0], path, stop, first)
         for k in range(path.shape[1] - 1):
             path[:, k + 1] = self.step(path[:, k : k + 2], first + k, tangents=False)[0][:, 0]
-            if stop() or not np.isfinite(path[:, k + 1]).all():
-                return None
-        return path
-
-    def _forward_alone(self, path: Array, stop: Callable[[], bool], first: int) -> Array | None:
-        """Simulate one segment in numbers: arrays of one element cost several times as much."""
-        times, lengths = self.segments.time[:, 0], self.segments.length[:, :, 0]
-        inputs = self.stages[0][..., 0]
-        rates = self.field.rates
-        for k in range(path.shape[1] - 1):
-            x, t = list(path[:, k, 0]), times[first + k]
-            for number, h in enumerate(lengths[first + k]):
-                begin, middle, end = (list(u) for u in inputs[:, :, first + k, number])
-                half = h / 2
-                k1 = rates(Point(t, x, begin))
-                k2 = rates(
-                    Point(t + half, [a + half * b for a, b in zip(x, k1, strict=True)], middle)
-                )
-                k3 = rates(
-                    Point(t + half, [a + half * b for a, b in zip(x, k2, strict=True)], middle)
-                )
-                k4 = rates(Point(t + h, [a + h * b for a, b in zip(x, k3, strict=True)], end))
-                slopes = zip(x, k1, k2, k3, k4, strict=True)
-                x = [a + h / 6 * (p + 2 * (q + r) + s) for a, p, q, r, s in slopes]
-                t = t + h
-            path[:, k + 1, 0] = x
             if stop() or not np.isfinite(path[:, k + 1]).all():
                 return None
         return path
@@ -356,15 +328,6 @@ class _Ground:
     def at(self, path: Array) -> Point:
         """A path with its times and inputs."""
         return Point(self.segments.time, list(path), list(self.segments.inputs))
-
-
-def _values(theta: Array, override: Array) -> list[Array]:
-    """Parameter values; an array over the segments where recordings have their own."""
-    values: list[Array] = []
-    for value, own in zip(theta, override, strict=True):
-        given = np.isfinite(own)
-        values.append(np.where(given, own, value) if given.any() else float(value))
-    return values
 
 
 def _directions(simulator: Simulator, active: Sequence[str], late: Sequence[str]) -> Directions:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -231,3 +232,12 @@ def values_of(model: Model, name: str) -> np.ndarray:
     """Parameters of a recording by [per_recording]; NaN for those that hold everywhere."""
     values = [model.per_recording.get(p, {}).get(name, np.nan) for p in model.parameters]
     return np.array(values, dtype=float)
+
+
+def values_over(theta: np.ndarray, override: np.ndarray) -> list[Any]:
+    """Parameter values; an array over the segments where recordings have their own."""
+    values: list[Any] = []
+    for value, own in zip(theta, override, strict=True):
+        given = np.isfinite(own)
+        values.append(np.where(given, own, value) if given.any() else float(value))
+    return values
