@@ -62,8 +62,8 @@ def driven_chain() -> Simulator:
 CHAIN = driven_chain()
 
 
-def moved(force: Force, seed: int) -> Recording:
-    """The chain in motion with a further force on every mass; noise of 1e-5 of it."""
+def moved(force: Force, seed: int, deviation: float = 1e-5) -> Recording:
+    """The chain in motion with a further force on every mass; noise in m and m/s."""
     rng = np.random.default_rng(seed)
     lines, phases = rng.uniform(2.0, 9.0, (COUNT, 4)), rng.uniform(0.0, 6.28, (COUNT, 4))
 
@@ -87,7 +87,7 @@ def moved(force: Force, seed: int) -> Recording:
         atol=1e-10,
         max_step=STEP,
     )
-    noise = 1e-5 * rng.standard_normal(found.y.shape)
+    noise = deviation * rng.standard_normal(found.y.shape)
     columns = {f"u{i + 1}": np.array([drive(t)[i] for t in TIME]) for i in range(COUNT)}
     columns |= {f"y{i + 1}": (found.y + noise)[i] for i in range(COUNT)}
     columns |= {f"w{i + 1}": (found.y + noise)[COUNT + i] for i in range(COUNT)}
@@ -197,6 +197,13 @@ def test_one_segment_alone_goes_the_way_of_several() -> None:
     assert ways[0] is not None
     assert ways[1] is not None
     np.testing.assert_allclose(ways[0][:, :, 0], ways[1][:, :, 1], rtol=1e-10, atol=1e-12)
+
+
+def test_a_diagnosis_says_nothing_where_nothing_is_left_out() -> None:
+    # noise above what inputs held between samples leave
+    found = diagnose(CHAIN, [moved(lambda mass, v: 0.0, 0, 5e-3)], budget=30.0)
+    assert found.verdict in ("nothing", "parameter")
+    assert not [f for f in found.findings if f["mechanism"] != "wrong_value"]
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from jaxsr.diagnosis.mechanisms.memory import memory_candidates
 from jaxsr.diagnosis.mechanisms.shapes import shapes
 from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion, sites_of
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
-from jaxsr.diagnosis.screening import ScreenedSet
+from jaxsr.diagnosis.screening import STEEPEST, ScreenedSet
 from jaxsr.diagnosis.setup import Screened, sample_step, state_scale
 from jaxsr.diagnosis.weak_system import observable_states
 from jaxsr.models import Model
@@ -73,7 +73,7 @@ def screened_plausible(super_model: SuperModel, item: ScreenedSet) -> bool:
         names = super_model.names[number]
         if candidate.mechanism == "stribeck_friction":
             fc, fs = (item.values[order.index(names[n])] for n in ("Fc", "Fs"))
-            if not fc <= fs <= 3.0 * fc:
+            if not fc <= fs <= STEEPEST * fc:
                 return False
         if candidate.mechanism == "asymmetric_friction" and not _has_friction(
             super_model.given, candidate, chosen

@@ -13,6 +13,7 @@ from jaxsr.diagnosis.blocks import MIN_GAIN, correlation_length, gain, weights
 from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.coloured import likelihood_ratio
 from jaxsr.diagnosis.contest import Arena, Entry, in_steps_of
+from jaxsr.diagnosis.screening import STEEPEST
 from jaxsr.diagnosis.uncertainty import half_widths
 from jaxsr.diagnosis.widths import width_of
 
@@ -28,8 +29,6 @@ FURTHER = 0.01
 """Smallest gain in log mean square that a further mechanism must bring, however significant."""
 RICHER = 0.005
 """The same as `MIN_GAIN` for every further constant of a law that jumps."""
-STEEPEST = 3.0
-"""Largest ratio of breakaway to Coulomb friction."""
 TIE = 0.2
 """Probability from which an alternative with another verdict makes the case undecided."""
 

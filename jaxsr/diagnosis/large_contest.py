@@ -35,25 +35,29 @@ def decided_among_many(case: Case) -> tuple[Decision, float, StoppedBy]:
 
     The weak view has chosen a mechanism or more at every equation. Free runs estimate them
     together, compare them with re-calibration, and then with the sets in which one of them is
-    missing, or another stands in its place, for as long as there is time. A
-    free run of many sharp friction laws is stiff: theirs are rounded until explicit steps do.
+    missing, or another stands in its place, for as long as there is time. A free run of many
+    sharp friction laws is stiff: theirs are rounded until explicit steps do.
     """
     assert case.screened is not None
     screened, stop = case.screened, lambda: case.search.exhausted
     used = sorted({i for s in screened.screening.sets for i in s.members})
     given, candidates = case.simulator.model, screened.super_model.candidates
     super_model = SuperModel.build(given, [candidates[i] for i in used])
-    leading, empty, *others = [
+    starts = [
         (tuple(used.index(i) for i in s.members), carried(screened, super_model, used, s))
         for s in screened.screening.sets
     ]
+    leading, empty = starts[0], next(start for start in starts if not start[0])
+    others = [start for start in starts if start[0] not in (leading[0], ())]
     arena, headline = _arena(case, super_model, [empty, leading])
     case.progress.stage(f"estimating {len(leading[0])} mechanisms together in free run")
     null = enter(arena, *empty, max_iterations=WHOLE)
     patient = replace(arena, patience=PATIENCE * case.budget.seconds)
-    whole = enter(patient, *leading, stop=stop, max_iterations=WHOLE)
-    arena, (null, whole) = rescaled(patient, [null, whole], stop)
-    entries = [null, whole]
+    entries = [null]
+    if leading[0]:  # else nothing gains at any equation
+        entries.append(enter(patient, *leading, stop=stop, max_iterations=WHOLE))
+    arena, entries = rescaled(patient, entries, stop)
+    whole = entries[-1]
     case.progress.stage(f"comparing it with {len(others)} sets that lack or replace one of them")
     others.sort(key=lambda other: len(other[0]))
     for number, (members, start) in enumerate(others):

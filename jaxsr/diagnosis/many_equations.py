@@ -12,6 +12,7 @@ from jaxsr.diagnosis.mechanisms.site import grows_in_proportion
 from jaxsr.diagnosis.screening import (
     COLLINEAR,
     MAX_SET,
+    STEEPEST,
     ScreenedSet,
     Screening,
     assign_blocks,
@@ -21,15 +22,13 @@ from jaxsr.diagnosis.weak_system import WeakSystem
 
 LEAST = 0.1
 """Fall of one equation's log mean square that a further mechanism must bring, block by block."""
+RICHER = 0.1
+"""The same for every constant of a law beyond its first, seeded or estimated."""
 SMALLEST = 0.01
 """Least rms of what a mechanism takes from an equation, relative to the force that drives it: what
 the weak view itself gets wrong is no mechanism."""
-RICHER = 0.1
-"""The same for every constant of a law beyond its first, seeded or estimated."""
 PER_EQUATION = 4
 """Largest number of mechanisms, relative to that of equations."""
-STEEPEST = 3.0
-"""Largest ratio of breakaway to Coulomb friction."""
 EXCHANGES, ROUNDS = 3, 4
 """Passes over all members, each held against what could stand in its place; and rounds
 of least squares, each equation weighed by what it leaves."""
@@ -56,8 +55,8 @@ def screen_each(system: WeakSystem, super_model: SuperModel) -> Screening:
     Returns
     -------
     Screening
-        The set found comes first; then re-calibration alone, and by turns what is left without
-        one of its members and with the closest rival in its place.
+        The set found comes first, if there is one; then re-calibration alone, and by turns what is
+        left without one of its members and with the closest rival in its place.
     """
     search = _Search(system, super_model)
     members = search.grown(())

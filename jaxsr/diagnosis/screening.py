@@ -24,6 +24,8 @@ TRIVIAL = 1e-8
 """Share of the residual's power, left by a constant that lets all forces and inertias vanish."""
 SHRUNK = 0.01
 """Share of the given values, below which all free parameters of a set count as vanished."""
+STEEPEST = 3.0
+"""Largest ratio of breakaway to Coulomb friction."""
 CONTAINED = (
     frozenset({"coulomb_friction", "stribeck_friction", "position_dependent_friction"}),
     frozenset({"quadratic_drag", "power_law_drag"}),
