@@ -51,13 +51,19 @@ def rail_recording(name: str, coulomb: float, seed: int, push: float = 0.0) -> R
     return Recording(name, time, {"force": force, "y": y}, sha256="0" * 64)
 
 
+FRICTION = (4.0, 2.0, 2, 0, 15.0)
+"""Arguments of a rail with friction, in N; the budget in s is several times what finds it."""
+
+
 @cache
-def rail(coulomb: float, mass: float, held: int, run: int = 0) -> Diagnosis:
+def rail(
+    coulomb: float, mass: float, held: int, run: int = 0, budget: float | None = None
+) -> Diagnosis:
     """Diagnose a rail; `held` is the seed of the held-out recording, `run` counts repetitions."""
     data = [rail_recording("a.csv", coulomb, 1)]
     held_out = [rail_recording("b.csv", coulomb, held)] if held else []
     simulator = Simulator(parse_model(RAIL.replace("value = 2.0", f"value = {mass}")))
-    return diagnose(simulator, data, held_out=held_out, seed=3)
+    return diagnose(simulator, data, held_out=held_out, seed=3, budget=budget)
 
 
 def plain(document: dict[str, Any], without_held_out: bool = False) -> dict[str, Any]:
@@ -72,7 +78,7 @@ def plain(document: dict[str, Any], without_held_out: bool = False) -> dict[str,
 
 
 def test_planted_coulomb_friction_is_found_and_its_interval_covers():
-    found = rail(4.0, 2.0, 2)
+    found = rail(*FRICTION)
     assert found.verdict == "structure"
     assert [f["mechanism"] for f in found.findings] == ["coulomb_friction"]
     (finding,) = found.findings
@@ -168,7 +174,7 @@ def check_finding(finding: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "case",
     [
-        pytest.param((4.0, 2.0, 2), id="friction"),
+        pytest.param(FRICTION, id="friction"),
         pytest.param((0.0, 2.0, 0), id="nothing"),
         pytest.param((0.0, 2.6, 0), id="mass", marks=pytest.mark.slow),
     ],
@@ -220,13 +226,13 @@ def test_document_has_the_contracts_form(case):
 
 
 def test_confusable_mechanisms_bear_the_contracts_names():
-    for a, b, _ in rail(4.0, 2.0, 2).document["confusable"]:
+    for a, b, _ in rail(*FRICTION).document["confusable"]:
         assert a.isidentifier() and b.isidentifier()
 
 
 def test_edits_of_the_findings_make_the_explained_structure():
     """Relative to the given file alone, and complete."""
-    found = rail(4.0, 2.0, 2)
+    found = rail(*FRICTION)
     (finding,) = found.findings
     changes = {
         k: Parameter(v["value"], v["unit"], tuple(v["bounds"]))
@@ -240,7 +246,7 @@ def test_edits_of_the_findings_make_the_explained_structure():
 
 
 def test_explained_model_reads_back_and_simulates(tmp_path):
-    found = rail(4.0, 2.0, 2)
+    found = rail(*FRICTION)
     path = tmp_path / "explained.toml"
     path.write_text(model_text(found.model))
     model = read_model(path)
