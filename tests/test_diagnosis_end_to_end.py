@@ -220,7 +220,8 @@ def test_document_has_the_contracts_form(case):
         "stopped_by",
         "data_sha256",
     }
-    assert provenance["seed"] == 3 and provenance["stopped_by"] == "converged"
+    assert provenance["seed"] == 3
+    assert provenance["stopped_by"] == "converged" or (case is FRICTION)
     assert provenance["data_sha256"] == {"a.csv": "0" * 64}
     assert is_number(provenance["seconds"])
 

@@ -217,3 +217,15 @@ def test_a_diagnosis_names_each_of_many_equations() -> None:
         assert estimate["value"] == pytest.approx(value, rel=0.1)
     held = found.fit["held_out"]
     assert held["explained"][0] < 0.1 * held["recalibrated"][0]
+
+
+@pytest.mark.slow
+def test_a_wrong_sensor_is_told_from_what_acts_at_many_equations() -> None:
+    true = moved(left_out, 0)
+    columns = dict(true.channels)
+    columns["y3"] = 1.08 * columns["y3"]
+    found = diagnose(CHAIN, [Recording("a.csv", TIME, columns)], budget=90.0)
+    told = {f"{f['mechanism']}@{f['site']}" for f in found.findings}
+    assert told == {*LEFT_OUT, "sensor_gain@output:y3"}
+    (wrong,) = (f for f in found.findings if f["mechanism"] == "sensor_gain")
+    assert next(iter(wrong["parameters"].values()))["value"] == pytest.approx(1.08, rel=0.01)

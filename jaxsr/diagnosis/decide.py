@@ -290,7 +290,7 @@ def alternatives(
         and number not in e.members
         and len(e.members) <= len(chosen.members)
     ]
-    share = _shares(super_model, [chosen, *rivals], rng)
+    share = shares(super_model, [chosen, *rivals], rng)
     found = []
     for rival, probability in zip(rivals, share[1:], strict=True):
         swapped = set(rival.members) - rest
@@ -310,7 +310,7 @@ def alternatives(
     return best.pop(own).probability, list(best.values())
 
 
-def _shares(
+def shares(
     super_model: SuperModel, entries: Sequence[Entry], rng: np.random.Generator
 ) -> np.ndarray:
     """Probabilities of entries, the chosen one first.

@@ -137,7 +137,7 @@ def diagnose(
     search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress)
     if with_many_equations(case):
-        decision, headline, grown = decided_among_many(case)
+        decision, headline, grown = decided_among_many(case, rng)
     else:
         decision, headline, grown = decided_among_few(case, reading, rng)
     arena, good, chosen, detection = decision

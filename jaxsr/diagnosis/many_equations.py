@@ -32,6 +32,8 @@ PER_EQUATION = 4
 EXCHANGES, ROUNDS = 3, 4
 """Passes over all members, each held against what could stand in its place; and rounds
 of least squares, each equation weighed by what it leaves."""
+RIVALS = 3
+"""Mechanisms that are kept as rivals of each member."""
 FAMILIES = frozenset({"measurement", "parameter", "actuator"})
 """Families whose members scale or shift whole signals, which the weak view tells badly."""
 
@@ -56,7 +58,7 @@ def screen_each(system: WeakSystem, super_model: SuperModel) -> Screening:
     -------
     Screening
         The set found comes first, if there is one; then re-calibration alone, and by turns what is
-        left without one of its members and with the closest rival in its place.
+        left without one of its members and with the closest rivals in its place.
     """
     search = _Search(system, super_model)
     members = search.grown(())
@@ -114,15 +116,14 @@ class _Search:
         return members
 
     def rivals(self, rest: tuple[int, ...], number: int) -> list[tuple[int, ...]]:
-        """Return the set with the mechanism in the place of `number` that comes closest to it."""
-        own = self.super_model.candidates[number].label
-        others = [
-            (gain, other)
-            for gain, other in self.gains(rest)
-            if self.super_model.candidates[other].label != own
-        ]
-        gain, best = max(others, default=(0.0, -1))
-        return [tuple(sorted((*rest, best)))] if gain > 0.0 else []
+        """Return the sets with a mechanism in the place of `number` that come closest to it."""
+        labels = [c.label for c in self.super_model.candidates]
+        best: dict[str, int] = {labels[number]: number}
+        for gain, other in sorted(self.gains(rest), reverse=True):
+            if gain >= LEAST:
+                best.setdefault(labels[other], other)
+        closest = list(best.values())[1 : 1 + RIVALS]
+        return [tuple(sorted((*rest, other))) for other in closest]
 
     def gains(self, members: tuple[int, ...]) -> Iterator[tuple[float, int]]:
         """Yield what each further mechanism gains at one equation's worth of rows, and its number.

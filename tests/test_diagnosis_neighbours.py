@@ -1,0 +1,101 @@
+"""What other sets would leave, told by one linearisation about an estimate."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from diagnosis_systems import SPRUNG, simulator_of
+
+from jaxsr.diagnosis.candidates import SuperModel
+from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
+from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
+from jaxsr.diagnosis.neighbours import Neighbours
+from jaxsr.diagnosis.screening import redundant
+from jaxsr.diagnosis.setup import prepare, state_scale
+from jaxsr.models import parse_model
+from jaxsr.models.rollout import Stepping
+from jaxsr.recordings import Recording
+
+STEP, COUNT, NOISE, CUBIC = 0.02, 1200, 1e-4, 40.0
+KINDS = ("cubic_stiffness", "quadratic_stiffness", "quadratic_drag", "input_gain", "sensor_gain")
+
+
+@cache
+def arena(seed: int = 0) -> Arena:
+    """A driven mass on a spring that hardens, `CUBIC` in N/m^3; its model's spring is linear."""
+    rng = np.random.default_rng(seed)
+    time, fine = np.arange(COUNT) * STEP, 10
+    lines, phases = rng.uniform(1.0, 7.0, 4), rng.uniform(0.0, 6.28, 4)
+
+    def drive(t: np.ndarray) -> np.ndarray:
+        return 4.0 * np.sin(np.multiply.outer(t, lines) + phases).sum(-1)
+
+    def rate(x: np.ndarray, u: float) -> np.ndarray:
+        return np.array([x[1], (u - 30.0 * x[0] - CUBIC * x[0] ** 3 - 2.0 * x[1]) / 2.0])
+
+    u, x, path, h = drive(time), np.zeros(2), [0.0], STEP / fine
+    for k in range(COUNT - 1):
+        for j in range(fine):
+            a, m, b = (u[k] + (u[k + 1] - u[k]) * (j + c) / fine for c in (0.0, 0.5, 1.0))
+            k1 = rate(x, a)
+            k2 = rate(x + h / 2 * k1, m)
+            k3 = rate(x + h / 2 * k2, m)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + h * k3, b))
+        path.append(x[0])
+    y = np.array(path) + NOISE * rng.standard_normal(COUNT)
+    model = parse_model(SPRUNG)
+    prepared = prepare(model, [Recording("a.csv", time, {"u": u, "y": y})])
+    offered = force_candidates(model, state_scale(model, prepared))
+    offered += sensor_candidates(model, {"y": y})
+    chosen = {c.mechanism: c for c in reversed(offered) if c.mechanism in KINDS}
+    super_model = SuperModel.build(model, [chosen[kind] for kind in KINDS])
+    simulator = simulator_of(super_model.model)
+    setting = Stepping("rk4", 2, ()), 1.5, np.array([NOISE]), simulator
+    return build_arena(super_model, prepared, *setting)
+
+
+@cache
+def entered(*members: int) -> Entry:
+    return enter(arena(), members, neutral_values(arena().super_model))
+
+
+def test_what_is_expected_of_the_set_itself_is_what_it_left() -> None:
+    own = Neighbours.of(arena(), entered(0)).entry((0,))
+    assert own is not None
+    np.testing.assert_allclose(own.errors, entered(0).errors, rtol=1e-6)
+    np.testing.assert_allclose(own.fit.theta, entered(0).fit.theta, rtol=1e-4)
+    assert own.fit.cost == pytest.approx(entered(0).fit.cost, rel=1e-3)
+
+
+def test_sets_near_a_set_lack_replace_or_add_one() -> None:
+    around = Neighbours.of(arena(), entered(0))
+    sets = list(around.sets())
+    assert len(sets) == len(set(sets))
+    assert {m for m in sets if len(m) == 0} == {()}
+    # forces at the same equation come in its place, a sensor or an input beside it
+    assert {m for m in sets if len(m) == 1} >= {(1,), (2,)}
+    assert (4,) not in sets
+    assert {m for m in sets if len(m) == 2} == {(0, i) for i in (1, 2, 3, 4)}
+    assert not any(redundant(arena().super_model, m) for m in sets)
+
+
+@pytest.mark.parametrize("members", [(), (1,), (2,), (0, 1), (0, 2), (0, 3), (0, 4)])
+def test_what_is_expected_of_other_sets_is_near_what_they_leave(members: tuple[int, ...]) -> None:
+    """To 5 % of the mean square where the change is small, to a factor of 2 without the spring."""
+    expected = Neighbours.of(arena(), entered(0)).entry(members)
+    full = entered(*members)
+    if expected is None:  # a constant with the wrong sign, which the full estimate holds at 0
+        value = full.fit.theta[arena().super_model.index(*set(members) - {0})]
+        assert value == pytest.approx(0.0, abs=1e-9)
+        return
+    assert expected.members == members
+    far = 0 not in members
+    assert (full.error > 20.0 * entered(0).error) is far
+    assert np.log(expected.error / full.error) == pytest.approx(0.0, abs=0.7 if far else 0.05)
+    # beside a free mass, spring and damper nothing tells a gain from none
+    if not far and not {3, 4} & set(members):
+        new = arena().super_model.index(*set(members) - {0})
+        told = np.abs(full.fit.theta[new] - neutral_values(arena().super_model)[new]).max()
+        np.testing.assert_allclose(expected.fit.theta[new], full.fit.theta[new], atol=0.1 * told)
