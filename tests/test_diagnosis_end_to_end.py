@@ -15,6 +15,8 @@ from diagnosis_systems import ARM, DEMO, RAIL
 
 from jaxsr._files import dump_json
 from jaxsr.diagnosis import Diagnosis, diagnose
+from jaxsr.diagnosis.explain import Weight
+from jaxsr.diagnosis.result import verdict_sentence
 from jaxsr.models import Simulator, apply_edit, model_text, parse_model, read_model
 from jaxsr.models.edits import Edit
 from jaxsr.models.model import Parameter
@@ -298,3 +300,19 @@ def test_a_push_is_told_from_physics_and_stays_in_its_recording():
     # the push is not simulated there: with it the free run would miss by metres
     assert held["explained"][-1] < 0.01 and held["explained"][-1] < held["recalibrated"][-1]
     assert found.fit["train"]["explained"][-1] < 0.2 * found.fit["train"]["recalibrated"][-1]
+
+
+def test_a_verdict_of_several_findings_reads_as_a_sentence():
+    rows = [
+        {"mechanism": m, "site": "equation:v"} for m in ("drift", "coulomb_friction", "gravity")
+    ]
+    named = "drift at equation:v, coulomb friction at equation:v and gravity at equation:v"
+    assert verdict_sentence("structure", rows) == f"Physics is missing: {named}."
+    assert verdict_sentence("structure", rows[:1]) == "Physics is missing: drift at equation:v."
+
+
+def test_what_hardly_shows_beside_a_model_far_off_is_told_by_what_would_be_left():
+    assert Weight(0.26, 1.8).in_words() == "it accounts for 26 % of the explained mismatch"
+    words = "without it, 3.2 times the squared error would be left"
+    assert Weight(2e-4, 3.21).in_words() == words
+    assert Weight(1.0, math.inf).in_words() == "it accounts for 100 % of the explained mismatch"

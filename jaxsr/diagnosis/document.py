@@ -26,6 +26,7 @@ from jaxsr.diagnosis.decide import (
 from jaxsr.diagnosis.equivalence import equivalent
 from jaxsr.diagnosis.evidence import Forces, build_evidence, force_errors
 from jaxsr.diagnosis.explain import (
+    Weight,
     calibration_rows,
     confusable_rows,
     detectable_rows,
@@ -163,8 +164,8 @@ def _rows(
         probability, others = alternatives(
             parts.arena.super_model, entry, number, parts.entries, parts.rng
         )
-        share = _share(parts, entry, number, given)
-        rows.append(finding_row(parts, estimate, k, number, probability, others, share))
+        weight = _weight(parts, entry, number, given)
+        rows.append(finding_row(parts, estimate, k, number, probability, others, weight))
         rivals.append((number, others))
     order = sorted(range(len(rows)), key=lambda k: -rows[k]["share"])
     return [rows[k] for k in order], rivals, order
@@ -263,15 +264,15 @@ def _frozen(arena: Arena) -> Arena:
     return replace(arena, super_model=replace(arena.super_model, given=given))
 
 
-def _share(parts: Ingredients, entry: Entry, number: int, given: float) -> float:
+def _weight(parts: Ingredients, entry: Entry, number: int, given: float) -> Weight:
     """Share of the mismatch, by the cost of the given values, that is lost without one member."""
     rest = tuple(i for i in entry.members if i != number)
-    without = [e.fit.cost for e in parts.entries if e.members == rest]
+    without = min((e.fit.cost for e in parts.entries if e.members == rest), default=np.inf)
     explained_cost = entry.fit.cost
-    if not without or not np.isfinite(given):
-        return 1.0
-    total = max(given - explained_cost, 1e-300)
-    return float(np.clip((min(without) - explained_cost) / total, 0.0, 1.0))
+    if not np.isfinite(without) or not np.isfinite(given):
+        return Weight(1.0, np.inf)
+    lost = (without - explained_cost) / max(given - explained_cost, 1e-300)
+    return Weight(float(np.clip(lost, 0.0, 1.0)), without / max(explained_cost, 1e-300))
 
 
 def explained(judged: Judged) -> Model:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 CONFUSED = 30.0
 """Degrees below which two effects are listed as confusable."""
+HARDLY = 0.005
+"""Share of the mismatch below which the error left without a finding is told in its place."""
 
 
 def parameter_row(estimate: Estimate, name: str) -> dict[str, Any]:
@@ -36,6 +39,28 @@ def calibration_rows(estimate: Estimate, given: Model) -> dict[str, Any]:
     return rows
 
 
+@dataclass(frozen=True)
+class Weight:
+    """What one finding matters.
+
+    Attributes
+    ----------
+    share : float
+        Share of the mismatch that is lost without it.
+    times : float
+        Squared error left without it, relative to that of the explained model.
+    """
+
+    share: float
+    times: float
+
+    def in_words(self) -> str:
+        """Say the share, or the other where the given model is so far off that it says nothing."""
+        if self.share < HARDLY and np.isfinite(self.times):
+            return f"without it, {self.times:.2g} times the squared error would be left"
+        return f"it accounts for {100 * self.share:.0f} % of the explained mismatch"
+
+
 def finding_row(
     parts: Ingredients,
     estimate: Estimate,
@@ -43,7 +68,7 @@ def finding_row(
     number: int,
     probability: float,
     others: list[Alternative],
-    share: float,
+    weight: Weight,
 ) -> dict[str, Any]:
     """One finding in the form of CONTRACT.md, section 4."""
     candidate, names = estimate.named.candidates[position], estimate.named.names[position]
@@ -64,8 +89,8 @@ def finding_row(
         "term": candidate.term_text(names),
         "parameters": shown,
         "where": where(parts, candidate.site, candidate.quiet),
-        "share": share,
-        "explanation": _explanation(candidate, shown, probability, share),
+        "share": weight.share,
+        "explanation": _explanation(candidate, shown, weight),
     }
 
 
@@ -194,13 +219,12 @@ def _densest(position: np.ndarray, power: np.ndarray) -> tuple[float, float]:
     return float(x[best]), float(x[min(ends[best], x.size - 1)])
 
 
-def _explanation(candidate: Any, shown: dict, probability: float, share: float) -> str:
+def _explanation(candidate: Any, shown: dict, weight: Weight) -> str:
+    units = {n: row["unit"] if row["unit"] != "1" else "" for n, row in shown.items()}
     numbers = ", ".join(
-        f"{name} = {row['value']:.4g}{' ' + row['unit'] if row['unit'] else ''}"
-        for name, row in shown.items()
+        f"{n} = {r['value']:.4g} {units[n] or ''}".rstrip() for n, r in shown.items()
     )
-    sentence = candidate.sentence.format(site=candidate.site)
-    return f"{sentence} {numbers}; it accounts for {100 * share:.0f} % of the explained mismatch."
+    return f"{candidate.sentence.format(site=candidate.site)} {numbers}; {weight.in_words()}."
 
 
 def confusable_rows(parts: Ingredients, table: Sensitivities) -> list[list[Any]]:

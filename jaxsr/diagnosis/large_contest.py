@@ -128,15 +128,19 @@ def _promising(around: Neighbours, rng: np.random.Generator) -> list[tuple[int, 
 def _rivals(arena: Arena, chosen: Entry, entries: list[Entry]) -> list[Entry]:
     """Return what a set leaves without each member, and with the closest rivals in its place.
 
-    As estimated, or by one linearisation.
+    As estimated, or by one linearisation, relative to what that expects of the set itself.
     """
     around, known = Neighbours.of(arena, chosen), {e.members: e for e in entries}
     rivals: dict[int, list[Entry]] = {number: [] for number in chosen.members}
-    found = []
+    own, found = around.entry(chosen.members), []
+    gained = 1.0 if own is None else chosen.fit.cost / own.fit.cost
     for members in around.sets():
         gone = set(chosen.members) - set(members)
         entry = known.get(members) if gone else None
-        entry = entry or (around.entry(members) if gone else None)
+        if entry is None and gone:
+            entry = around.entry(members)
+            if entry is not None:
+                entry = replace(entry, fit=replace(entry.fit, cost=gained * entry.fit.cost))
         if entry is None:
             continue
         if len(members) < len(chosen.members):

@@ -60,7 +60,8 @@ class Diagnosis:
 
 def verdict_sentence(verdict: str, findings: list[dict[str, Any]]) -> str:
     """Say the verdict in one plain sentence."""
-    named = " and ".join(f"{f['mechanism'].replace('_', ' ')} at {f['site']}" for f in findings)
+    *most, last = [f"{f['mechanism'].replace('_', ' ')} at {f['site']}" for f in findings] or [""]
+    named = f"{', '.join(most)} and {last}" if most else last
     if verdict == "undecided" and not findings:
         return "There is a mismatch that no mechanism tried explains."
     return {
