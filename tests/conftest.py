@@ -9,6 +9,8 @@ import hypothesis
 import pytest
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+if "PYTEST_XDIST_WORKER" in os.environ:  # the workers share the cores: one thread of BLAS each
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # Compilation makes first examples slow; the same draws everywhere make failures repeatable.
 hypothesis.settings.register_profile("jaxsr", deadline=None, derandomize=True)
