@@ -136,11 +136,11 @@ def _rivals(arena: Arena, chosen: Entry, entries: list[Entry]) -> list[Entry]:
     gained = 1.0 if own is None else chosen.fit.cost / own.fit.cost
     for members in around.sets():
         gone = set(chosen.members) - set(members)
-        entry = known.get(members) if gone else None
-        if entry is None and gone:
-            entry = around.entry(members)
-            if entry is not None:
-                entry = replace(entry, fit=replace(entry.fit, cost=gained * entry.fit.cost))
+        if not gone:
+            continue
+        entry = known.get(members)
+        if entry is None and (entry := around.entry(members)) is not None:
+            entry = replace(entry, fit=replace(entry.fit, cost=gained * entry.fit.cost))
         if entry is None:
             continue
         if len(members) < len(chosen.members):

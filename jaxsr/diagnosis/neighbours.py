@@ -10,11 +10,10 @@ import numpy as np
 from jaxsr.diagnosis.blocks import held_back
 from jaxsr.diagnosis.contest import Arena, Entry, neutral_values
 from jaxsr.diagnosis.decide import sound_members
-from jaxsr.diagnosis.reduced import reduce
+from jaxsr.diagnosis.reduced import linearised
 from jaxsr.diagnosis.screening import redundant
 from jaxsr.models.arrow import levenberg_step
 from jaxsr.models.least_squares import Fit, squares
-from jaxsr.models.shooting import linearise_fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,19 +36,10 @@ class Neighbours:
     @staticmethod
     def of(arena: Arena, centre: Entry) -> Neighbours:
         """Linearise about an entry."""
-        super_model = arena.super_model
-        everything = tuple(range(len(super_model.candidates)))
-        own = [super_model.index(i, coefficients_only=True) for i in everything]
-        active = sorted({*centre.fit.active.tolist(), *(j for index in own for j in index)})
-        reduced = reduce(arena.problem, super_model, everything)
-        theta, path = super_model.switched(centre.members, centre.fit.theta), centre.fit.path
-        here = replace(
-            centre.fit,
-            theta=theta[reduced.parameters],
-            path=None if path is None else path[reduced.states],
-            x0=centre.fit.x0[reduced.states],
+        everything = range(len(arena.super_model.candidates))
+        reduced, found, theta = linearised(
+            arena.problem, arena.super_model, centre.members, centre.fit, everything
         )
-        found = linearise_fit(reduced.problem, here, reduced.active(np.array(active, dtype=int)))
         return Neighbours(arena, centre, reduced.restored(found, theta, arena.problem.segments))
 
     def sets(self) -> Iterator[tuple[int, ...]]:

@@ -13,6 +13,7 @@ from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.lifting import liftable
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments
+from jaxsr.models.shooting import linearise_fit
 from jaxsr.models.simulator import Simulator
 
 STIFF_STEPS = 2
@@ -81,6 +82,37 @@ def reduce(problem: Problem, super_model: SuperModel, members: Sequence[int]) ->
     segments = restepped(segments, own.stepping, problem.stepping)
     problem = Problem(own.simulator, own.stepping, segments, problem.scale)
     return Reduced(problem, own.parameters, states)
+
+
+def linearised(
+    problem: Problem,
+    super_model: SuperModel,
+    members: Sequence[int],
+    fit: Fit,
+    numbers: Sequence[int],
+) -> tuple[Reduced, Fit, np.ndarray]:
+    """Differentiate a set's estimate by the coefficients of further candidates too.
+
+    Returns
+    -------
+    reduced : Reduced
+        Of the set and the candidates `numbers`.
+    fit : Fit
+        In its order.
+    theta : ndarray, shape (parameters,)
+        The values in the order of the super-model, the switches of the set on.
+    """
+    reduced = reduce(problem, super_model, tuple(sorted({*members, *numbers})))
+    further = (j for i in numbers for j in super_model.index(i, coefficients_only=True))
+    active = np.array(list(dict.fromkeys([*fit.active.tolist(), *further])), dtype=int)
+    theta = super_model.switched(members, fit.theta)
+    here = replace(
+        fit,
+        theta=theta[reduced.parameters],
+        path=None if fit.path is None else fit.path[reduced.states],
+        x0=fit.x0[reduced.states],
+    )
+    return reduced, linearise_fit(reduced.problem, here, reduced.active(active)), theta
 
 
 @dataclass(frozen=True, eq=False)

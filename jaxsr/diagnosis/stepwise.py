@@ -24,10 +24,9 @@ from jaxsr.diagnosis.decide import (
 )
 from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion
 from jaxsr.diagnosis.nesting import continued, simplified
-from jaxsr.diagnosis.reduced import reduce
+from jaxsr.diagnosis.reduced import linearised
 from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
 from jaxsr.diagnosis.screening import redundant
-from jaxsr.models.shooting import linearise_fit
 
 QUICK, QUICK_THRESHOLD, QUICK_HIDDEN = 1, 10, 6
 """Iterations by which a mechanism is judged before it is estimated in full; a threshold has to be
@@ -269,22 +268,12 @@ def _tangent(arena: Arena, leader: Entry, numbers: Sequence[int]) -> list[Trial]
     super_model = arena.super_model
     if not numbers:
         return []
-    everything = tuple(sorted({*leader.members, *numbers}))
     own = {i: super_model.index(i, coefficients_only=True) for i in numbers}
     base = [int(j) for j in leader.fit.active]
-    active = np.array(
-        list(dict.fromkeys([*base, *(j for i in numbers for j in own[i])])), dtype=int
+    reduced, fitted, theta = linearised(
+        arena.problem, super_model, leader.members, leader.fit, numbers
     )
-    reduced = reduce(arena.problem, super_model, everything)
-    theta = super_model.switched(leader.members, leader.fit.theta)
-    path = leader.fit.path
-    here = replace(
-        leader.fit,
-        theta=theta[reduced.parameters],
-        path=None if path is None else path[reduced.states],
-        x0=leader.fit.x0[reduced.states],
-    )
-    fitted = linearise_fit(reduced.problem, here, reduced.active(active))
+    active = reduced.parameters[fitted.active]
     hessian, gradient = (a.sum(0) for a in fitted.normal_equations())
     size = np.sqrt(np.maximum(np.diag(hessian), 0.0))
     size = np.where(size > 0, size, np.inf)
