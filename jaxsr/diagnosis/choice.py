@@ -31,6 +31,7 @@ from jaxsr.diagnosis.decide import (
 )
 from jaxsr.diagnosis.exchange import exchange
 from jaxsr.diagnosis.refine import LIMITED, residual_to_noise
+from jaxsr.diagnosis.regrouping import regrouped
 
 ROUNDS = 4
 """Times that a decision is made anew because a smaller or another set did better than before."""
@@ -55,6 +56,7 @@ def decide(case: Case, arena: Arena, entries: list[Entry]) -> Decision:
             break
         exchanged.add(chosen.members)
         entries = exchange(arena, chosen, entries, lambda: case.search.exhausted)
+        entries = regrouped(arena, chosen, entries, lambda: case.search.exhausted)
         entries = _merged(arena, chosen, entries, lambda: case.search.exhausted)
     good, chosen, detection = choose(case, arena, entries)
     # The chosen set without a member is reported whatever its estimates.

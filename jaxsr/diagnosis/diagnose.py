@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import overload
@@ -20,9 +20,8 @@ from jaxsr.diagnosis.choice import (
     with_parts,
     with_sound_part,
 )
-from jaxsr.diagnosis.contenders import contenders, leading_sets
+from jaxsr.diagnosis.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.contest import (
-    ITERATIONS,
     Arena,
     Entry,
     enter,
@@ -39,6 +38,7 @@ from jaxsr.diagnosis.located import with_located
 from jaxsr.diagnosis.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
 from jaxsr.diagnosis.output_weights import rescaled
 from jaxsr.diagnosis.refine import residual_to_noise
+from jaxsr.diagnosis.regrouping import settled
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.scoring import horizons
 from jaxsr.diagnosis.setup import prepare, screen_all
@@ -247,47 +247,22 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     arena = outlook.first_usable(headline, starts[0][1])
     arena = replace(arena, patience=min(PATIENCE * case.budget.seconds, MOST_PATIENCE))
     arena = with_rounded_jumps(arena)
-    case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
+    case.progress.stage("telling sets of mechanisms from the path of the re-calibrated model")
 
     def stop() -> bool:
         return case.search.exhausted
 
-    entries: list[Entry] = []
-    weighed, calm, broken = False, False, 0  # promises of the weak view
-    for number, (members, start) in enumerate(starts):
-        if entries and case.search.exhausted:
-            break
-        if len(members) > 1 and (calm or broken >= MOST_BROKEN):
-            continue
-        case.progress.update(number / len(starts), _label(super_model, members))
-        path = entries[0].fit.path if entries and entries[0].fit.usable else None
-        most = ITERATIONS if members else NULL_ITERATIONS
-        entry = enter(arena, members, start, path, stop, most)
-        before = headline.calibrated.get(arena.seconds)
-        if not members and before is not None and before.fit.cost < entry.fit.cost:
-            # estimates over shorter segments led where the weak view does not
-            entry = enter(arena, (), before.fit.theta, before.fit.path, stop, most)
-        promise = promised.get(members, 1.0)
-        if path is not None and broken < MOST_BROKEN and _astray(entries[0], entry, promise):
-            # Along the re-calibrated model's path, what is missing seemed not to act.
-            again = enter(arena, members, start, None, stop, most)
-            entry = min(entry, again, key=lambda e: e.fit.cost)
-            broken += _astray(entries[0], entry, promise)
-            if broken == MOST_BROKEN:
-                entries = glance(arena, entries[0], entries, stop)
-        entries.append(entry)
-        # Where re-calibration is near the noise, larger sets grow from single ones.
-        calm = residual_to_noise(arena, entries[0]) <= ABOVE_NOISE
-        if entry.fit.cost < entries[0].fit.cost:
-            entries = with_sound_part(case, arena, entry, entries)
-        if beyond is not None and not members and residual_to_noise(arena, entry) < HIDDEN:
-            return None
-        if len(entries) > 1 and not weighed:
-            arena, entries = in_widths_of_best(arena, entries)
-            arena, entries = rescaled(arena, entries, stop)
-            weighed = True
+    entries = [_recalibrated(arena, headline, starts[0][1], stop)]
+    # Where re-calibration is near the noise, larger sets grow from single ones.
+    calm = residual_to_noise(arena, entries[0]) <= ABOVE_NOISE
+    if beyond is not None and residual_to_noise(arena, entries[0]) < HIDDEN:
+        return None
+    if not calm:
+        arena, entries = settled(arena, entries, stop)
+    if calm or not _at_noise(arena, entries):
+        arena, entries = _screened(case, arena, entries, starts[1:], promised, calm)
     case.progress.stage("trying every mechanism in free run")
-    if not weighed:
+    if len(entries) == 1:
         arena, entries = rescaled(arena, entries, stop)
     arena, entries = in_widths_of_best(arena, entries)
     stopped = case.search.stopped_by
@@ -296,6 +271,73 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
         entries, stopped = _grown(case, arena, entries)
         arena, entries = in_widths_of_best(arena, entries)
     return arena, entries, headline.seconds, stopped
+
+
+def _recalibrated(
+    arena: Arena, headline: Headline, start: np.ndarray, stop: Callable[[], bool]
+) -> Entry:
+    """Estimate the given structure, from where the weak view or shorter segments lead it."""
+    entry = enter(arena, (), start, None, stop, NULL_ITERATIONS)
+    before = headline.calibrated.get(arena.seconds)
+    if before is not None and before.fit.cost < entry.fit.cost:
+        entry = enter(arena, (), before.fit.theta, before.fit.path, stop, NULL_ITERATIONS)
+    return entry
+
+
+def _at_noise(arena: Arena, entries: Sequence[Entry]) -> bool:
+    """Whether a set that keeps to physics leaves no more than the sensors' noise."""
+    good = [e for e in entries if e.members and plausible(arena, e)]
+    best = min(good, key=lambda e: e.fit.cost, default=None)
+    return best is not None and residual_to_noise(arena, best) <= ABOVE_NOISE
+
+
+def _screened(
+    case: Case,
+    arena: Arena,
+    entries: list[Entry],
+    starts: Sequence[Start],
+    promised: Mapping[tuple[int, ...], float],
+    calm: bool,
+) -> tuple[Arena, list[Entry]]:
+    """Estimate the leading sets of the weak view; `calm` leaves the larger ones out."""
+
+    def stop() -> bool:
+        return case.search.exhausted
+
+    case.progress.stage(f"estimating {len(starts)} sets of mechanisms in free run")
+    null, weighed, broken = entries[0], len(entries) > 1, 0  # promises of the weak view
+    for number, (members, start) in enumerate(starts):
+        if stop():
+            break
+        if len(members) > 1 and (calm or broken >= MOST_BROKEN):
+            continue
+        case.progress.update(number / len(starts), _label(arena.super_model, members))
+        path = null.fit.path if null.fit.usable else None
+        entry = enter(arena, members, start, path, stop)
+        promise = promised.get(members, 1.0)
+        if path is not None and broken < MOST_BROKEN and _astray(null, entry, promise):
+            # Along the re-calibrated model's path, what is missing seemed not to act.
+            again = enter(arena, members, start, None, stop)
+            entry = min(entry, again, key=lambda e: e.fit.cost)
+            broken += _astray(null, entry, promise)
+            if broken == MOST_BROKEN:
+                entries = glance(arena, null, entries, stop)
+        best = min(e.fit.cost for e in entries)
+        entries = [e for e in entries if e.members != members or e.fit.cost < entry.fit.cost]
+        if all(e.members != members for e in entries):
+            entries.append(entry)
+        if entry.fit.cost < null.fit.cost:
+            entries = with_sound_part(case, arena, entry, entries)
+        if not weighed:
+            arena, entries = in_widths_of_best(arena, entries)
+            arena, entries = rescaled(arena, entries, stop)
+            weighed, null = True, entries[0]
+        if entry.fit.cost < best and not calm:
+            arena, entries = settled(arena, entries, stop)
+            null = next(e for e in entries if not e.members)
+            if _at_noise(arena, entries):
+                break
+    return arena, entries
 
 
 def _grown(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry], StoppedBy]:
