@@ -29,14 +29,15 @@ from benchmarks.provenance import origin_of
 from jaxsr._files import atomic_write_text, dump_json
 from jaxsr._result import InputError
 from jaxsr.datasets import fetch
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import build_arena, enter
-from jaxsr.diagnosis.integration import choose_stepping
+from jaxsr.diagnosis.contest.arena import build_arena
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.integration import choose_stepping
+from jaxsr.diagnosis.contest.scoring import free_run
 from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.result import Diagnosis
-from jaxsr.diagnosis.scoring import free_run
+from jaxsr.diagnosis.screening.weak_system import weak_system
 from jaxsr.diagnosis.setup import prepare, state_scale
-from jaxsr.diagnosis.weak_system import weak_system
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 from jaxsr.views import WeakView

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from jaxsr.models import Simulator
+from jaxsr.recordings import Recording
 
 DEMO = Path(__file__).resolve().parents[1] / "jaxsr" / "datasets" / "demo"
 ARM = DEMO / "arm.toml"
@@ -124,3 +127,31 @@ z = "b"
 ka = { value = 9.0, bounds = [1.0, 50.0] }
 kb = { value = 4.0, bounds = [1.0, 50.0] }
 """
+
+
+def sprung_recording(
+    force: Callable[[float, float, float], float],
+    rng: np.random.Generator,
+    noise: float,
+    count: int = 1200,
+    step: float = 0.02,
+) -> Recording:
+    """Record 2 q'' = force(q, v, u) under four random sines, by RK4 in steps of a tenth."""
+    time, fine = np.arange(count) * step, 10
+    lines, phases = rng.uniform(1.0, 7.0, 4), rng.uniform(0.0, 6.28, 4)
+    u = 4.0 * np.sin(np.multiply.outer(time, lines) + phases).sum(-1)
+
+    def rate(x: np.ndarray, u: float) -> np.ndarray:
+        return np.array([x[1], force(x[0], x[1], u) / 2.0])
+
+    x, path, h = np.zeros(2), [0.0], step / fine
+    for k in range(count - 1):
+        for j in range(fine):
+            a, m, b = (u[k] + (u[k + 1] - u[k]) * (j + c) / fine for c in (0.0, 0.5, 1.0))
+            k1 = rate(x, a)
+            k2 = rate(x + h / 2 * k1, m)
+            k3 = rate(x + h / 2 * k2, m)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + h * k3, b))
+        path.append(x[0])
+    y = np.array(path) + noise * rng.standard_normal(count)
+    return Recording("a.csv", time, {"u": u, "y": y})

@@ -9,19 +9,18 @@ import numpy as np
 from diagnosis_systems import on_an_axis
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.candidates import Candidate, SuperModel
-from jaxsr.diagnosis.contest import (
-    Arena,
-    Entry,
-    build_arena,
-    enter,
-    neutral_values,
-)
-from jaxsr.diagnosis.decide import detect, plausible, simplest_adequate
-from jaxsr.diagnosis.integration import choose_stepping
+from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.integration import choose_stepping
+from jaxsr.diagnosis.judging.criteria import simplest_adequate
+from jaxsr.diagnosis.judging.detection import detect
+from jaxsr.diagnosis.judging.plausible import plausible
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.dissipative import dissipative
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
 from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.setup import state_scale
 from jaxsr.models import Simulator, parse_model

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.concealed.sindy import Library, edited, select
-from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.models import parse_model
 
 pytest.importorskip("pysindy")

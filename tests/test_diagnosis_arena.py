@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from diagnosis_systems import ARM, DEMO, simulator_of
 
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import MARGIN, Arena, build_arena, enter, neutral_values
+from jaxsr.diagnosis.contest.arena import MARGIN, Arena, build_arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.setup import prepare, state_scale
 from jaxsr.models import Model, Simulator, parse_model

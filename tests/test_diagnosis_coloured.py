@@ -7,7 +7,7 @@ import pytest
 import scipy.signal
 import scipy.stats
 
-from jaxsr.diagnosis.coloured import likelihood_ratio
+from jaxsr.diagnosis.judging.coloured import likelihood_ratio
 from jaxsr.models.least_squares import Fit
 
 SAMPLES, SEGMENTS = 400, 3

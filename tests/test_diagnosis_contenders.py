@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from jaxsr._progress import Budget
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contenders import contenders, leading_sets
+from jaxsr.diagnosis.search.contenders import contenders, leading_sets
 from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.models import Simulator, parse_model
 from jaxsr.recordings import Recording

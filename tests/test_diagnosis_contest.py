@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from diagnosis_systems import simulator_of
 
-from jaxsr.diagnosis.blocks import gain, held_back, weights
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter
-from jaxsr.diagnosis.decide import detect, simplest_adequate
-from jaxsr.diagnosis.uncertainty import half_widths
+from jaxsr.diagnosis.contest.arena import Arena, build_arena
+from jaxsr.diagnosis.contest.blocks import gain, held_back, weights
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.uncertainty import half_widths
+from jaxsr.diagnosis.judging.criteria import simplest_adequate
+from jaxsr.diagnosis.judging.detection import detect
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models import Model, parse_model
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.rollout import Stepping, outputs

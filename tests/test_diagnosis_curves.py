@@ -12,15 +12,16 @@ from scipy.integrate import solve_ivp
 
 from jaxsr import diagnose
 from jaxsr._progress import Budget
-from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest import build_arena, enter, neutral_values
-from jaxsr.diagnosis.curves import BUMPS, Curve, _root_of_precision, _sight, curves_at
+from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.diagnose import leaving_time
-from jaxsr.diagnosis.newcomers import _with_curves, with_candidates
-from jaxsr.diagnosis.refine import residual_to_noise
+from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
+from jaxsr.diagnosis.laws.curves import BUMPS, Curve, _root_of_precision, _sight, curves_at
+from jaxsr.diagnosis.laws.newcomers import _with_curves, with_candidates
+from jaxsr.diagnosis.laws.unnamed import crowded_over_position, has_a_name, worth_no_name
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import prepare
-from jaxsr.diagnosis.unnamed import crowded_over_position, has_a_name, worth_no_name
 from jaxsr.expressions import evaluate, parse
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
@@ -172,7 +173,7 @@ def test_springs_and_ripples_at_one_equation_are_one_law_of_its_position():
 
 def test_a_nameless_law_at_the_noise_must_be_the_shorter_one(monkeypatch):
     """n log(cost) + k log(n): eight constants more pay for log(n)/n of the cost each."""
-    monkeypatch.setattr("jaxsr.diagnosis.unnamed.residual_to_noise", lambda *_: 1.0)
+    monkeypatch.setattr("jaxsr.diagnosis.laws.unnamed.residual_to_noise", lambda *_: 1.0)
     noise = np.random.default_rng(4).normal(size=(1, 2000, 1))
 
     def entry(cost: float, constants: int):

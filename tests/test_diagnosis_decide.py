@@ -12,10 +12,11 @@ from scipy.signal import lfilter
 from jaxsr._progress import as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.coarse import _gain, coarse_sensors, rounded_reading
-from jaxsr.diagnosis.contest import Entry
-from jaxsr.diagnosis.decide import SIGNIFICANCE, detect, detect_in_noise, most_credible
-from jaxsr.diagnosis.refine import NOISE_ALONE, colour, residual_to_noise
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.explaining.coarse import _gain, coarse_sensors, rounded_reading
+from jaxsr.diagnosis.judging.criteria import most_credible
+from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, detect, detect_in_noise
+from jaxsr.diagnosis.judging.noise_ratio import NOISE_ALONE, colour, residual_to_noise
 from jaxsr.models import Simulator, apply_edit, parse_model
 from jaxsr.models.least_squares import Fit
 

@@ -15,7 +15,7 @@ from diagnosis_systems import ARM, DEMO, RAIL
 
 from jaxsr._files import dump_json
 from jaxsr.diagnosis import Diagnosis, diagnose
-from jaxsr.diagnosis.explain import Weight
+from jaxsr.diagnosis.explaining.explain import Weight
 from jaxsr.diagnosis.result import verdict_sentence
 from jaxsr.models import Simulator, apply_edit, model_text, parse_model, read_model
 from jaxsr.models.edits import Edit

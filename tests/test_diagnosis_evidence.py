@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxsr.diagnosis.evidence import Forces, force_errors
-from jaxsr.diagnosis.weak_system import WeakSystem
+from jaxsr.diagnosis.explaining.evidence import Forces, force_errors
+from jaxsr.diagnosis.screening.weak_system import WeakSystem
 from jaxsr.models import parse_model
 
 MODEL = parse_model(

@@ -11,17 +11,18 @@ import pytest
 from diagnosis_systems import RAIL, STIFF
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.choice import alone
-from jaxsr.diagnosis.contest import build_arena, enter, neutral_values
-from jaxsr.diagnosis.exchange import exchange
-from jaxsr.diagnosis.integration import choose_stepping
+from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.integration import choose_stepping
+from jaxsr.diagnosis.judging.refine import Ground, refine
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
-from jaxsr.diagnosis.nesting import INSIDE, continued, simplified
-from jaxsr.diagnosis.peaks import peaked
-from jaxsr.diagnosis.refine import Ground, refine
+from jaxsr.diagnosis.search.choice import alone
+from jaxsr.diagnosis.search.exchange import exchange
+from jaxsr.diagnosis.search.nesting import INSIDE, continued, simplified
+from jaxsr.diagnosis.search.peaks import peaked
 from jaxsr.models import Model, Simulator, apply_edit, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -98,7 +99,7 @@ def test_the_simpler_law_inside_a_richer_one_starts_as_large() -> None:
 
 def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monkeypatch) -> None:
     """A mass on a rail whose friction falls from 4 N at rest to 2 N, as exp(-(v/0.4)^2)."""
-    monkeypatch.setattr("jaxsr.diagnosis.exchange.RIVAL_PATIENCE", 60.0)
+    monkeypatch.setattr("jaxsr.diagnosis.search.exchange.RIVAL_PATIENCE", 60.0)
     t = np.arange(1500) * 0.01
     tones = np.array([0.7, 1.9, 3.1])
 
@@ -148,8 +149,8 @@ def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monke
 
 def test_a_delay_of_several_samples_is_found_from_the_lag_that_imitates_it(monkeypatch) -> None:
     """A pendulum turning over, read 0.055 s late; what a linearisation promises is left out."""
-    monkeypatch.setattr("jaxsr.diagnosis.exchange.RIVAL_PATIENCE", 60.0)
-    monkeypatch.setattr("jaxsr.diagnosis.exchange.tried", lambda *args: [])
+    monkeypatch.setattr("jaxsr.diagnosis.search.exchange.RIVAL_PATIENCE", 60.0)
+    monkeypatch.setattr("jaxsr.diagnosis.search.exchange.tried", lambda *args: [])
     t = np.arange(1500) * 0.01
     tones = np.array([0.9, 2.3, 4.1])
 

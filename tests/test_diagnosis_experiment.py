@@ -10,9 +10,11 @@ import pytest
 from diagnosis_systems import CART
 
 from jaxsr._progress import Budget
-from jaxsr.diagnosis.candidates import Candidate, ParameterSpec, SuperModel
-from jaxsr.diagnosis.contest import build_arena, enter, neutral_values
-from jaxsr.diagnosis.experiment import _shapes, best_experiment
+from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.explaining.experiment import _shapes, best_experiment
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.lifting import closed
 from jaxsr.models.rollout import Stepping

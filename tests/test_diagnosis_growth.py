@@ -9,11 +9,12 @@ import pytest
 from diagnosis_systems import CART
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import Arena, build_arena, enter, neutral_values
-from jaxsr.diagnosis.document import _differ, _frozen
+from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.explaining.judge import _differ, _frozen
 from jaxsr.diagnosis.mechanisms import force_candidates
-from jaxsr.diagnosis.stepwise import grow, tried
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.search.stepwise import grow, tried
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
@@ -73,7 +74,7 @@ def test_growth_ends_where_the_best_mechanism_is_no_detection(monkeypatch):
 
     larger = sum(grows(seed) for seed in (*range(10), 367))
     assert larger == 0  # one false alarm in 1000 diagnoses is what the detection allows
-    monkeypatch.setattr("jaxsr.diagnosis.stepwise._detected", lambda *_: True)
+    monkeypatch.setattr("jaxsr.diagnosis.search.stepwise._detected", lambda *_: True)
     assert grows(367)
 
 

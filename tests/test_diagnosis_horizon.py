@@ -9,14 +9,14 @@ from scipy.integrate import solve_ivp
 
 from jaxsr._progress import Budget
 from jaxsr._result import StoppedBy
-from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.choice import decide
-from jaxsr.diagnosis.contest import neutral_values
+from jaxsr.diagnosis.contest.arena import neutral_values
+from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.diagnose import Decided, contest, looked_further
-from jaxsr.diagnosis.horizon import Outlook
 from jaxsr.diagnosis.mechanisms import force_candidates
-from jaxsr.diagnosis.scoring import horizons
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.search.choice import decide
+from jaxsr.diagnosis.search.horizon import Outlook
 from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.models import Model, Simulator, parse_model
 from jaxsr.models.rollout import Stepping

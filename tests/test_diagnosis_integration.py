@@ -8,18 +8,10 @@ import numpy as np
 import pytest
 from diagnosis_systems import on_an_axis, simulator_of
 
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import (
-    ITERATIONS,
-    Arena,
-    Entry,
-    build_arena,
-    enter,
-    in_steps_of,
-    neutral_values,
-)
-from jaxsr.diagnosis.decide import STEEPEST, plausible, sound_members
-from jaxsr.diagnosis.integration import (
+from jaxsr.diagnosis.contest.arena import Arena, build_arena, in_steps_of, neutral_values
+from jaxsr.diagnosis.contest.enter import ITERATIONS, enter
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.integration import (
     FINEST,
     STABLE,
     TOLERABLE,
@@ -29,11 +21,14 @@ from jaxsr.diagnosis.integration import (
     steady,
     with_steps,
 )
+from jaxsr.diagnosis.contest.reduced import reduce
+from jaxsr.diagnosis.contest.uncertainty import half_widths
+from jaxsr.diagnosis.judging.plausible import plausible, sound_members
 from jaxsr.diagnosis.mechanisms.dissipative import dissipative
 from jaxsr.diagnosis.mechanisms.elastic import elastic
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.reduced import reduce
-from jaxsr.diagnosis.uncertainty import half_widths
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.screen import STEEPEST
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.lifting import carried_errors, readings_along
 from jaxsr.models.rollout import Stepping

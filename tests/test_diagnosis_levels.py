@@ -11,14 +11,15 @@ import pytest
 from diagnosis_systems import TANKS
 
 from jaxsr import diagnose
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import Entry, neutral_values
-from jaxsr.diagnosis.decide import plausible
+from jaxsr.diagnosis.contest.arena import neutral_values
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.reduced import STIFF_STEPS, lean
+from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.mechanisms.elastic import elastic
 from jaxsr.diagnosis.mechanisms.memory import overflows
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.reduced import STIFF_STEPS, lean
-from jaxsr.diagnosis.stepwise import _wider_forms
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.search.stepwise import _wider_forms
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.rollout import Stepping

@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis import diagnose
-from jaxsr.diagnosis.integration import EXPLICIT, choose_stepping, rounded_explicit
-from jaxsr.diagnosis.many_equations import _basis, _Search, many_equations
+from jaxsr.diagnosis.contest.integration import EXPLICIT, choose_stepping, rounded_explicit
+from jaxsr.diagnosis.screening.many_equations import _basis, _Search, many_equations
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.lifting import closed

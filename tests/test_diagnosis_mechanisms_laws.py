@@ -8,8 +8,6 @@ import pytest
 from diagnosis_systems import ARM as ARM_FILE
 from diagnosis_systems import SPRUNG, STIFF
 
-from jaxsr.diagnosis.candidates import Candidate, ParameterSpec, SuperModel
-from jaxsr.diagnosis.columns import WeakColumns, with_candidates
 from jaxsr.diagnosis.mechanisms import (
     FAMILIES,
     Threshold,
@@ -18,8 +16,11 @@ from jaxsr.diagnosis.mechanisms import (
     sensor_candidates,
 )
 from jaxsr.diagnosis.mechanisms.actuator import actuator
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.columns import WeakColumns, with_candidates
+from jaxsr.diagnosis.screening.weak_system import weak_system
 from jaxsr.diagnosis.setup import prepare, screen_all
-from jaxsr.diagnosis.weak_system import weak_system
 from jaxsr.models import Model, Simulator, apply_edit, model_text, parse_model, read_model
 from jaxsr.recordings import Recording
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from memory_plants import GIVEN, PLANTS, STEP
 
-from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
-from jaxsr.diagnosis.memory_columns import with_memory
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.memory_columns import with_memory
+from jaxsr.diagnosis.screening.weak_system import weak_system
 from jaxsr.diagnosis.setup import state_scale
-from jaxsr.diagnosis.weak_system import weak_system
 from jaxsr.models import Simulator
 from jaxsr.models.segments import Prepared
 

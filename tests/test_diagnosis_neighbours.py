@@ -6,49 +6,35 @@ from functools import cache
 
 import numpy as np
 import pytest
-from diagnosis_systems import SPRUNG, simulator_of
+from diagnosis_systems import SPRUNG, simulator_of, sprung_recording
 
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
+from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
-from jaxsr.diagnosis.neighbours import Neighbours
-from jaxsr.diagnosis.screening import redundant
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.screen import redundant
+from jaxsr.diagnosis.search.neighbours import Neighbours
 from jaxsr.diagnosis.setup import prepare, state_scale
 from jaxsr.models import parse_model
 from jaxsr.models.rollout import Stepping
-from jaxsr.recordings import Recording
 
-STEP, COUNT, NOISE, CUBIC = 0.02, 1200, 1e-4, 40.0
+NOISE, CUBIC = 1e-4, 40.0
 KINDS = ("cubic_stiffness", "quadratic_stiffness", "quadratic_drag", "input_gain", "sensor_gain")
 
 
 @cache
 def arena(seed: int = 0) -> Arena:
     """A driven mass on a spring that hardens, `CUBIC` in N/m^3; its model's spring is linear."""
-    rng = np.random.default_rng(seed)
-    time, fine = np.arange(COUNT) * STEP, 10
-    lines, phases = rng.uniform(1.0, 7.0, 4), rng.uniform(0.0, 6.28, 4)
 
-    def drive(t: np.ndarray) -> np.ndarray:
-        return 4.0 * np.sin(np.multiply.outer(t, lines) + phases).sum(-1)
+    def force(q: float, v: float, u: float) -> float:
+        return u - 30.0 * q - CUBIC * q**3 - 2.0 * v
 
-    def rate(x: np.ndarray, u: float) -> np.ndarray:
-        return np.array([x[1], (u - 30.0 * x[0] - CUBIC * x[0] ** 3 - 2.0 * x[1]) / 2.0])
-
-    u, x, path, h = drive(time), np.zeros(2), [0.0], STEP / fine
-    for k in range(COUNT - 1):
-        for j in range(fine):
-            a, m, b = (u[k] + (u[k + 1] - u[k]) * (j + c) / fine for c in (0.0, 0.5, 1.0))
-            k1 = rate(x, a)
-            k2 = rate(x + h / 2 * k1, m)
-            k3 = rate(x + h / 2 * k2, m)
-            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + h * k3, b))
-        path.append(x[0])
-    y = np.array(path) + NOISE * rng.standard_normal(COUNT)
+    recording = sprung_recording(force, np.random.default_rng(seed), NOISE)
     model = parse_model(SPRUNG)
-    prepared = prepare(model, [Recording("a.csv", time, {"u": u, "y": y})])
+    prepared = prepare(model, [recording])
     offered = force_candidates(model, state_scale(model, prepared))
-    offered += sensor_candidates(model, {"y": y})
+    offered += sensor_candidates(model, {"y": recording.channels["y"]})
     chosen = {c.mechanism: c for c in reversed(offered) if c.mechanism in KINDS}
     super_model = SuperModel.build(model, [chosen[kind] for kind in KINDS])
     simulator = simulator_of(super_model.model)

@@ -8,13 +8,15 @@ from diagnosis_systems import TWO_MASSES
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
-from jaxsr.diagnosis.located import with_located
+from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.locating.located import with_located
+from jaxsr.diagnosis.locating.resonances import reaction, resonance_candidates
+from jaxsr.diagnosis.locating.responses import Responses
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.resonances import reaction, resonance_candidates
-from jaxsr.diagnosis.responses import Responses
-from jaxsr.diagnosis.stepwise import tried
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.search.stepwise import tried
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared

@@ -9,8 +9,8 @@ import pytest
 from diagnosis_systems import SPRUNG
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.contenders import _best_variants
-from jaxsr.diagnosis.screening import ScreenedSet
+from jaxsr.diagnosis.screening.screen import ScreenedSet
+from jaxsr.diagnosis.search.contenders import _best_variants
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
 from jaxsr.models import Simulator, parse_model
 from jaxsr.recordings import Recording
@@ -177,7 +177,7 @@ def test_what_a_free_parameter_reproduces_is_not_tried():
 
 def test_what_a_free_parameter_nearly_reproduces_is_left_to_free_runs(monkeypatch):
     """Not in the sets of the weak view, but among the candidates of the contest."""
-    monkeypatch.setattr("jaxsr.diagnosis.screening.COLLINEAR", 2.0)
+    monkeypatch.setattr("jaxsr.diagnosis.screening.screen.COLLINEAR", 2.0)
     found = screened(SPRUNG, one_axis(PLANTED["cubic_stiffness"][0], 5))
     assert [s.members for s in found.screening.sets] == [()]
     kept = {found.super_model.candidates[i].label for i in _best_variants(found)}

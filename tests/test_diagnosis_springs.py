@@ -10,13 +10,16 @@ import pytest
 from diagnosis_systems import TWO_MASSES
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.candidates import Candidate, SuperModel
-from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
+from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.locating.responses import Responses
+from jaxsr.diagnosis.locating.springs import spring_candidates
 from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.responses import Responses
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import state_scale
-from jaxsr.diagnosis.springs import spring_candidates
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared

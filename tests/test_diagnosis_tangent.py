@@ -12,17 +12,20 @@ from diagnosis_systems import TWO_MASSES
 from scipy.integrate import solve_ivp
 
 from jaxsr._progress import Budget
-from jaxsr.diagnosis.candidates import Candidate, ParameterSpec, SuperModel
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
+from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.laws.naming import named
+from jaxsr.diagnosis.laws.newcomers import _places, with_candidates
+from jaxsr.diagnosis.laws.tangent import TangentView, surface
+from jaxsr.diagnosis.laws.tangent_laws import chosen_among, laws_at, places
+from jaxsr.diagnosis.laws.unnamed import has_a_name
+from jaxsr.diagnosis.locating.responses import Responses
 from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.naming import named
-from jaxsr.diagnosis.newcomers import _places, with_candidates
-from jaxsr.diagnosis.responses import Responses
-from jaxsr.diagnosis.tangent import TangentView, surface
-from jaxsr.diagnosis.tangent_laws import chosen_among, laws_at, places
-from jaxsr.diagnosis.unnamed import has_a_name
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.expressions import evaluate, parse
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping

@@ -12,9 +12,9 @@ from scipy.integrate import solve_ivp
 
 from jaxsr._progress import Budget
 from jaxsr.diagnosis import diagnose, weak_laws
-from jaxsr.diagnosis.unnamed import _written
-from jaxsr.diagnosis.weak_laws import _search, _worst_state
-from jaxsr.diagnosis.weak_system import WeakSystem
+from jaxsr.diagnosis.laws.unnamed import _written
+from jaxsr.diagnosis.laws.weak_laws import _search, _worst_state
+from jaxsr.diagnosis.screening.weak_system import WeakSystem
 from jaxsr.expressions import evaluate, parse, to_text
 from jaxsr.models import Simulator, parse_model
 from jaxsr.recordings import Recording

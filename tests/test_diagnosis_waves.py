@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.contest import Arena, Entry, build_arena, enter, neutral_values
+from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.locating.responses import SURE, Responses, surely
+from jaxsr.diagnosis.locating.waves import _gains, _kinds, wave_candidates
 from jaxsr.diagnosis.mechanisms.periodic import harmonic, ripple, swing
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.responses import SURE, Responses, surely
-from jaxsr.diagnosis.waves import _gains, _kinds, wave_candidates
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared

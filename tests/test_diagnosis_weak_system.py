@@ -10,7 +10,7 @@ import pytest
 from diagnosis_systems import ARM, RAIL
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.weak_system import WeakSystem, observable_states, weak_system
+from jaxsr.diagnosis.screening.weak_system import WeakSystem, observable_states, weak_system
 from jaxsr.models import Model, Simulator, parse_model, read_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording

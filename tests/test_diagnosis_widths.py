@@ -9,24 +9,24 @@ import pytest
 from diagnosis_systems import RAIL
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.choice import in_own_widths
-from jaxsr.diagnosis.contest import (
+from jaxsr.diagnosis.contest.arena import (
     Arena,
     build_arena,
-    enter,
     in_steps_of,
     in_widths,
     in_widths_of_best,
     neutral_values,
     with_rounded_jumps,
 )
-from jaxsr.diagnosis.decide import plausible
-from jaxsr.diagnosis.integration import choose_stepping
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.integration import choose_stepping
+from jaxsr.diagnosis.contest.widths import BEGIN
+from jaxsr.diagnosis.contest.widths import width_of as width_of_law
+from jaxsr.diagnosis.judging.plausible import plausible
+from jaxsr.diagnosis.judging.refine import Ground, refine, without_width
 from jaxsr.diagnosis.mechanisms import force_candidates
-from jaxsr.diagnosis.refine import Ground, refine, without_width
-from jaxsr.diagnosis.widths import BEGIN
-from jaxsr.diagnosis.widths import width_of as width_of_law
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.search.choice import in_own_widths
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording

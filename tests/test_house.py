@@ -111,3 +111,33 @@ def test_the_walk_sees_every_form_of_import() -> None:
         "jaxsr.evolution.sibling",
         "jaxsr.diagnose",
     }
+
+
+DIAGNOSIS = (
+    "mechanisms",
+    "screening",
+    "setup",
+    "case",
+    "contest",
+    "judging",
+    "locating",
+    "search",
+    "laws",
+    "result",
+    "explaining",
+    "diagnose",
+    "learned",
+    "__init__",
+)
+"""The rooms of the diagnosis, each of which imports from those before it alone."""
+
+
+@pytest.mark.parametrize(
+    "path", [p for p in MODULES if part(p) == "diagnosis"], ids=lambda p: relative(p)
+)
+def test_rooms_of_the_diagnosis_import_from_those_before(path: Path) -> None:
+    room = path.relative_to(PACKAGE / "diagnosis").with_suffix("").parts[0]
+    names = imports(ast.parse(path.read_text(encoding="utf-8")), path)
+    seen = {n.split(".")[2] for n in names if n.startswith("jaxsr.diagnosis.")} - {room}
+    later = {name for name in seen if DIAGNOSIS.index(name) >= DIAGNOSIS.index(room)}
+    assert not later, f"{relative(path)} imports {sorted(later)}, which stand no lower"

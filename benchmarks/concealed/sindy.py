@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 
 from jaxsr._result import InputError
-from jaxsr.diagnosis.candidates import Candidate, SuperModel
 from jaxsr.diagnosis.mechanisms import sensor_candidates
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
+from jaxsr.diagnosis.screening.weak_system import weak_system
 from jaxsr.diagnosis.setup import sample_step, screen_all
-from jaxsr.diagnosis.weak_system import weak_system
 from jaxsr.models import Model, Simulator
 from jaxsr.models.edits import apply_edit
 from jaxsr.models.segments import Prepared

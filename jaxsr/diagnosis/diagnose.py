@@ -11,39 +11,35 @@ import numpy as np
 
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import StoppedBy
-from jaxsr.diagnosis.candidates import SuperModel
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.choice import (
+from jaxsr.diagnosis.contest.arena import Arena, in_steps_of, in_widths_of_best, with_rounded_jumps
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.integration import choose_stepping, with_smooth
+from jaxsr.diagnosis.contest.output_weights import rescaled
+from jaxsr.diagnosis.contest.scoring import horizons
+from jaxsr.diagnosis.explaining.document import assemble
+from jaxsr.diagnosis.explaining.judge import Ingredients
+from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
+from jaxsr.diagnosis.judging.plausible import plausible
+from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
+from jaxsr.diagnosis.laws.tangent_laws import promise
+from jaxsr.diagnosis.locating.located import with_located
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.result import Diagnosis
+from jaxsr.diagnosis.search.choice import (
     Decision,
     decide,
     in_own_widths,
     with_parts,
     with_sound_part,
 )
-from jaxsr.diagnosis.contenders import Start, contenders, leading_sets
-from jaxsr.diagnosis.contest import (
-    Arena,
-    Entry,
-    enter,
-    in_steps_of,
-    in_widths_of_best,
-    with_rounded_jumps,
-)
-from jaxsr.diagnosis.decide import plausible
-from jaxsr.diagnosis.document import Ingredients, assemble
-from jaxsr.diagnosis.horizon import Headline, Outlook
-from jaxsr.diagnosis.integration import choose_stepping, with_smooth
-from jaxsr.diagnosis.large_contest import decided_among_many, with_many_equations
-from jaxsr.diagnosis.located import with_located
-from jaxsr.diagnosis.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
-from jaxsr.diagnosis.output_weights import rescaled
-from jaxsr.diagnosis.refine import residual_to_noise
-from jaxsr.diagnosis.regrouping import settled
-from jaxsr.diagnosis.result import Diagnosis
-from jaxsr.diagnosis.scoring import horizons
+from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
+from jaxsr.diagnosis.search.horizon import Headline, Outlook
+from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_equations
+from jaxsr.diagnosis.search.regrouping import settled
+from jaxsr.diagnosis.search.stepwise import glance, grow
 from jaxsr.diagnosis.setup import prepare, screen_all
-from jaxsr.diagnosis.stepwise import glance, grow
-from jaxsr.diagnosis.tangent_laws import promise
 from jaxsr.models import Simulator
 from jaxsr.recordings import Recording
 

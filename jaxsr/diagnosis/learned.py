@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import InputError
-from jaxsr.diagnosis.scoring import free_run, horizons
+from jaxsr.diagnosis.contest.scoring import free_run, horizons
 from jaxsr.discovery import discover
 from jaxsr.discovery.result import Discovery
 from jaxsr.expressions import to_text

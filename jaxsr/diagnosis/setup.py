@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import SuperModel
-from jaxsr.diagnosis.columns import WeakColumns, motion_of, with_candidates
-from jaxsr.diagnosis.many_equations import many_equations, screen_each
 from jaxsr.diagnosis.mechanisms import Motion, force_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
-from jaxsr.diagnosis.memory_columns import with_memory
-from jaxsr.diagnosis.screening import Screening, screen
-from jaxsr.diagnosis.weak_system import WeakSystem, observable_states, weak_system
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.columns import WeakColumns, motion_of, with_candidates
+from jaxsr.diagnosis.screening.many_equations import many_equations, screen_each
+from jaxsr.diagnosis.screening.memory_columns import with_memory
+from jaxsr.diagnosis.screening.screen import Screening, screen
+from jaxsr.diagnosis.screening.weak_system import WeakSystem, observable_states, weak_system
 from jaxsr.models import Model, Simulator
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording, read_recording

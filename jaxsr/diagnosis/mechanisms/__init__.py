@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import Candidate
 from jaxsr.diagnosis.mechanisms.actuator import actuator
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.coupling import coupling
 from jaxsr.diagnosis.mechanisms.dissipative import dissipative
 from jaxsr.diagnosis.mechanisms.elastic import elastic

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import sympy
 
-from jaxsr.diagnosis.candidates import UNLIMITED, Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.expressions import from_sympy, to_sympy, to_text
 from jaxsr.models import Model

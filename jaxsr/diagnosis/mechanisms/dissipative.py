@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Site, inverse_unit
 
 _FRICTION = "Armstrong-Helouvry, Dupont & Canudas de Wit, Automatica 30 (1994)"

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.motion import Motion
 from jaxsr.diagnosis.mechanisms.site import Site
 

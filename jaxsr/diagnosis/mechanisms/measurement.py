@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import UNLIMITED, Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.models import Model
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import AddedState, Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.candidate import AddedState, Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Site, compose, sites_of
 from jaxsr.models import Model
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import Candidate
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.expressions import to_numpy, to_text
 from jaxsr.expressions.term import Term
 from jaxsr.models import Model

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.dissipative import wave_numbers
 from jaxsr.diagnosis.mechanisms.motion import Line
 from jaxsr.diagnosis.mechanisms.site import Site, inverse_unit

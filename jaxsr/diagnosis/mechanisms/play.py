@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsr.diagnosis.candidates import Candidate
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.site import Site, Threshold
 from jaxsr.expressions import to_numpy, to_text
 from jaxsr.expressions.term import Term

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jaxsr.diagnosis.candidates import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.models import Model
 
 REACH = 20.0

@@ -1,0 +1,234 @@
+"""How finely segments are integrated: the fewest steps whose error stays below the mismatch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jaxsr.diagnosis.contest.reduced import restepped
+from jaxsr.models.driven import known_states
+from jaxsr.models.field import Field, Point
+from jaxsr.models.least_squares import Problem
+from jaxsr.models.lifting import carried_errors, liftable, readings_along
+from jaxsr.models.rollout import Stepping, outputs
+from jaxsr.models.segments import Prepared, Segments, build_segments
+from jaxsr.models.simulator import Simulator, width_scales
+
+STEP_ERROR = 1e-3
+"""Integration error allowed over 400 samples, in standard deviations of an output."""
+STABLE = 2.5
+"""Product of step and fastest rate up to which RK4 is stable (its limit is 2.78)."""
+MOST_SUBSTEPS = 16
+LIFTED_SUBSTEPS = 4
+"""The same where an implicit step needs few sensitivities: it is the cheaper one from here on."""
+TOLERABLE = 0.1
+"""Integration error of a set, relative to what it leaves unexplained."""
+FINEST = {"rk4": 8, "rodas3": 2}
+"""Substeps up to which that is held to."""
+ROUNDEST, EXPLICIT = (4.0, 8.0, 16.0, 32.0), 2
+"""Factors by which jumps may be widened for explicit steps, and the most of these per sample."""
+POINTS = 200
+TRIAL = 400
+
+
+def choose_stepping(
+    simulator: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
+) -> Stepping:
+    """Choose method and substeps so that the integration error stays far below the mismatch.
+
+    Steep friction is resolved by substeps up to `MOST_SUBSTEPS`; stiffer models go to the
+    L-stable method. Two runs, one with four times the substeps, tell the error, and the
+    method's order how it falls.
+    """
+    x, u, widths = _samples(simulator, prepared, theta)
+    fastest = _fastest(simulator, theta, widths, x, u)
+    step = min(p.recording.sample_time for p in prepared)
+    needed = _substeps(fastest * step)
+    if needed > (LIFTED_SUBSTEPS if liftable(simulator) else MOST_SUBSTEPS):
+        return Stepping("rodas3", 2 if liftable(simulator) else 4, widths)
+    method, order = "rk4", 4
+    change = _change(
+        simulator, prepared, theta, *(Stepping(method, n, widths) for n in (needed, 4 * needed))
+    )
+    if not np.isfinite(change):
+        return Stepping("rodas3", 4, widths)
+    # The error falls with the method's order: the fewest substeps that leave STEP_ERROR.
+    for factor in (1, 2, 4):
+        if change / factor**order < STEP_ERROR:
+            return Stepping(method, factor * needed, widths)
+    return Stepping(method, 4 * needed, widths)
+
+
+def rounded_explicit(
+    stepping: Stepping, simulator: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
+) -> Stepping:
+    """Widen jumps until explicit steps are stable, where they are too steep; up to `ROUNDEST`.
+
+    Many sharp laws cost an implicit method a large Jacobian at every step.
+    """
+    if stepping.method == "rk4" or not stepping.widths:
+        return stepping
+    step = min(p.recording.sample_time for p in prepared)
+    x, u, _ = _samples(simulator, prepared, theta)
+    for factor in ROUNDEST:
+        widths = tuple(factor * w for w in stepping.widths)
+        needed = _substeps(_fastest(simulator, theta, widths, x, u) * step)
+        if needed <= EXPLICIT:
+            return Stepping("rk4", needed, widths)
+    return stepping
+
+
+def with_smooth(
+    stepping: Stepping, given: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
+) -> Stepping:
+    """Add how sets without jumps are stepped, where the given model has none."""
+    if not stepping.widths or not liftable(given) or given.smoothed_arguments:
+        return stepping
+    smooth = choose_stepping(given, prepared, theta)
+    dearer = smooth.method == "rodas3" or stepping.substeps % smooth.substeps > 0
+    same = (smooth.method, smooth.substeps) == (stepping.method, stepping.substeps)
+    return stepping if dearer or same else replace(stepping, smooth=smooth)
+
+
+def steady(problem: Problem, theta: np.ndarray) -> Problem:
+    """Return the problem of a set, stepped stably with these constants, explicitly if it can be."""
+    stepping, segments = problem.stepping, problem.segments
+    inside = np.arange(segments.time.shape[0])[:, None] < segments.count
+    pick = np.linspace(0, inside.sum() - 1, min(POINTS, inside.sum())).astype(int)
+    x, u = (np.moveaxis(a, 0, -1)[inside][pick] for a in (segments.course, segments.inputs))
+    x, u = np.concatenate([x, np.zeros((1, x.shape[1]))]), np.concatenate([u, u[:1]])
+    fastest = _fastest(problem.simulator, theta, stepping.widths, x, u)
+    step = float(np.max(segments.length)) * stepping.substeps
+    needed = _substeps(fastest * step)
+    if needed <= FINEST["rk4"]:
+        least = stepping.substeps if stepping.method == "rk4" else 1
+        return with_steps(problem, "rk4", max(needed, least))
+    return problem if stepping.method == "rodas3" else with_steps(problem, "rodas3", 2)
+
+
+def accurate(problem: Problem, theta: np.ndarray, path: np.ndarray) -> Problem:
+    """Return the problem stepped so finely that errors along a path leave its fit alone.
+
+    A step across a jump has an error of first order, whatever the method. Those of four times as
+    many steps are left out of account.
+    """
+    stepping, most = problem.stepping, FINEST[problem.stepping.method]
+    if stepping.substeps >= most:
+        return problem
+    fine = with_steps(problem, stepping.method, 4 * stepping.substeps)
+    with np.errstate(all="ignore"):
+        apart, left = _apart(problem, fine, theta, path)
+        ratio = np.sqrt(np.sum(apart**2) / (np.sum(left**2) + 1e-300)) / TOLERABLE
+    if not np.isfinite(ratio) or ratio <= 1.0:
+        return problem
+    factor = int(2 ** np.ceil(np.log2(min(ratio, most))))
+    return with_steps(problem, stepping.method, min(factor * stepping.substeps, most))
+
+
+def rounded_share(problem: Problem, theta: np.ndarray, path: np.ndarray) -> float:
+    """Share of the cost that would go if the width of rounded jumps were estimated as well.
+
+    How sharply a law turns over is not known: with r the residuals and d the effect of another
+    width in the readings, (r'd)^2 / (r'r d'd) of the cost is its doing.
+    """
+    half = tuple(0.5 * width for width in problem.stepping.widths)
+    sharper = replace(problem, stepping=replace(problem.stepping, widths=half))
+    with np.errstate(all="ignore"):
+        apart, left = _apart(problem, sharper, theta, path)
+        size = float(np.sum(apart**2) * np.sum(left**2))
+        share = float(np.sum(apart * left)) ** 2 / size if size > 0.0 else 0.0
+    return share if np.isfinite(share) else 0.0
+
+
+def _apart(
+    problem: Problem, other: Problem, theta: np.ndarray, path: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far two ways to integrate lead apart in the readings, scaled, and the residuals."""
+    setting = (problem.stepping, problem.segments), (other.stepping, other.segments)
+    apart = carried_errors(problem.simulator, *setting, theta, path)
+    apart = problem.segments.weights * apart / problem.scale[:, None, None]
+    y, _ = readings_along(problem.simulator, *setting[0], theta, path)
+    return apart, problem.residual(y)
+
+
+def with_steps(problem: Problem, method: str, substeps: int) -> Problem:
+    """Return a problem with another method and number of steps between samples."""
+    stepping = replace(problem.stepping, method=method, substeps=substeps)
+    segments = restepped(problem.segments, stepping, problem.stepping)
+    return replace(problem, stepping=stepping, segments=segments)
+
+
+def _samples(
+    simulator: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple]:
+    """Return states and inputs at some samples, and the widths of jumps by all of them."""
+    x = np.concatenate([known_states(simulator.model, p, theta, simulator) for p in prepared])
+    u = np.concatenate([p.inputs for p in prepared])
+    widths = width_scales(
+        simulator, simulator.environment(0.0, tuple(x.T), tuple(u.T), tuple(theta))
+    )
+    pick = np.linspace(0, len(x) - 1, min(POINTS, len(x))).astype(int)
+    # The steepest place of friction is standstill: look there as well.
+    at = np.concatenate([x[pick], np.zeros((1, x.shape[1]))])
+    return at, np.concatenate([u[pick], u[:1]]), widths
+
+
+def _substeps(product: float) -> int:
+    """Powers of two that bring a product of step and fastest rate into RK4's stable range."""
+    return int(2 ** np.ceil(np.log2(max(product / STABLE, 1.0))))
+
+
+def _fastest(
+    simulator: Simulator, theta: np.ndarray, widths: tuple, x: np.ndarray, u: np.ndarray
+) -> float:
+    """Largest eigenvalue of the Jacobian over samples."""
+    count = x.shape[1]
+    jacobian = np.zeros((len(x), count, count))
+    if simulator.function is None:
+        field = Field(simulator, [float(v) for v in theta], widths)
+        with np.errstate(all="ignore"):
+            _, rows = field.slopes(Point(0.0, list(x.T), list(u.T)))
+        for i, row in enumerate(rows):
+            for j, state in enumerate(simulator.model.states):
+                jacobian[:, i, j] = row.get(state, 0.0)
+    else:
+        import jax
+
+        def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
+            found = simulator.rates(0.0, tuple(state), tuple(inputs), tuple(theta), widths)
+            return jax.numpy.stack(found)
+
+        with jax.enable_x64(True):
+            jacobian = np.asarray(jax.vmap(jax.jacfwd(rates))(x, u))
+    jacobian = jacobian[np.isfinite(jacobian).all((1, 2))]
+    return float(np.abs(np.linalg.eigvals(jacobian)).max()) if jacobian.size else 0.0
+
+
+def _change(
+    simulator: Simulator,
+    prepared: Sequence[Prepared],
+    theta: np.ndarray,
+    coarse: Stepping,
+    fine: Stepping,
+) -> float:
+    """Largest difference of two ways to integrate, in standard deviations of an output."""
+    item = prepared[0]
+    rows = [(0, 0, min(len(item.time), TRIAL))]
+    deviation = np.nanstd(item.outputs, axis=0) + 1e-300
+
+    def segments(stepping: Stepping) -> Segments:
+        return build_segments(simulator.model, prepared, rows, stepping.substeps)
+
+    with np.errstate(all="ignore"):
+        if liftable(simulator):
+            first, second = (coarse, segments(coarse)), (fine, segments(fine))
+            difference = carried_errors(simulator, first, second, theta, first[1].course)
+        else:
+            runs = []
+            for stepping in (coarse, fine):
+                found = segments(stepping)
+                runs.append(outputs(simulator, stepping, found, theta, found.guess))
+            difference = runs[1] - runs[0]
+        return float(np.max(np.nanmax(np.abs(difference), axis=(1, 2)) / deviation))

@@ -1,0 +1,1 @@
+"""From a decision to verdict, findings, evidence and words."""

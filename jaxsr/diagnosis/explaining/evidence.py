@@ -1,0 +1,215 @@
+"""Evidence for the report: trajectories, residuals and what else was considered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxsr.diagnosis.contest.arena import neutral_values
+from jaxsr.diagnosis.contest.blocks import gain
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.scoring import FreeRun
+from jaxsr.diagnosis.explaining.ladder import ladder
+from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.screening.weak_system import WeakSystem
+from jaxsr.models import Model, difference
+from jaxsr.models.segments import Prepared
+
+if TYPE_CHECKING:
+    from jaxsr.diagnosis.explaining.judge import Ingredients, Judged
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """The weak view of one role's recordings, before and after."""
+
+    recalibrated: WeakSystem
+    explained: WeakSystem
+
+    @classmethod
+    def of(cls, judged: Judged, prepared: Sequence[Prepared], half_width: float) -> Forces:
+        """Build the weak view at both estimates, once where they are the same."""
+        before, after = judged.recalibrated, judged.explained
+        first = before.system(tuple(prepared), half_width)
+        second = first if after is before else after.system(tuple(prepared), half_width)
+        both = np.intersect1d(first.state, second.state)  # a mechanism may need a hidden state
+        return cls(first.only(both), second.only(both))
+
+
+def force_errors(model: Model, train: Forces | None, held: Forces | None) -> dict[str, Any] | None:
+    """Relative force errors per equation in the weak view, before and after."""
+    rows: dict[str, Any] = {}
+    for role, forces in (("train", train), ("held_out", held)):
+        if forces is None:
+            continue
+        for name, system in (
+            ("recalibrated", forces.recalibrated),
+            ("explained", forces.explained),
+        ):
+            for site, error in relative_force_errors(model, system).items():
+                row = rows.setdefault(site, {"half_width_s": system.half_width, "held_out": None})
+                row[role] = {**(row.get(role) or {}), name: error}
+    return rows or None
+
+
+def relative_force_errors(model: Model, system: WeakSystem) -> dict[str, float | None]:
+    """rms of what an equation leaves over rms of what the inputs bring, by site."""
+    errors: dict[str, float | None] = {}
+    for state in np.unique(system.state):
+        rows = system.state == state
+        power = float(np.mean(system.input_side[rows] ** 2))
+        left = float(np.mean(system.residual[rows] ** 2))
+        name = f"equation:{model.states[state]}"
+        errors[name] = float(np.sqrt(left / power)) if power > 0 else None
+    return errors
+
+
+def build_evidence(
+    parts: Ingredients,
+    judged: Judged,
+    explained_model: Model,
+    train: dict[str, list[FreeRun]],
+    held_runs: dict[str, list[FreeRun]] | None,
+    held: Sequence[Prepared],
+    forces: Forces | None,
+    checks: int,
+) -> Any:
+    """Collect what the report draws."""
+    from jaxsr.report.evidence import Evidence
+
+    given = parts.case.simulator.model
+    at = parts.horizons.index(parts.headline)
+    scores = {name: runs[at].nrmse for name, runs in train.items()}
+    trajectories = _trajectories(parts, "train", parts.case.prepared, train)
+    if held_runs is not None:
+        trajectories += _trajectories(parts, "held_out", held, held_runs)
+    return Evidence(
+        model_name=given.name,
+        diff=_diff(given, explained_model),
+        trajectories=trajectories,
+        residuals=_residuals(parts, forces) if forces else [],
+        considered=_considered(parts),
+        ladder=ladder(parts, judged, checks, scores),
+    )
+
+
+def _diff(before: Model, after: Model) -> list[Any]:
+    from jaxsr.report.evidence import DiffRow
+
+    rows = []
+    changes = difference(before, after).as_json()
+    for key, value in changes.items():
+        table, _, name = key.partition(".")
+        head, _, tail = name.partition(".")
+        old: Any = getattr(before, table, {}) if table != "model" else getattr(before, name)
+        if table != "model":
+            old = old.get(head)
+            if tail and old is not None:
+                old = old.get(tail)
+        if table == "parameters" and old is not None:
+            old = {"value": old.value, "unit": old.unit, "bounds": list(old.bounds or [])}
+        rows.append(DiffRow(key, old, value))
+    return rows
+
+
+def _trajectories(
+    parts: Ingredients, role: Any, prepared: Sequence[Prepared], runs: dict[str, list[FreeRun]]
+) -> list[Any]:
+    from jaxsr.report.evidence import Trajectory
+
+    model = parts.case.simulator.model
+    at = parts.horizons.index(parts.headline)
+    rows = []
+    for r, item in enumerate(prepared):
+        for k, output in enumerate(model.outputs):
+            series = {name: found[at].simulated[r][:, k] for name, found in runs.items()}
+            rows.append(
+                Trajectory(
+                    recording=item.recording.name,
+                    role=role,
+                    output=output,
+                    unit=model.units.get(output),
+                    horizon_s=parts.headline,
+                    time=item.time,
+                    measured=item.outputs[:, k],
+                    **series,
+                )
+            )
+    return rows
+
+
+def _residuals(parts: Ingredients, forces: Forces) -> list[Any]:
+    from jaxsr.report.evidence import ForceResidual
+
+    model, prepared = parts.case.simulator.model, parts.case.prepared
+    before, after = forces.recalibrated, forces.explained
+    units = {s.state: s.force_unit for s in sites_of(model, {})}
+    rows = []
+    for index in np.unique(before.state):
+        name = model.states[index]
+        for r, item in enumerate(prepared):
+            mine = (before.state == index) & (before.recording == r)
+            centre = before.centre[mine]
+            rows.append(
+                ForceResidual(
+                    site=f"equation:{name}",
+                    recording=item.recording.name,
+                    unit=units.get(name),
+                    time=centre,
+                    recalibrated=before.residual[mine],
+                    explained=after.residual[mine],
+                    state_name=name,
+                    state=np.interp(centre, item.time, item.states.values[:, index]),
+                    state_unit=model.units.get(name),
+                )
+            )
+    return rows
+
+
+def _considered(parts: Ingredients) -> list[Any]:
+    from jaxsr.report.evidence import Considered
+
+    candidates = parts.arena.super_model.candidates
+    null = parts.null.error
+    rows, seen = [], set()
+    for entry in sorted(parts.entries, key=lambda e: e.error):
+        labels = tuple(sorted(candidates[i].label for i in entry.members))
+        if labels in seen:
+            continue
+        seen.add(labels)
+        rows.append(
+            Considered(
+                mechanisms=labels,
+                error=float(np.sqrt(entry.error)),
+                relative=float(np.sqrt(entry.error / max(null, 1e-300))),
+                chosen=entry is parts.chosen,
+                reason=_reason(parts, entry),
+            )
+        )
+    return rows
+
+
+def _reason(parts: Ingredients, entry: Entry) -> str:
+    if entry is parts.chosen:
+        if not entry.members:
+            return "Re-calibration alone: nothing beats it on held-back blocks."
+        return "Fewest constants among the sets that the best one does not beat."
+    if not entry.members:
+        return "Re-calibration alone leaves the mismatch."
+    if not np.isfinite(entry.errors).all():
+        return "No simulation closes: the set contradicts the recordings."
+    mean, error, _ = gain(entry.errors, parts.chosen.errors)
+    percent = 100.0 * (np.exp(0.5 * mean) - 1.0)
+    if mean > max(error, 0.0) and mean > 0.02:
+        return f"Held-back error {percent:.0f} % above the chosen set's."
+    if entry.fit.active.size > parts.chosen.fit.active.size:
+        return "No clear gain for more constants."
+    if not parts.chosen.members:
+        return "No gain over re-calibration beyond chance."
+    return "Within the scatter of the blocks; kept as an alternative."
+
+
+__all__ = ["build_evidence", "force_errors", "neutral_values", "relative_force_errors"]

@@ -1,0 +1,179 @@
+"""The next experiment: the excitation that would tell two explanations apart, by simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxsr._progress import Budget
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.reduced import Lean, lean
+from jaxsr.models import Model
+from jaxsr.models.lifting import closed, liftable, linear
+from jaxsr.models.segments import Prepared, build_segments
+from jaxsr.models.states import StateEstimate
+from jaxsr.recordings import Recording
+
+if TYPE_CHECKING:
+    from jaxsr.diagnosis.explaining.judge import Ingredients
+
+SAMPLES, STRIDE = 300, 3
+"""Samples of an experiment, each at most so many sample times of the recordings long."""
+AMPLITUDES = (0.25, 1.0)
+"""Of the largest input recorded, 2 % of the samples apart: an experiment stays inside them."""
+PATIENCE = 10.0
+"""Seconds after which the best excitation so far is taken, or none: machines may have many inputs,
+and laws that jump are slow."""
+SHARE = 0.4
+"""Share of the time left after which it is taken as well."""
+RELEASES = (0.25, 1.0, 2.0)
+"""Of the first states recorded, where a machine has no input."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """An excitation and what it would show.
+
+    Attributes
+    ----------
+    text : str
+    separation : float
+        rms difference of the two explanations in the sensors, in standard deviations of what the
+        chosen one leaves, after the rival's free parameters have taken what they can.
+    """
+
+    text: str
+    separation: float
+
+
+def best_experiment(parts: Ingredients, rival: Entry) -> Experiment | None:
+    """Return the excitation under which a rival differs most from the chosen set.
+
+    Both sets are simulated as estimated under steps, sines from slow to fast and a sum of sines,
+    at two amplitudes, for `SAMPLES` samples, or released from other starts where there is no
+    input, for `PATIENCE` seconds at most; None where the simulator is no formula or no simulation
+    holds.
+    """
+    arena = parts.arena
+    problem, super_model = arena.problem, arena.super_model
+    if not liftable(problem.simulator):
+        return None
+    ours, theirs = (
+        lean(super_model, problem.simulator, problem.stepping, e.members)
+        for e in (parts.chosen, rival)
+    )
+    used = np.maximum(problem.segments.weights.sum((1, 2)), 1.0)
+    noise = problem.scale * np.sqrt((parts.chosen.fit.residual**2).sum((1, 2)) / used)
+    best: Experiment | None = None
+    left, patience = parts.case.budget.share(SHARE), Budget(PATIENCE)
+
+    def stop() -> bool:
+        return left.exhausted or patience.exhausted
+
+    for group in _excitations(parts):
+        texts, items = zip(*group, strict=True)
+        if stop():
+            break
+        with np.errstate(all="ignore"):
+            sizes = _separations(items, (ours, theirs), (parts.chosen, rival), noise, stop)
+        for text, size in zip(texts, sizes, strict=True):
+            if np.isfinite(size) and (best is None or size > best.separation):
+                best = Experiment(text, float(size))
+    return best
+
+
+def _excitations(parts: Ingredients) -> Iterator[list[tuple[str, Prepared]]]:
+    """Yield experiments in words and as recordings without readings, those of one size together."""
+    model, prepared = parts.case.simulator.model, parts.case.prepared
+    step = float(np.median([p.recording.sample_time for p in prepared]))
+    length = float(np.median([p.time[-1] - p.time[0] for p in prepared]))
+    time = np.linspace(0.0, min(length, STRIDE * SAMPLES * step), SAMPLES)
+    first = np.nan_to_num(np.stack([p.states.values[0] for p in prepared]).mean(0))
+    if not model.inputs:
+        for factor in RELEASES:
+            text = f"a release from {factor:g} times the recorded deflection"
+            yield [(text, _blank(model, time, np.zeros((SAMPLES, 0)), factor * first))]
+        return
+    values = np.concatenate([p.inputs for p in prepared])
+    size = np.quantile(np.abs(values), 0.98, axis=0)
+    start = np.where([model.kinematic_parent(s) is None for s in model.states], first, 0.0)
+    for factor in AMPLITUDES:
+        group = []
+        for k, name in enumerate(model.inputs):
+            unit, top = model.units.get(name), factor * size[k]
+            amount = f"{top:.3g}{' ' + unit if unit else ''}"
+            for words, shape in _shapes(time):
+                inputs = np.zeros((SAMPLES, len(model.inputs)))
+                inputs[:, k] = top * shape
+                text = f"{words} of {amount} on {name} for {time[-1]:.3g} s"
+                group.append((text, _blank(model, time, inputs, start)))
+        yield group
+
+
+def _shapes(time: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield signals of size one."""
+    length = time[-1]
+    yield (
+        "steps, four times to and fro,",
+        np.where(np.floor(8.0 * time / length) % 2 < 1, 1.0, -1.0),
+    )
+    for turns in (1.0, 3.0, 9.0, 27.0):
+        frequency = turns / length
+        yield f"a sine at {frequency:.2g} Hz", np.sin(2.0 * np.pi * frequency * time)
+    sum_ = sum(np.sin(2.0 * np.pi * n * time / length + n**2) for n in (1, 2, 4, 7, 11, 16))
+    yield "a sum of six sines", np.asarray(sum_) / np.abs(sum_).max()
+
+
+def _blank(model: Model, time: np.ndarray, inputs: np.ndarray, start: np.ndarray) -> Prepared:
+    known = np.tile(start, (time.size, 1))
+    nothing = np.full((time.size, len(model.outputs)), np.nan)
+    estimate = StateEstimate(known, {}, frozenset())
+    return Prepared(Recording("experiment", time, {}), time, inputs, nothing, estimate)
+
+
+def _separations(
+    items: Sequence[Prepared],
+    sides: tuple[Lean, Lean],
+    entries: tuple[Entry, Entry],
+    noise: np.ndarray,
+    stop: Callable[[], bool],
+) -> np.ndarray:
+    """Return the rms differences over the noise that the rival's parameters leave.
+
+    Experiments are simulated side by side; NaN where a simulation does not hold.
+    """
+    readings, spread = [], np.zeros((0, 0, 0, 0))
+    sizes = np.full(len(items), np.nan)
+    for side, entry in zip(sides, entries, strict=True):
+        theta = entry.fit.theta[side.parameters]
+        near = side.stepping.method == "rk4"  # nothing is known of where a law that jumps leads
+        finer = STRIDE if near else 1
+        stepping = replace(side.stepping, substeps=finer * side.stepping.substeps)
+        rows = [(r, 0, item.time.size) for r, item in enumerate(items)]
+        model = side.simulator.model
+        segments = build_segments(model, items, rows, stepping.substeps, theta=theta)
+        setting = (side.simulator, stepping, segments, theta)
+        path = closed(*setting, segments.course, stop, near)
+        if path is None:
+            if len(items) == 1 or stop():
+                return sizes
+            apart = [_separations([i], sides, entries, noise, stop) for i in items]
+            return np.concatenate(apart)
+        place = {int(full): own for own, full in enumerate(side.parameters)}
+        active = [place[int(j)] for j in entry.fit.active]
+        found = linear(*setting, path, active)
+        readings.append(found.outputs / noise[:, None, None])
+        spread = found.by_theta / noise[:, None, None]
+    for number in range(len(items)):
+        difference = (readings[0] - readings[1])[:, :, number].ravel()
+        columns = spread[:, :, :, number].reshape(len(spread), -1).T
+        if not (np.isfinite(difference).all() and np.isfinite(columns).all()):
+            continue
+        size = np.linalg.norm(columns, axis=0)
+        columns = columns[:, size > 0] / size[size > 0]
+        left = difference - columns @ np.linalg.lstsq(columns, difference, rcond=1e-9)[0]
+        sizes[number] = np.sqrt(np.mean(left**2))
+    return sizes

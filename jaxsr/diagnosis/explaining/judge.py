@@ -1,0 +1,228 @@
+"""Judging a decision: final estimates, findings by their shares, the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from jaxsr._result import StoppedBy, Verdict
+from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.contest.arena import Arena, neutral_values
+from jaxsr.diagnosis.contest.blocks import gain
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.explaining.equivalence import equivalent
+from jaxsr.diagnosis.explaining.explain import (
+    Weight,
+    finding_row,
+    rounding_rows,
+    wrong_value_row,
+)
+from jaxsr.diagnosis.judging.alternatives import TIE, Alternative, alternatives, odds
+from jaxsr.diagnosis.judging.criteria import most_credible
+from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
+from jaxsr.diagnosis.judging.noise_ratio import LIMITED, model_limited, residual_to_noise
+from jaxsr.diagnosis.judging.refine import Estimate, Ground, refine
+from jaxsr.models import Edit, Model, apply_edit
+
+UNEXPLAINED = 5.0
+"""Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""
+REFINING = 0.15
+"""Share of the time left that leading estimates out of corners and checking them may take."""
+WRONG = 0.02
+"""Log mean square that re-calibration must gain over the given values for these to be wrong."""
+MATTERS = 1e-3
+"""Share of the free-run error that physics left out must remove to be claimed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ingredients:
+    """The course of a diagnosis up to the decision."""
+
+    case: Case
+    arena: Arena
+    entries: list[Entry]
+    null: Entry
+    chosen: Entry
+    detection: Detection
+    headline: float
+    horizons: list[float]
+    held_out: Sequence[Any]
+    rng: np.random.Generator
+    seed: int
+    command: str | None
+    stopped: StoppedBy  # why no more sets were tried
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Estimates, verdict and findings."""
+
+    recalibrated: Estimate
+    explained: Estimate
+    verdict: Verdict
+    findings: list[dict[str, Any]]
+    rivals: list[tuple[int, list[Alternative]]]
+    significant: bool
+    edits: tuple[Edit, ...] = ()  # of readings alone, which no simulation feels
+
+
+def judge(parts: Ingredients) -> Judged:
+    """Refine both models and give the verdict."""
+    case, arena = parts.case, parts.arena
+    ground = Ground(
+        arena,
+        case.prepared,
+        tuple(h for h in parts.horizons if h <= parts.headline),
+        case.screened.half_width if case.screened else None,
+        case.budget.share(REFINING),
+    )
+    recalibrated = refine(ground, parts.null, thorough=not parts.chosen.members)
+    if not parts.chosen.members:
+        judged = _without_finding(parts, recalibrated)
+        leading = [e for e in parts.entries if e.members and e.fit.cost < parts.null.fit.cost]
+        if judged.verdict is Verdict.UNDECIDED and leading:
+            # Nothing is believed; what comes nearest is named.
+            leader = most_credible(arena.super_model, leading)
+            rows, rivals, _ = _rows(parts, leader, refine(ground, leader, thorough=False))
+            judged = replace(judged, findings=rows, rivals=rivals)
+        return judged
+    best = refine(ground, parts.chosen)
+    rows, rivals, order = _rows(parts, parts.chosen, best)
+    verdict = _verdict(parts, order, rivals)
+    if verdict is not Verdict.MEASUREMENT and not _simulates_better(parts, recalibrated, best):
+        # Short runs of late or clipped readings start from what those do not tell.
+        verdict = Verdict.UNDECIDED
+    return Judged(recalibrated, best, verdict, rows, rivals, True)
+
+
+def _rows(
+    parts: Ingredients, entry: Entry, estimate: Estimate
+) -> tuple[list[dict[str, Any]], list[tuple[int, list[Alternative]]], list[int]]:
+    """Findings of an entry by falling share, what could replace each, and the order by share."""
+    rows, rivals = [], []
+    given = enter(_frozen(parts.arena), (), neutral_values(parts.arena.super_model)).fit.cost
+    for k, number in enumerate(entry.members):
+        probability, others = alternatives(
+            parts.arena.super_model, entry, number, parts.entries, parts.rng
+        )
+        weight = _weight(parts, entry, number, given)
+        rows.append(finding_row(parts, estimate, k, number, probability, others, weight))
+        rivals.append((number, others))
+    order = sorted(range(len(rows)), key=lambda k: -rows[k]["share"])
+    return [rows[k] for k in order], rivals, order
+
+
+def _verdict(parts: Ingredients, order: list[int], rivals: list) -> Verdict:
+    """Verdict of the largest share, unless a cause of another kind is nearly as probable.
+
+    Where a state hides, an estimate may end far from the best one: what is left above the noise
+    then says that none of the sets can be trusted.
+    """
+    if parts.case.screened is None and model_limited(parts.arena, parts.chosen):
+        return Verdict.UNDECIDED
+    candidates = parts.arena.super_model.candidates
+    number, others = rivals[order[0]]
+    own = candidates[number].verdict
+    model = parts.arena.super_model.given
+    doubt = sum(
+        a.probability
+        for a in others
+        if candidates[a.number].verdict != own
+        and not equivalent(model, candidates[number], candidates[a.number])
+    )
+    return Verdict.UNDECIDED if doubt > TIE else own
+
+
+def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate) -> bool:
+    """Whether the explained model beats re-calibration in free run, the measure of the report.
+
+    By `MATTERS`, over the headline's horizon or over whole recordings: short runs begin at noisy
+    readings, which can hide what a model gains, and long ones of an unstable system tell nothing.
+    """
+
+    def better(horizon: float | None) -> bool:
+        before, after = (
+            e.lean.free_run(parts.case.prepared, e.theta, horizon).nrmse
+            for e in (recalibrated, best)
+        )
+        return after < before * (1.0 - MATTERS)
+
+    whole = parts.headline == parts.horizons[-1]
+    return (not whole and better(parts.headline)) or better(None)
+
+
+def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
+    """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
+    given_values = neutral_values(parts.arena.super_model)
+    given = enter(_frozen(parts.arena), (), given_values)
+    rows = []
+    for name in parts.case.simulator.model.free_parameters:
+        place = recalibrated.positions[name]
+        half = float(recalibrated.told[place])
+        distance = abs(float(recalibrated.theta[place]) - given_values[place])
+        if distance > half:
+            rows.append((distance / max(half, 1e-300), name))
+    rounding, edits = rounding_rows(parts, recalibrated)
+    findings = []
+    if rows and _differ(given, recalibrated):
+        rows.sort(reverse=True)
+        probability = odds(parts.arena.super_model, recalibrated.entry, given, parts.rng)
+        findings = [
+            wrong_value_row(parts, recalibrated, name, given.fit.cost, probability)
+            for _, name in rows
+        ]
+    if findings or rounding:
+        both = sorted([*rounding, *findings], key=lambda row: -row["share"])
+        measured = both[0]["family"] == "measurement"
+        first = Verdict.MEASUREMENT if measured else Verdict.PARAMETER
+        return Judged(recalibrated, recalibrated, first, both, [], True, tuple(edits))
+    unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
+    verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
+    return Judged(recalibrated, recalibrated, verdict, [], [], False)
+
+
+def _differ(given: Entry, recalibrated: Estimate) -> bool:
+    """Whether re-calibration beats the given values: by the likelihood, or block by block.
+
+    Blocks of which noise leaves little in some tell less than all residuals together.
+    """
+    best = recalibrated.entry
+    if residual_to_noise(recalibrated.arena, best) <= LIMITED:
+        test = detect_in_noise(given, best, 1)
+        return test.detected and test.log_gain > WRONG
+    mean, _, p = gain(given.errors, best.errors)
+    return p < SIGNIFICANCE and mean > WRONG
+
+
+def _frozen(arena: Arena) -> Arena:
+    """An arena in which nothing but the starts is estimated."""
+    given = replace(
+        arena.super_model.given,
+        parameters={
+            n: replace(p, bounds=None) for n, p in arena.super_model.given.parameters.items()
+        },
+    )
+    return replace(arena, super_model=replace(arena.super_model, given=given))
+
+
+def _weight(parts: Ingredients, entry: Entry, number: int, given: float) -> Weight:
+    """Share of the mismatch, by the cost of the given values, that is lost without one member."""
+    rest = tuple(i for i in entry.members if i != number)
+    without = min((e.fit.cost for e in parts.entries if e.members == rest), default=np.inf)
+    explained_cost = entry.fit.cost
+    if not np.isfinite(without) or not np.isfinite(given):
+        return Weight(1.0, np.inf)
+    lost = (without - explained_cost) / max(given - explained_cost, 1e-300)
+    return Weight(float(np.clip(lost, 0.0, 1.0)), without / max(explained_cost, 1e-300))
+
+
+def explained(judged: Judged) -> Model:
+    """The explained model: the given one with every finding and all estimates."""
+    model = judged.explained.model
+    for edit in judged.edits:
+        model = apply_edit(model, edit)
+    return model

@@ -1,0 +1,1 @@
+"""Judging entries: noise, physics, criteria, detection, intervals."""

@@ -1,0 +1,54 @@
+"""Detection: whether a set beats re-calibration, at a stated rate of false alarms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.special
+import scipy.stats
+
+from jaxsr.diagnosis.contest.blocks import MIN_GAIN, gain
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.judging.coloured import likelihood_ratio
+from jaxsr.diagnosis.judging.criteria import independent_residuals
+
+SIGNIFICANCE = 1e-3
+"""False-alarm rate per comparison with re-calibration; divided by the candidates screened."""
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Whether something beats re-calibration, at a `rate` of false alarms over all candidates."""
+
+    detected: bool
+    log_gain: float
+    p: float
+    threshold: float
+    rate: float
+
+
+def detect_in_noise(null: Entry, chosen: Entry, candidates: int) -> Detection:
+    """Test an entry against re-calibration alone where noise limits the fit: likelihood ratio.
+
+    n log(cost_0 / cost_1) is chi-squared with as many degrees of freedom as there are added
+    constants (Wilks); the rate of false alarms, `SIGNIFICANCE`, is shared by all candidates. The
+    ratio by innovations sees where in the spectrum coloured noise is strong: a slow force must
+    stand out from noise that is slow itself. The smaller of the two counts.
+    """
+    more = max(chosen.fit.active.size - null.fit.active.size, 1)
+    ratio = np.log((null.fit.cost + 1e-300) / (chosen.fit.cost + 1e-300))
+    statistic = independent_residuals(chosen) * ratio
+    if null.fit.usable and chosen.fit.usable:
+        statistic = min(statistic, likelihood_ratio(null.fit, chosen.fit))
+    p = float(scipy.stats.chi2.sf(statistic, more))
+    threshold = SIGNIFICANCE / max(candidates, 1)
+    return Detection(p < threshold, float(ratio), p, threshold, SIGNIFICANCE)
+
+
+def detect(null: Entry, chosen: Entry, candidates: int) -> Detection:
+    """Test an entry against re-calibration alone, block by block."""
+    mean, _, p = gain(null.errors, chosen.errors)
+    rate = 10.0 * SIGNIFICANCE
+    threshold = rate / max(candidates, 1)
+    return Detection(mean > MIN_GAIN and p < threshold, mean, p, threshold, rate)

@@ -1,0 +1,59 @@
+"""What a set leaves, relative to the noise of the sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jaxsr.diagnosis.contest.arena import Arena
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.recordings import noise_level
+
+LIMITED = 10.0
+"""Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
+MODEL_LIMITED = 3.0
+"""Ratio of residual to sensor noise above which the model, not the sensor, sets the error."""
+NOISE_ALONE = 2.5
+"""Ratio of residual to coloured noise up to which noise alone may be all that is left."""
+SMOOTH = 0.93
+"""Correlation of neighbouring samples from which a residual is motion and not coloured noise."""
+
+
+def model_limited(arena: Arena, entry: Entry) -> bool:
+    """Whether the residual stands clearly above the sensors' noise."""
+    return residual_to_noise(arena, entry) > MODEL_LIMITED
+
+
+def residual_to_noise(arena: Arena, entry: Entry) -> float:
+    """Largest ratio, over the outputs, of rms residual to sensor noise.
+
+    The differences that tell the noise see its spectrum at the highest frequencies alone, which
+    for noise of lag-one correlation rho is (1 - rho)/(1 + rho) of white noise as strong.
+    """
+    ratios = []
+    for k, scale in enumerate(arena.problem.scale):
+        residual = entry.fit.residual[k] * scale
+        count = max(np.count_nonzero(residual), 1)
+        rms = np.sqrt(np.sum(residual**2) / count)
+        noise = np.median([noise_level(p.time, p.outputs[:, k]) for p in arena.prepared])
+        rho = colour(residual)
+        ratio = rms / max(float(noise), 1e-300)
+        # More than such noise can leave is a misfit, whatever its correlation.
+        coloured = ratio * np.sqrt((1.0 - rho) / (1.0 + rho))
+        ratios.append(coloured if coloured < NOISE_ALONE else ratio)
+    return float(max(ratios))
+
+
+def colour(residual: np.ndarray) -> float:
+    """Lag-one correlation of a residual, shape (samples, segments), where it is noise; 0 otherwise.
+
+    Correlation of first-order noise falls by rho with every sample. What a model leaves of a
+    motion falls more slowly than by `SMOOTH`, whatever white noise lies over it: lags 2 and 4 do
+    not see that.
+    """
+    products = [
+        float(np.mean(residual[: residual.shape[0] - lag] * residual[lag:])) for lag in (0, 2, 4)
+    ]
+    if residual.shape[0] < 3 * 4 or products[1] < 0.1 * products[0]:
+        return 0.0
+    rho = np.sqrt(max(products[2] / products[1], 0.0))
+    return float(rho) if rho < SMOOTH else 0.0

@@ -1,0 +1,1 @@
+"""Laws without a name, which the evolution writes."""

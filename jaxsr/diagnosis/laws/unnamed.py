@@ -1,0 +1,195 @@
+"""Laws without a name: where one may stand for named forces, and how it becomes a candidate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.contest.arena import Arena
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.judging.criteria import independent_residuals
+from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
+from jaxsr.evolution.propose import Proposal
+from jaxsr.expressions import Term, to_text
+
+UNNAMED = "unnamed"
+"""What a law without a name is called."""
+MAX_TERMS = 2
+CROWD = 2
+"""Forces chosen at one equation from which one law may stand for all of them."""
+ALONE = 0.3
+"""Share of the error that is left, from which one force alone explains most of it."""
+TRIED = 1000
+"""Terms that a search tells apart: a price of naming nothing, in `decide.criterion`."""
+NAMELESS = 0.7
+"""Cost, relative to that of several named forces, from which one without a name may stand for them
+where neither reaches the noise."""
+REACH = 10.0
+"""Factor within which constants inside a proposed term are estimated."""
+CUBIC = 3
+"""Highest power that has a name."""
+FORCES = frozenset("dissipative elastic coupling periodic memory".split())
+"""Families of forces that the shape of another one can imitate."""
+ALONG_POSITION = frozenset(
+    "linear_stiffness quadratic_stiffness cubic_stiffness piecewise_stiffness backlash "
+    "position_ripple".split()
+)
+"""Mechanisms whose forces depend on the position alone."""
+ProposedForce = tuple[Candidate, np.ndarray]
+"""A candidate and the values of its coefficients."""
+_POWERS = frozenset({"mul", "div", "pow", "sqrt", "abs", "sign"})
+
+
+def crowded(
+    arena: Arena, chosen: Entry, entries: Sequence[Entry]
+) -> list[tuple[str, tuple[int, ...]]]:
+    """Return the equations at which several forces were chosen, with the members elsewhere.
+
+    Where one of two alone explains most, the other is a detail beside a law with a name.
+    """
+    every, known = arena.super_model.candidates, {frozenset(e.members): e for e in entries}
+    at: dict[str, list[int]] = {}
+    for number in chosen.members:
+        if every[number].family in FORCES:
+            at.setdefault(every[number].site, []).append(number)
+    found = []
+    for site, crowd in at.items():
+        rest = tuple(i for i in chosen.members if i not in crowd)
+        without = known.get(frozenset(rest), known[frozenset()]).fit.cost
+        alone = [known.get(frozenset({*rest, i})) for i in crowd]
+        least = min((e.fit.cost for e in alone if e is not None), default=np.inf)
+        if len(crowd) > CROWD or (len(crowd) == CROWD and least > ALONE**2 * without):
+            found.append((site.partition(":")[2], rest))
+    return found
+
+
+def crowded_over_position(arena: Arena, chosen: Entry) -> list[tuple[str, tuple[int, ...]]]:
+    """Return the equations at which several chosen forces depend on the position alone.
+
+    Together they are one law of it, unless they are powers alone, the series of a spring. With the
+    members that stand beside them.
+    """
+    every, at = arena.super_model.candidates, {}
+    for number in chosen.members:
+        if every[number].mechanism in ALONG_POSITION:
+            at.setdefault(every[number].site.partition(":")[2], []).append(number)
+    shaped = {i for i in chosen.members if any(not p.coefficient for p in every[i].parameters)}
+    crowds = {s: crowd for s, crowd in at.items() if len(crowd) >= CROWD and shaped & set(crowd)}
+    return [
+        (state, tuple(i for i in chosen.members if i not in crowd))
+        for state, crowd in crowds.items()
+    ]
+
+
+def worth_no_name(arena: Arena, unnamed: Entry, named: Entry) -> bool:
+    """Whether a law without a name leaves far less than named ones, or is shorter at the noise.
+
+    Shorter by Schwarz's criterion, n log(cost) + k log(n): the price of several names in a
+    library does not make a law nameless.
+    """
+    if unnamed.fit.cost < NAMELESS * named.fit.cost:
+        return True
+    n = independent_residuals(unnamed)
+    more = unnamed.fit.active.size - named.fit.active.size
+    shorter = n * np.log(unnamed.fit.cost / named.fit.cost) + more * np.log(n) < 0.0
+    return bool(shorter) and residual_to_noise(arena, unnamed) <= LIMITED
+
+
+def nameless(arena: Arena, entry: Entry) -> bool:
+    """Whether a set holds a law without a name."""
+    return any(arena.super_model.candidates[i].mechanism == UNNAMED for i in entry.members)
+
+
+def sizes_of(case: Case) -> dict[str, float]:
+    """Rms of every state to two digits, by which the search divides."""
+    sizes = {}
+    for i, name in enumerate(case.simulator.model.states):
+        values = np.concatenate([item.states.values[:, i] for item in case.prepared])
+        rms = float(np.sqrt(np.nanmean(values**2)))
+        sizes[name] = float(f"{rms:.2g}") if np.isfinite(rms) and rms > 0 else 1.0
+    return sizes
+
+
+def as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
+    """Write a proposal as a candidate; constants inside its terms are estimated as well."""
+    name, sizes = case.simulator.model.states[state], sizes_of(case)
+    inner: list[float] = []
+    pieces = [
+        f"{{c{k}}}*({to_text(_written(term, sizes, inner), 6)})"
+        for k, term in enumerate(proposal.terms, 1)
+    ]
+    coefficients = [ParameterSpec(f"c{k}") for k in range(1, len(proposal.terms) + 1)]
+    constants = [
+        ParameterSpec(
+            f"a{k}",
+            low=min(value / REACH, value * REACH),
+            high=max(value / REACH, value * REACH),
+            neutral=value,
+            coefficient=False,
+        )
+        for k, value in enumerate(inner, 1)
+    ]
+    candidate = Candidate(
+        mechanism=UNNAMED,
+        family=UNNAMED,
+        site=f"equation:{name}",
+        parameters=(*coefficients, *constants),
+        sentence="A force that matches no named mechanism acts along {site}; the search wrote it.",
+        terms=((name, "+ " + " + ".join(pieces)),),
+        tried=TRIED,
+        source="evolutionary sparse regression",
+    )
+    return candidate, np.array([*proposal.coefficients, *inner])
+
+
+def _written(term: Term, sizes: dict[str, float], inner: list[float], within: str = "") -> Term:
+    """Divide states by their sizes, and put parameters for constants.
+
+    Whole numbers stay but where they are added to something: exponents are no estimates.
+    """
+    if term.is_variable:
+        size = sizes[term.name]
+        return term if size == 1.0 else Term.apply("div", term, Term.constant(size))
+    if term.is_constant:
+        if term.value == round(term.value) and within not in ("add", "sub"):
+            return term
+        inner.append(term.value)
+        return Term.variable(f"{{a{len(inner)}}}")
+    if not term.args:
+        return term
+    return Term.apply(term.op, *(_written(a, sizes, inner, term.op) for a in term.args))
+
+
+def has_a_name(proposal: Proposal) -> bool:
+    """Whether every term is one that named mechanisms have: powers, drags and ripples."""
+    return all(_is_power(t) or _is_ripple(t) for t in proposal.terms)
+
+
+def _is_power(term: Term) -> bool:
+    """Whether a term is a product of powers of one state, with or without signs of it."""
+    plain = all(t.op in _POWERS or not t.args for t in term.walk())
+    return plain and len(term.variables) <= 1 and 0.0 <= _degree(term) <= CUBIC
+
+
+def _is_ripple(term: Term) -> bool:
+    """Whether a term is a sine of a line."""
+    return term.op in ("sin", "cos") and all(
+        t.op in ("add", "sub", "mul", "div") or not t.args for t in term.args[0].walk()
+    )
+
+
+def _degree(term: Term) -> float:
+    """Degree of a product of powers of one variable."""
+    if not term.args:
+        return float(term.is_variable)
+    first = _degree(term.args[0])
+    if term.op == "mul":
+        return sum(_degree(a) for a in term.args)
+    if term.op == "div":
+        return first - _degree(term.args[1])
+    if term.op == "pow":
+        return first * term.args[1].value if term.args[1].is_constant else np.inf
+    return {"sqrt": 0.5, "abs": 1.0, "sign": 0.0}[term.op] * first

@@ -1,0 +1,1 @@
+"""Forces that free runs locate: pushes, waves, resonances, springs."""

@@ -1,0 +1,1 @@
+"""The weak view: every candidate screened where the sensors show the equations."""

@@ -1,0 +1,41 @@
+"""Weak columns of mechanisms with memory: their states run along the recorded motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
+from jaxsr.models.segments import Prepared
+from jaxsr.models.simulator import Simulator
+
+
+def with_memory(
+    system: WeakSystem, super_model: SuperModel, prepared: Sequence[Prepared]
+) -> WeakSystem:
+    """Fill the columns of every candidate that brings a state along.
+
+    The state is integrated along the recorded motion at the inner constants' first values; the
+    coefficient of its force, or the switch of a lag, is then linear as in any other mechanism.
+
+    Parameters
+    ----------
+    system : WeakSystem
+        Rows of the given model, columns of `super_model`; those to fill may hold anything.
+    """
+    numbers = [i for i, c in enumerate(super_model.candidates) if c.states]
+    if not numbers:
+        return system
+    chosen = [super_model.candidates[i] for i in numbers]
+    alone = SuperModel.build(super_model.given, chosen)
+    theta = np.array([p.value for p in alone.model.parameters.values()], dtype=float)
+    found = weak_system(Simulator(alone.model), prepared, theta, system.half_width)
+    jacobian = system.jacobian.copy()
+    for k, number in enumerate(numbers):
+        jacobian[:, super_model.index(number)] = 0.0
+        target = super_model.index(number, coefficients_only=True)
+        jacobian[:, target] = found.jacobian[:, alone.index(k, coefficients_only=True)]
+    return replace(system, jacobian=jacobian)

@@ -1,0 +1,1 @@
+"""The search for sets of mechanisms: contenders, growth, exchange, regrouping, the choice."""

@@ -1,0 +1,60 @@
+"""Laws inside laws: a richer one begins where a simpler one ended, and the other way round."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from jaxsr.diagnosis.contest.arena import neutral_values
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+
+INSIDE: Mapping[str, tuple[str, Mapping[str, str | float]]] = {
+    "stribeck_friction": ("coulomb_friction", {"Fc": "Fc", "Fs": "Fc"}),
+    "position_dependent_friction": ("coulomb_friction", {"Fc": "Fc"}),
+    "power_law_drag": ("quadratic_drag", {"kd": "kd", "p": 2.0}),
+}
+"""A law, the simpler one inside it, and the constants at which the two are the same."""
+
+
+def continued(
+    super_model: SuperModel,
+    theta: np.ndarray,
+    inner: int,
+    richer: int,
+    values: Mapping[str, str | float],
+) -> np.ndarray:
+    """Return `theta` with a richer law where the one inside it stands.
+
+    `values` gives constants of the richer law, by their own names, as constants of the inner one
+    or as numbers; the others are neutral.
+    """
+    order, theta = list(super_model.model.parameters), theta.copy()
+    theta[super_model.index(richer)] = neutral_values(super_model)[super_model.index(richer)]
+    for own, value in values.items():
+        if isinstance(value, str):
+            value = theta[order.index(super_model.names[inner][value])]
+        theta[order.index(super_model.names[richer][own])] = value
+    return theta
+
+
+def simplified(
+    super_model: SuperModel, members: Sequence[int], theta: np.ndarray
+) -> Iterator[tuple[tuple[int, ...], np.ndarray]]:
+    """Yield the sets in which one member is the simpler law inside it, and where they start."""
+    order, every = list(super_model.model.parameters), super_model.candidates
+    for richer in members:
+        if every[richer].mechanism not in INSIDE:
+            continue
+        simpler, values = INSIDE[every[richer].mechanism]
+        label = f"{simpler}@{every[richer].site}"
+        inner = next((i for i, c in enumerate(every) if c.label == label), None)
+        if inner is None or inner in members:
+            continue
+        start, own = theta.copy(), super_model.own_values(richer, theta)
+        start[super_model.index(richer)] = neutral_values(super_model)[super_model.index(richer)]
+        for name, value in values.items():
+            if isinstance(value, str):
+                at = order.index(super_model.names[inner][value])
+                start[at] = max(start[at], own[name])
+        yield tuple(sorted({*members, inner} - {richer})), start

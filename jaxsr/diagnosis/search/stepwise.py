@@ -1,0 +1,316 @@
+"""Growing sets in free run: every mechanism tried beside the leaders, the best of them in full."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.diagnosis.contest.arena import Arena, neutral_values
+from jaxsr.diagnosis.contest.enter import CONTEST_TOLERANCE, enter, shifting_members
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.reduced import linearised
+from jaxsr.diagnosis.judging.criteria import criterion, independent_residuals
+from jaxsr.diagnosis.judging.detection import detect_in_noise
+from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
+from jaxsr.diagnosis.judging.plausible import plausible
+from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.screen import redundant
+from jaxsr.diagnosis.search.nesting import continued, simplified
+
+QUICK, QUICK_THRESHOLD, QUICK_HIDDEN = 1, 10, 6
+"""Iterations by which a mechanism is judged before it is estimated in full; a threshold has to be
+moved to where it hardly acts, and where a state hides, its path has to be found first."""
+FULL = (8, 5, 4)
+"""Mechanisms estimated in full, by the size of the set."""
+FIRST, LARGE = 2, 0.5
+"""Mechanisms estimated before the slow ones are tried, and the cost they must promise, relative."""
+BROKEN = 0.9
+"""Share of the gain promised by one iteration, missed by which an estimate begins anew."""
+PARENTS = {False: 2, True: 3}
+"""Sets of different mechanisms that grow on; more where all leave far more than the noise."""
+BEHIND = 4.0
+"""Cost, relative to the leader's, from which a set does not grow on where the leader is near the
+noise."""
+WORTH = 0.3
+"""Share of the best quick gain from which a mechanism is estimated in full."""
+VARIANT = 0.7
+"""Share of a mechanism's best quick gain from which another start of it is tried as well."""
+
+
+def seeded(super_model: SuperModel, members: Iterable[int], theta: np.ndarray) -> np.ndarray:
+    """Return `theta` with the thresholds of `members` at their seeds."""
+    theta, order = theta.copy(), list(super_model.model.parameters)
+    for number in members:
+        for spec in super_model.candidates[number].parameters:
+            if isinstance(spec, Threshold):
+                theta[order.index(super_model.names[number][spec.name])] = spec.seed
+    return theta
+
+
+def grow(
+    arena: Arena,
+    entries: Sequence[Entry],
+    exhausted: Callable[[], bool],
+    tell: Callable[[float, str], None] = lambda share, text: None,
+) -> Iterator[list[Entry]]:
+    """Yield the entries and those of larger sets found on the way, size by size.
+
+    One iteration from a leader's estimate, all parameters moving with it, tells what a mechanism
+    can gain (the tangent view); the best of each round are estimated until they settle. Growth
+    ends where Schwarz's criterion asks for no more, unless a mismatch far above the noise is left:
+    effects that hide each other show together.
+    """
+    found = {e.members: e for e in entries}
+    leaders = [found[()]]
+    for size, most in enumerate(FULL, start=1):
+        for leader in leaders:
+            if exhausted():
+                break
+            every = size < len(FULL) and leader is leaders[0]
+            if every:
+                found = {e.members: e for e in glance(arena, leader, found.values(), exhausted)}
+            quick = tried(arena, leader, found, exhausted, tell if every else None)
+            _estimate(arena, leader, quick, most, found, exhausted)
+        yield list(found.values())
+        if exhausted():
+            return
+        known = [e for e in found.values() if not e.members or plausible(arena, e)]
+        n = independent_residuals(min(known, key=lambda e: e.fit.cost))
+        known.sort(key=lambda e: criterion(arena.super_model, e, n))
+        far = residual_to_noise(arena, known[0]) > LIMITED
+        if size == 1 and not far and not _detected(arena, found[()], known[0]):
+            return
+        distinct: dict[tuple[str, ...], Entry] = {}
+        for entry in (e for e in known if len(e.members) == size):
+            labels = tuple(arena.super_model.candidates[i].label for i in entry.members)
+            distinct.setdefault(labels, entry)
+        leaders = list(distinct.values())[: PARENTS[far]]
+        if not far:
+            leaders = [e for e in leaders if e.fit.cost < BEHIND * leaders[0].fit.cost]
+        if not leaders or (leaders[0] is not known[0] and not far):
+            return
+
+
+def _detected(arena: Arena, null: Entry, best: Entry) -> bool:
+    """Whether a mechanism stands out of the noise, given how many were tried."""
+    every = arena.super_model.candidates
+    count = len({c.label for c in every}) * max((every[i].tried for i in best.members), default=1)
+    return detect_in_noise(null, best, count).detected
+
+
+def glance(
+    arena: Arena, leader: Entry, entries: Iterable[Entry], exhausted: Callable[[], bool]
+) -> list[Entry]:
+    """Return the entries, and those that one linearisation about a leader promises a lot of.
+
+    They come first: where each estimate is slow, time ends with the others.
+    """
+    found = {e.members: e for e in entries}
+    quick = tried(arena, leader, found, exhausted, None)
+    large = [t for t in quick if t.cost < LARGE * leader.fit.cost]
+    _estimate(arena, leader, large, FIRST, found, exhausted)
+    return list(found.values())
+
+
+def _estimate(
+    arena: Arena,
+    leader: Entry,
+    quick: Sequence[Trial],
+    most: int,
+    found: dict[tuple[int, ...], Entry],
+    exhausted: Callable[[], bool],
+) -> None:
+    """Estimate the promising trials until they settle, and enter them in `found`."""
+    for trial in promising(arena.super_model, leader, quick, most):
+        if exhausted():
+            break
+        path = leader.fit.path if trial.path is None else trial.path
+        full = enter(arena, trial.members, trial.theta, path, exhausted)
+        if full.fit.cost > BROKEN * leader.fit.cost + (1.0 - BROKEN) * trial.cost:
+            # the leader's path may lead astray, where what is new hardly acts
+            again = enter(arena, trial.members, trial.theta, None, exhausted)
+            full = min(full, again, key=lambda e: e.fit.cost)
+        found[full.members] = full
+        _without_idle(arena, full, found)
+        _simpler(arena, full, found)
+        for start in _wider_forms(arena.super_model, leader, full, found):
+            if exhausted():
+                break
+            wide = enter(arena, start.members, start.theta, full.fit.path, exhausted)
+            found[wide.members] = wide
+
+
+def _wider_forms(
+    super_model: SuperModel,
+    leader: Entry,
+    full: Entry,
+    found: Mapping[tuple[int, ...], Entry],
+) -> list[Trial]:
+    """Start the forms of the newest mechanism that have more constants where the plain one ended.
+
+    A threshold that begins far from its place hides what the further constants would gain.
+    """
+    (number,) = set(full.members) - set(leader.members)
+    plain, names = super_model.candidates[number], super_model.names[number]
+    forms: dict[tuple[tuple[str, str], ...], int] = {}  # one of those that differ by their seeds
+    for other, candidate in enumerate(super_model.candidates):
+        if candidate.label == plain.label and set(names) < set(super_model.names[other]):
+            forms.setdefault(candidate.terms, other)
+    trials = []
+    for other in forms.values():
+        members = tuple(sorted({*leader.members, other}))
+        theta = continued(super_model, full.fit.theta, number, other, {n: n for n in names})
+        if members not in found:
+            trials.append(Trial(members, full.fit.cost, theta))
+    return trials
+
+
+def _without_idle(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> None:
+    """Enter a set without members whose estimated share is nothing, from where it ended.
+
+    Beside them the others may have left a local minimum.
+    """
+    super_model, theta = arena.super_model, full.fit.theta
+    neutral = neutral_values(super_model)
+    own = {i: super_model.index(i, coefficients_only=True) for i in full.members}
+    rest = tuple(
+        i for i in full.members if not own[i] or any(theta[j] != neutral[j] for j in own[i])
+    )
+    if not rest or rest == full.members:
+        return
+    if rest not in found or full.fit.cost < (1.0 - CONTEST_TOLERANCE) * found[rest].fit.cost:
+        entry = enter(arena, rest, theta, full.fit.path, near=True)
+        if rest not in found or entry.fit.cost < found[rest].fit.cost:
+            found[rest] = entry
+
+
+def _simpler(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> None:
+    """Enter a set with the simpler law that is inside one of its members, from where it ended.
+
+    The simpler one may have been left in a corner of its cost, or for want of time.
+    """
+    for members, start in simplified(arena.super_model, full.members, full.fit.theta):
+        known = found.get(members)
+        if known is None or not (known.fit.converged and known.fit.usable):
+            entry = enter(arena, members, start, full.fit.path, near=True)
+            if known is None or entry.fit.cost < known.fit.cost:
+                found[members] = entry
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a set is expected to reach, and where its estimation starts."""
+
+    members: tuple[int, ...]
+    cost: float
+    theta: np.ndarray
+    path: np.ndarray | None = None
+
+
+def tried(
+    arena: Arena,
+    leader: Entry,
+    found: dict[tuple[int, ...], Entry],
+    exhausted: Callable[[], bool],
+    tell: Callable[[float, str], None] | None,
+) -> list[Trial]:
+    """Add every mechanism to a set: most in one linearisation, the others by one iteration.
+
+    Without `tell` the others, which take longer, are left out.
+    """
+    super_model = arena.super_model
+    numbers = [
+        i
+        for i in range(len(super_model.candidates))
+        if (m := tuple(sorted({*leader.members, i}))) not in found and not redundant(super_model, m)
+    ]
+    hidden = any(p.states.hidden for p in arena.prepared)
+    smooth = [
+        i
+        for i in numbers
+        # the course of a memory is known where the motion is
+        if grows_in_proportion(c := super_model.candidates[i]) and not (hidden and c.states)
+    ]
+    trials = _tangent(arena, leader, smooth)
+    for number in (i for i in numbers if i not in smooth):
+        if exhausted() or tell is None:
+            break
+        tell(number / len(super_model.candidates), super_model.candidates[number].label)
+        members = tuple(sorted({*leader.members, number}))
+        start = seeded(super_model, (number,), leader.fit.theta)
+        threshold = any(isinstance(p, Threshold) for p in super_model.candidates[number].parameters)
+        most = QUICK_HIDDEN if hidden else QUICK_THRESHOLD if threshold else QUICK
+        # a memory alone is tried without samples before a segment
+        place = arena if shifting_members(super_model, members) else replace(arena, wide=None)
+        entry = enter(place, members, start, leader.fit.path, exhausted, most)
+        if entry.fit.usable:
+            trials.append(Trial(members, entry.fit.cost, entry.fit.theta, entry.fit.path))
+    return trials
+
+
+def _tangent(arena: Arena, leader: Entry, numbers: Sequence[int]) -> list[Trial]:
+    """Expect costs from one linearisation, parameters and starts moving along.
+
+    Adding columns C to columns B lowers the cost by g' (C'C - C'B (B'B)^-1 B'C)^-1 g, g the
+    moment of C with the residual, starts projected out of all of them.
+    """
+    super_model = arena.super_model
+    if not numbers:
+        return []
+    own = {i: super_model.index(i, coefficients_only=True) for i in numbers}
+    base = [int(j) for j in leader.fit.active]
+    reduced, fitted, theta = linearised(
+        arena.problem, super_model, leader.members, leader.fit, numbers
+    )
+    active = reduced.parameters[fitted.active]
+    hessian, gradient = (a.sum(0) for a in fitted.normal_equations())
+    size = np.sqrt(np.maximum(np.diag(hessian), 0.0))
+    size = np.where(size > 0, size, np.inf)
+    hessian, gradient = hessian / size / size[:, None], gradient / size
+    low, high = arena.bounds
+    place = {int(j): k for k, j in enumerate(active)}
+    known = [place[j] for j in base]
+    inverse = np.linalg.pinv(hessian[np.ix_(known, known)], rcond=1e-10, hermitian=True)
+    trials = []
+    for number in numbers:
+        new = [place[j] for j in own[number]]
+        cross = hessian[np.ix_(new, known)] @ inverse
+        left = hessian[np.ix_(new, new)] - cross @ hessian[np.ix_(known, new)]
+        pull = gradient[new] - cross @ gradient[known]
+        step = np.linalg.lstsq(left + 1e-9 * np.eye(len(new)), pull, rcond=1e-9)[0]
+        value = theta.copy()
+        at = active[new]
+        value[at] += step / size[new]
+        inside = (value[at] >= low[at]) & (value[at] <= high[at])
+        gain = float(step @ pull) if np.isfinite(step).all() and inside.any() else 0.0
+        value[at] = np.clip(value[at], low[at], high[at])
+        members = tuple(sorted({*leader.members, number}))
+        trials.append(Trial(members, max(leader.fit.cost - gain, 1e-300), value))
+    return trials
+
+
+def promising(
+    super_model: SuperModel,
+    leader: Entry,
+    quick: Sequence[Trial],
+    most: int,
+    worth: float = WORTH,
+) -> list[Trial]:
+    """Pick the best few mechanisms, and of each the variants that may turn out best."""
+    best: dict[tuple[str, ...], list[Trial]] = {}
+    for trial in sorted(quick, key=lambda t: t.cost):
+        labels = tuple(super_model.candidates[i].label for i in trial.members)
+        best.setdefault(labels, []).append(trial)
+    ranked = sorted(best.values(), key=lambda trials: trials[0].cost)
+    if not ranked:
+        return []
+
+    def gain(trial: Trial) -> float:
+        return float(np.log(leader.fit.cost / trial.cost))
+
+    least = worth * gain(ranked[0][0])
+    chosen = [trials for trials in ranked[:most] if gain(trials[0]) > least >= 0]
+    return [t for trials in chosen for t in trials if gain(t) > VARIANT * gain(trials[0])]
