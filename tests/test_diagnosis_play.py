@@ -14,7 +14,6 @@ from jaxsr.diagnosis.mechanisms import sites_of
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.play import play, springs_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.stepwise import seeded
 from jaxsr.expressions import to_text
 from jaxsr.models import Model, Simulator, apply_edit, parse_model
 from jaxsr.models.segments import Prepared
@@ -120,7 +119,7 @@ def test_play_is_found_where_the_stiffness_cannot_go_to_zero() -> None:
     stepping = choose_stepping(simulator, prepared, theta)
     arena = build_arena(super_model, prepared, stepping, 4.0, np.array([1e-3]), simulator)
     null = enter(arena, (), theta)
-    found = enter(arena, (0,), seeded(super_model, (0,), null.fit.theta), None)
+    found = enter(arena, (0,), super_model.seeded((0,), null.fit.theta), None)
     place = super_model.index(0)[0]
     half = dict(zip(found.fit.active, half_widths(arena, found.fit), strict=True))[place]
     assert found.fit.cost < 0.2 * null.fit.cost

@@ -16,7 +16,6 @@ from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.regrouping import Regrouping, settled
-from jaxsr.diagnosis.search.stepwise import seeded
 from jaxsr.diagnosis.setup import prepare, state_scale
 from jaxsr.models import parse_model
 from jaxsr.models.rollout import Stepping
@@ -66,7 +65,7 @@ def arena_of(force: Force, seed: int) -> Arena:
 
 def entered(arena: Arena, *kinds: str) -> Entry:
     members = tuple(sorted(KINDS.index(kind) for kind in kinds))
-    start = seeded(arena.super_model, members, neutral_values(arena.super_model))
+    start = arena.super_model.seeded(members, neutral_values(arena.super_model))
     return enter(arena, members, start)
 
 

@@ -38,7 +38,7 @@ from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.search.horizon import Headline, Outlook
 from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_equations
 from jaxsr.diagnosis.search.regrouping import settled
-from jaxsr.diagnosis.search.stepwise import glance, grow
+from jaxsr.diagnosis.search.stepwise import grow
 from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.models import Simulator
 from jaxsr.recordings import Recording
@@ -316,8 +316,6 @@ def _screened(
             again = enter(arena, members, start, None, stop)
             entry = min(entry, again, key=lambda e: e.fit.cost)
             broken += _astray(null, entry, promise)
-            if broken == MOST_BROKEN:
-                entries = glance(arena, null, entries, stop)
         best = min(e.fit.cost for e in entries)
         entries = [e for e in entries if e.members != members or e.fit.cost < entry.fit.cost]
         if all(e.members != members for e in entries):

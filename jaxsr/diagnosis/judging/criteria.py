@@ -20,6 +20,8 @@ IMPLAUSIBLE = 9.0
 """Squared number of prior standard deviations beyond which an entry is only a last resort."""
 FURTHER = 0.01
 """Smallest gain in log mean square that a further mechanism must bring, however significant."""
+TIED = 0.5
+"""Difference of Schwarz's criterion below which nothing speaks for one of two sets."""
 RICHER = 0.005
 """The same as `MIN_GAIN` for every further constant of a law that jumps."""
 
@@ -99,6 +101,32 @@ def most_credible(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
     """
     n = independent_residuals(min(entries, key=lambda e: e.fit.cost))
     return min(entries, key=lambda e: criterion(super_model, e, n))
+
+
+def nearest_given(super_model: SuperModel, chosen: Entry, entries: Sequence[Entry]) -> Entry:
+    """Return, of sets that fit and cost as well as the chosen one, that which changes least else.
+
+    Where every mass and force may grow by one factor, the gain of one sensor and that of another
+    are the same but for the free parameters: those of the model are believed first. Distances are
+    relative to the bounds' widths.
+    """
+    n = independent_residuals(chosen)
+    best, base = criterion(super_model, chosen, n), super_model.base_index()
+    parameters = list(super_model.model.parameters.values())
+    given = np.array([parameters[j].value for j in base], dtype=float)
+    width = np.array([np.ptp(parameters[j].bounds or (0.0, np.inf)) for j in base])
+
+    def distance(entry: Entry) -> float:
+        return float(np.sum(((entry.fit.theta[base] - given) / width) ** 2))
+
+    tied = [
+        e
+        for e in entries
+        if len(e.members) == len(chosen.members)
+        and e.fit.active.size == chosen.fit.active.size
+        and abs(criterion(super_model, e, n) - best) < TIED
+    ]
+    return min([chosen, *tied], key=distance)
 
 
 def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.recordings import noise_level
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import noise_level, quantisation_step
 
 LIMITED = 10.0
 """Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
@@ -34,13 +37,24 @@ def residual_to_noise(arena: Arena, entry: Entry) -> float:
         residual = entry.fit.residual[k] * scale
         count = max(np.count_nonzero(residual), 1)
         rms = np.sqrt(np.sum(residual**2) / count)
-        noise = np.median([noise_level(p.time, p.outputs[:, k]) for p in arena.prepared])
         rho = colour(residual)
-        ratio = rms / max(float(noise), 1e-300)
+        ratio = rms / max(_noise(arena.prepared, k), 1e-300)
         # More than such noise can leave is a misfit, whatever its correlation.
         coloured = ratio * np.sqrt((1.0 - rho) / (1.0 + rho))
         ratios.append(coloured if coloured < NOISE_ALONE else ratio)
     return float(max(ratios))
+
+
+@lru_cache(maxsize=64)
+def _noise(prepared: tuple[Prepared, ...], output: int) -> float:
+    """Noise of a sensor: the median over the recordings, and no less than its converter makes.
+
+    One recording may show too few levels for its steps to be told.
+    """
+    readings = [p.outputs[:, output] for p in prepared]
+    noise = np.median([noise_level(p.time, y) for p, y in zip(prepared, readings, strict=True)])
+    step = quantisation_step(np.concatenate(readings)) or 0.0
+    return float(max(noise, step / np.sqrt(12.0)))
 
 
 def colour(residual: np.ndarray) -> float:

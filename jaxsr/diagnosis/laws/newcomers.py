@@ -161,10 +161,16 @@ def _worth_no_name(before: Field, found: Field, named: Entry) -> bool:
 
 
 def with_nameless(case: Case, decision: Decision, rng: np.random.Generator) -> Decision:
-    """Let the evolution write one law in the place of several named forces at one equation."""
+    """Let the evolution write one law in the place of several named forces at one equation.
+
+    A push among them is left out of the free run about which the law is written.
+    """
     arena, good, chosen, _ = decision
     crowds = {state for state, _ in crowded(arena, chosen, good)}
-    for place in (p for p in places(arena, chosen) if p.site.state in crowds):
+    passing = {i for i in chosen.members if arena.super_model.candidates[i].passing}
+    lasting = tuple(i for i in chosen.members if i not in passing)
+    about = next((e for e in good if e.members == lasting), chosen)
+    for place in (p for p in places(arena, about) if p.site.state in crowds):
         case.progress.stage("searching one law for several forces at one place")
         laws = laws_at(case, place, rng)
         if not laws or case.search.exhausted:

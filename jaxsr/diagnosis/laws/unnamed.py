@@ -48,21 +48,22 @@ def crowded(
 ) -> list[tuple[str, tuple[int, ...]]]:
     """Return the equations at which several forces were chosen, with the members elsewhere.
 
-    Where one of two alone explains most, the other is a detail beside a law with a name.
+    A push is one of them: it can stand for what a law does once. Where one of two alone explains
+    most, the other is a detail beside a law with a name.
     """
     every, known = arena.super_model.candidates, {frozenset(e.members): e for e in entries}
     at: dict[str, list[int]] = {}
     for number in chosen.members:
-        if every[number].family in FORCES:
-            at.setdefault(every[number].site, []).append(number)
+        if every[number].family in FORCES or every[number].passing:
+            at.setdefault(every[number].site.partition(":")[2], []).append(number)
     found = []
-    for site, crowd in at.items():
+    for state, crowd in at.items():
         rest = tuple(i for i in chosen.members if i not in crowd)
         without = known.get(frozenset(rest), known[frozenset()]).fit.cost
         alone = [known.get(frozenset({*rest, i})) for i in crowd]
         least = min((e.fit.cost for e in alone if e is not None), default=np.inf)
         if len(crowd) > CROWD or (len(crowd) == CROWD and least > ALONE**2 * without):
-            found.append((site.partition(":")[2], rest))
+            found.append((state, rest))
     return found
 
 

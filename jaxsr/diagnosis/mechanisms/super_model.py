@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.models import Model, apply_edit
 
 
@@ -72,3 +73,12 @@ class SuperModel:
     def remembers(self, members: Iterable[int]) -> bool:
         """Whether one of `members` brings a state along."""
         return any(self.candidates[i].states for i in members)
+
+    def seeded(self, members: Iterable[int], theta: np.ndarray) -> np.ndarray:
+        """Return `theta` with the thresholds of `members` at their seeds."""
+        theta, order = theta.copy(), list(self.model.parameters)
+        for number in members:
+            for spec in self.candidates[number].parameters:
+                if isinstance(spec, Threshold):
+                    theta[order.index(self.names[number][spec.name])] = spec.seed
+        return theta

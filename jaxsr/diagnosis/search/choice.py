@@ -15,6 +15,7 @@ from jaxsr.diagnosis.judging.corners import out_of_corners
 from jaxsr.diagnosis.judging.criteria import (
     independent_residuals,
     most_credible,
+    nearest_given,
     simplest_adequate,
     without_duplicates,
 )
@@ -95,6 +96,7 @@ def choose(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry],
         detection = detect(null, chosen, count)
     else:
         chosen = most_credible(arena.super_model, good)
+        chosen = nearest_given(arena.super_model, chosen, good)
         places = [arena.super_model.candidates[i].tried for i in chosen.members]
         detection = detect_in_noise(null, chosen, count * max(places, default=1))
     return good, chosen if detection.detected else null, detection

@@ -36,7 +36,7 @@ def exchange(
     out only by taking it away. What does not win is what else could have been meant.
     """
     found = {e.members: e for e in entries}
-    arena = replace(arena, patience=min(arena.patience, RIVAL_PATIENCE))
+    brief = replace(arena, patience=min(arena.patience, RIVAL_PATIENCE))
     for number in chosen.members:
         rest = found.get(tuple(i for i in chosen.members if i != number))
         if rest is None or not rest.fit.usable:
@@ -61,7 +61,7 @@ def exchange(
                 continue
             near = trial.path is not None
             path = trial.path if near else rest.fit.path
-            entry = enter(arena, trial.members, trial.theta, path, exhausted, near=near)
+            entry = enter(brief, trial.members, trial.theta, path, exhausted, near=near)
             if entry.fit.cost * (1.0 + CONTEST_TOLERANCE) < known_cost:
                 found[entry.members] = entry
     return list(found.values())

@@ -13,19 +13,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena, in_steps_of, in_widths_of_best, neutral_values
+from jaxsr.diagnosis.contest.arena import Arena, in_widths_of_best, neutral_values
 from jaxsr.diagnosis.contest.enter import enter, late_members
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
-from jaxsr.diagnosis.contest.reduced import linearised
 from jaxsr.diagnosis.judging.criteria import criterion, independent_residuals
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.mechanisms.site import grows_in_proportion
 from jaxsr.diagnosis.screening.screen import ENGAGED, redundant
-from jaxsr.diagnosis.search.stepwise import seeded
-from jaxsr.models.least_squares import Fit, Problem
-from jaxsr.models.lifting import liftable, one_step, readings_along
-from jaxsr.models.sensitivity import condensed
+from jaxsr.diagnosis.search.tangents import Tangent, change, tangent_about
+from jaxsr.models.lifting import liftable
 
 BEAM, LARGEST = 10, 3
 """Sets of a size that grow on, and the largest size unless the chosen set is larger."""
@@ -52,8 +49,9 @@ def regrouped(
     found = {e.members: e for e in entries}
     if not _linear(arena, centre) or exhausted():
         return list(entries)
+    best = Regrouping.of(arena, centre).best(entries)
     arena = replace(arena, patience=min(arena.patience, PATIENCE))
-    for expected in Regrouping.of(arena, centre).best(list(entries)):
+    for expected in best:
         if exhausted():
             break
         near = expected.fit.cost < NEAR * centre.fit.cost
@@ -119,14 +117,11 @@ class Regrouping:
     ----------
     arena : Arena
     centre : Entry
-    theta : ndarray, shape (parameters,)
-        Of the super-model, the switches of the centre on.
+    tangent : Tangent
+        Derivatives by all coefficients.
     hessian : ndarray, shape (columns, columns)
+        Of the tangent's columns and of the further ones.
     gradient : ndarray, shape (columns,)
-    cost : float
-        Of the centre.
-    columns : dict of int to int
-        Column of every active parameter.
     removals : dict of int to int
         Column D of every member.
     seeds : dict of int to int
@@ -135,51 +130,39 @@ class Regrouping:
 
     arena: Arena
     centre: Entry
-    theta: np.ndarray
+    tangent: Tangent
     hessian: np.ndarray
     gradient: np.ndarray
-    cost: float
-    columns: dict[int, int]
     removals: dict[int, int]
     seeds: dict[int, int]
 
     @staticmethod
     def of(arena: Arena, centre: Entry) -> Regrouping:
-        """Linearise about the path of an entry, in its own steps."""
+        """Linearise about the path of an entry."""
         super_model, members = arena.super_model, centre.members
-        problem = in_steps_of(arena, centre).problem
-        hidden = any(p.states.hidden for p in arena.prepared)
-        others, limits = [], []
-        for i, c in enumerate(super_model.candidates):
-            if i not in members and grows_in_proportion(c):
-                others += [i] if not (hidden and c.states) else []
-            elif i not in members and not (late_members(super_model, [i]) or c.states):
-                limits.append(i)
-        reduced, fit, theta = linearised(
-            problem, super_model, members, centre.fit, [*others, *limits]
-        )
-        active = reduced.parameters[fit.active]
-        columns = {int(j): k for k, j in enumerate(active)}
+        tangent = tangent_about(arena, centre)
         neutral, changes = neutral_values(super_model), []
         for number in members:
             own = super_model.index(number, coefficients_only=True)
             if grows_in_proportion(super_model.candidates[number]):
-                at = [columns[j] for j in own]
-                changes.append(np.tensordot(neutral[own] - theta[own], fit.jacobian[at], 1))
+                at = [tangent.columns[j] for j in own]
+                step = neutral[own] - tangent.theta[own]
+                changes.append(np.tensordot(step, tangent.fit.jacobian[at], 1))
             else:
-                without = theta.copy()
+                without = tangent.theta.copy()
                 without[own] = neutral[own]
-                changes.append(_change(reduced.problem, fit, without[reduced.parameters]))
+                changes.append(change(arena, centre, members, without))
+        limits = [i for i in range(len(super_model.candidates)) if _limits(arena, centre, i)]
         for number in limits:
-            beside = seeded(super_model, (number,), theta)
-            changes.append(_change(reduced.problem, fit, beside[reduced.parameters]))
+            beside = super_model.seeded((number,), tangent.theta)
+            changes.append(change(arena, centre, (*members, number), beside))
+        fit, count = tangent.fit, len(tangent.columns)
         wide = replace(fit, jacobian=np.concatenate([fit.jacobian, *(c[None] for c in changes)]))
         hessian, gradient = (a.sum(0) for a in wide.normal_equations())
-        further = iter(range(active.size, active.size + len(changes)))
+        further = iter(range(count, count + len(changes)))
         removals = {number: next(further) for number in members}
         seeds = {number: next(further) for number in limits}
-        shared = arena, centre, theta, hessian, gradient, fit.cost
-        return Regrouping(*shared, columns, removals, seeds)
+        return Regrouping(arena, centre, tangent, hessian, gradient, removals, seeds)
 
     def best(self, known: Sequence[Entry]) -> list[Entry]:
         """Expect the best sets that the `known` ones lack, or have with far larger costs.
@@ -231,7 +214,7 @@ class Regrouping:
         if number in self.seeds:
             return bool(size[self.seeds[number]] > SEEN * size.max())
         own = self.arena.super_model.index(number, coefficients_only=True)
-        at = [self.columns[j] for j in own if j in self.columns]
+        at = [self.tangent.columns[j] for j in own if j in self.tangent.columns]
         return bool(at) and bool((size[at] > SEEN * size.max()).all())
 
     def expected(self, members: tuple[int, ...]) -> Entry | None:
@@ -241,14 +224,18 @@ class Regrouping:
         """
         super_model, inside = self.arena.super_model, set(self.centre.members)
         out = [self.removals[i] for i in self.centre.members if i not in members]
-        free = [j for j in super_model.base_index() if j in self.columns]
+        free = [j for j in super_model.base_index() if j in self.tangent.columns]
         limits = [i for i in members if i in self.seeds]
         for number in (i for i in members if i not in self.seeds):
             own = super_model.index(number, coefficients_only=number not in inside)
-            free += [j for j in own if j in self.columns]
+            free += [j for j in own if j in self.tangent.columns]
         free = list(dict.fromkeys(free))
-        at = [*(self.columns[j] for j in free), *(self.seeds[i] for i in limits)]
-        cost = self.cost - 2.0 * self.gradient[out].sum() + self.hessian[np.ix_(out, out)].sum()
+        at = [*(self.tangent.columns[j] for j in free), *(self.seeds[i] for i in limits)]
+        cost = (
+            self.tangent.fit.cost
+            - 2.0 * self.gradient[out].sum()
+            + self.hessian[np.ix_(out, out)].sum()
+        )
         pull = self.gradient[at] - self.hessian[np.ix_(at, out)].sum(1)
         part = self.hessian[np.ix_(at, at)]
         size = np.sqrt(np.maximum(np.diag(part), 1e-300))
@@ -257,7 +244,7 @@ class Regrouping:
         shares = step[len(free) :]
         if ((shares < ENGAGED[0]) | (shares > ENGAGED[1])).any():
             return None
-        theta, neutral = seeded(super_model, limits, self.theta), neutral_values(super_model)
+        theta, neutral = super_model.seeded(limits, self.tangent.theta), neutral_values(super_model)
         gone = [j for i in inside - set(members) for j in super_model.index(i, True)]
         theta[gone] = neutral[gone]
         order = np.array(free, dtype=int)
@@ -272,14 +259,8 @@ class Regrouping:
         return Entry(members, fit, self.centre.errors)
 
 
-def _change(problem: Problem, fit: Fit, theta: np.ndarray) -> np.ndarray:
-    """What other parameters change in the scaled readings, to first order about a fit's path."""
-    setting = problem.simulator, problem.stepping, problem.segments
-    ends, slopes = one_step(*setting, fit.theta, fit.path)
-    others, _ = one_step(*setting, theta, fit.path)
-    _, apart = condensed(slopes, others - ends)
-    before, by = readings_along(*setting, fit.theta, fit.path)
-    after, _ = readings_along(*setting, theta, fit.path)
-    change = np.einsum("oits,its->ots", by, apart) + after - before
-    weight = problem.segments.weights / problem.scale[:, None, None]
-    return np.where(weight > 0.0, change * weight, 0.0)
+def _limits(arena: Arena, centre: Entry, number: int) -> bool:
+    """Whether a candidate beside the centre has a threshold, and neither memory nor delay."""
+    candidate = arena.super_model.candidates[number]
+    late = late_members(arena.super_model, [number])
+    return number not in centre.members and not (grows_in_proportion(candidate) or late)

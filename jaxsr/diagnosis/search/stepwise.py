@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.enter import CONTEST_TOLERANCE, enter, shifting_members
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.reduced import linearised
 from jaxsr.diagnosis.judging.criteria import criterion, independent_residuals
 from jaxsr.diagnosis.judging.detection import detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
@@ -19,14 +18,13 @@ from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.screening.screen import redundant
 from jaxsr.diagnosis.search.nesting import continued, simplified
+from jaxsr.diagnosis.search.tangents import tangent_about
 
 QUICK, QUICK_THRESHOLD, QUICK_HIDDEN = 1, 10, 6
 """Iterations by which a mechanism is judged before it is estimated in full; a threshold has to be
 moved to where it hardly acts, and where a state hides, its path has to be found first."""
 FULL = (8, 5, 4)
 """Mechanisms estimated in full, by the size of the set."""
-FIRST, LARGE = 2, 0.5
-"""Mechanisms estimated before the slow ones are tried, and the cost they must promise, relative."""
 BROKEN = 0.9
 """Share of the gain promised by one iteration, missed by which an estimate begins anew."""
 PARENTS = {False: 2, True: 3}
@@ -35,19 +33,9 @@ BEHIND = 4.0
 """Cost, relative to the leader's, from which a set does not grow on where the leader is near the
 noise."""
 WORTH = 0.3
-"""Share of the best quick gain from which a mechanism is estimated in full."""
+"""Share of the best gain, quick or known, from which a mechanism is estimated in full."""
 VARIANT = 0.7
 """Share of a mechanism's best quick gain from which another start of it is tried as well."""
-
-
-def seeded(super_model: SuperModel, members: Iterable[int], theta: np.ndarray) -> np.ndarray:
-    """Return `theta` with the thresholds of `members` at their seeds."""
-    theta, order = theta.copy(), list(super_model.model.parameters)
-    for number in members:
-        for spec in super_model.candidates[number].parameters:
-            if isinstance(spec, Threshold):
-                theta[order.index(super_model.names[number][spec.name])] = spec.seed
-    return theta
 
 
 def grow(
@@ -70,8 +58,6 @@ def grow(
             if exhausted():
                 break
             every = size < len(FULL) and leader is leaders[0]
-            if every:
-                found = {e.members: e for e in glance(arena, leader, found.values(), exhausted)}
             quick = tried(arena, leader, found, exhausted, tell if every else None)
             _estimate(arena, leader, quick, most, found, exhausted)
         yield list(found.values())
@@ -101,20 +87,6 @@ def _detected(arena: Arena, null: Entry, best: Entry) -> bool:
     return detect_in_noise(null, best, count).detected
 
 
-def glance(
-    arena: Arena, leader: Entry, entries: Iterable[Entry], exhausted: Callable[[], bool]
-) -> list[Entry]:
-    """Return the entries, and those that one linearisation about a leader promises a lot of.
-
-    They come first: where each estimate is slow, time ends with the others.
-    """
-    found = {e.members: e for e in entries}
-    quick = tried(arena, leader, found, exhausted, None)
-    large = [t for t in quick if t.cost < LARGE * leader.fit.cost]
-    _estimate(arena, leader, large, FIRST, found, exhausted)
-    return list(found.values())
-
-
 def _estimate(
     arena: Arena,
     leader: Entry,
@@ -124,7 +96,9 @@ def _estimate(
     exhausted: Callable[[], bool],
 ) -> None:
     """Estimate the promising trials until they settle, and enter them in `found`."""
-    for trial in promising(arena.super_model, leader, quick, most):
+    known = (e.fit.cost for e in found.values() if e.fit.usable and plausible(arena, e))
+    reached = min(known, default=leader.fit.cost)
+    for trial in promising(arena.super_model, leader, quick, most, reached=reached):
         if exhausted():
             break
         path = leader.fit.path if trial.path is None else trial.path
@@ -240,7 +214,7 @@ def tried(
             break
         tell(number / len(super_model.candidates), super_model.candidates[number].label)
         members = tuple(sorted({*leader.members, number}))
-        start = seeded(super_model, (number,), leader.fit.theta)
+        start = super_model.seeded((number,), leader.fit.theta)
         threshold = any(isinstance(p, Threshold) for p in super_model.candidates[number].parameters)
         most = QUICK_HIDDEN if hidden else QUICK_THRESHOLD if threshold else QUICK
         # a memory alone is tried without samples before a segment
@@ -262,16 +236,13 @@ def _tangent(arena: Arena, leader: Entry, numbers: Sequence[int]) -> list[Trial]
         return []
     own = {i: super_model.index(i, coefficients_only=True) for i in numbers}
     base = [int(j) for j in leader.fit.active]
-    reduced, fitted, theta = linearised(
-        arena.problem, super_model, leader.members, leader.fit, numbers
-    )
-    active = reduced.parameters[fitted.active]
-    hessian, gradient = (a.sum(0) for a in fitted.normal_equations())
+    tangent = tangent_about(arena, leader)
+    active, place, theta = np.array(list(tangent.columns)), tangent.columns, tangent.theta
+    hessian, gradient = (a.sum(0) for a in tangent.fit.normal_equations())
     size = np.sqrt(np.maximum(np.diag(hessian), 0.0))
     size = np.where(size > 0, size, np.inf)
     hessian, gradient = hessian / size / size[:, None], gradient / size
     low, high = arena.bounds
-    place = {int(j): k for k, j in enumerate(active)}
     known = [place[j] for j in base]
     inverse = np.linalg.pinv(hessian[np.ix_(known, known)], rcond=1e-10, hermitian=True)
     trials = []
@@ -298,8 +269,12 @@ def promising(
     quick: Sequence[Trial],
     most: int,
     worth: float = WORTH,
+    reached: float = np.inf,
 ) -> list[Trial]:
-    """Pick the best few mechanisms, and of each the variants that may turn out best."""
+    """Pick the best few mechanisms, and of each the variants that may turn out best.
+
+    Each must gain a share `worth` of what the best of them does, or a set that `reached` a cost.
+    """
     best: dict[tuple[str, ...], list[Trial]] = {}
     for trial in sorted(quick, key=lambda t: t.cost):
         labels = tuple(super_model.candidates[i].label for i in trial.members)
@@ -311,6 +286,6 @@ def promising(
     def gain(trial: Trial) -> float:
         return float(np.log(leader.fit.cost / trial.cost))
 
-    least = worth * gain(ranked[0][0])
+    least = worth * max(gain(ranked[0][0]), float(np.log(leader.fit.cost / reached)))
     chosen = [trials for trials in ranked[:most] if gain(trials[0]) > least >= 0]
     return [t for trials in chosen for t in trials if gain(t) > VARIANT * gain(trials[0])]
