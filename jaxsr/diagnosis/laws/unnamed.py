@@ -23,7 +23,7 @@ CROWD = 2
 ALONE = 0.3
 """Share of the error that is left, from which one force alone explains most of it."""
 TRIED = 1000
-"""Terms that a search tells apart: a price of naming nothing, in `decide.criterion`."""
+"""Terms that a search tells apart: a price of naming nothing, in `criteria.criterion`."""
 NAMELESS = 0.7
 """Cost, relative to that of several named forces, from which one without a name may stand for them
 where neither reaches the noise."""

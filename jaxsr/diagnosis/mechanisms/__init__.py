@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from jaxsr.diagnosis.mechanisms.actuator import actuator
-from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.coupling import coupling
 from jaxsr.diagnosis.mechanisms.dissipative import dissipative
 from jaxsr.diagnosis.mechanisms.elastic import elastic
@@ -95,9 +95,11 @@ def sensor_candidates(
 
 
 __all__ = [
+    "Candidate",
     "FAMILIES",
     "Line",
     "Motion",
+    "ParameterSpec",
     "Site",
     "Threshold",
     "force_candidates",
