@@ -164,7 +164,7 @@ def test_coloured_noise_explains_a_residual_of_its_own_size_alone(size, seen):
     white = rng.normal(size=t.size + 200)
     noise = np.asarray(lfilter([1.0], [1.0, -rho], white))[200:]
     item = SimpleNamespace(time=t, outputs=(50.0 * np.sin(0.01 * t) + noise)[:, None])
-    arena: Any = SimpleNamespace(problem=SimpleNamespace(scale=np.ones(1)), prepared=[item])
+    arena: Any = SimpleNamespace(problem=SimpleNamespace(scale=np.ones(1)), prepared=(item,))
     fit = SimpleNamespace(residual=size * noise.reshape(20, 400).T[None])
     outcome: Any = SimpleNamespace(fit=fit)
     ratio = residual_to_noise(arena, outcome)
@@ -173,6 +173,19 @@ def test_coloured_noise_explains_a_residual_of_its_own_size_alone(size, seen):
     else:
         # High differences see a third of this noise.
         assert ratio > NOISE_ALONE and ratio == pytest.approx(3.0 * seen, rel=0.2)
+
+
+def test_noise_is_no_less_than_a_converter_makes_over_all_recordings() -> None:
+    """Three levels in each recording tell no steps; nine over all of them do."""
+    t, step = np.arange(300.0), 0.5
+    items = []
+    for k in range(4):
+        y = step * np.round((k * 1.0 + 0.45 * np.sin(0.02 * t)) / step)
+        items.append(SimpleNamespace(time=t, outputs=y[:, None]))
+    arena: Any = SimpleNamespace(problem=SimpleNamespace(scale=np.ones(1)), prepared=tuple(items))
+    residual = np.random.default_rng(0).uniform(-step / 2, step / 2, (1, 300, 4))
+    outcome: Any = SimpleNamespace(fit=SimpleNamespace(residual=residual))
+    assert residual_to_noise(arena, outcome) == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_search_cut_short_is_told_though_time_is_left():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +12,13 @@ from diagnosis_systems import SPRUNG, simulator_of, sprung_recording
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.judging.criteria import most_credible
+from jaxsr.diagnosis.contest.reduced import linearised
+from jaxsr.diagnosis.judging.criteria import most_credible, nearest_given
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.regrouping import Regrouping, settled
+from jaxsr.diagnosis.search.tangents import tangent_about
 from jaxsr.diagnosis.setup import prepare, state_scale
 from jaxsr.models import parse_model
 from jaxsr.models.rollout import Stepping
@@ -129,6 +132,39 @@ def test_two_effects_at_once_are_found_from_re_calibration(
     # at the noise: one parameter set explains 1200 readings
     rms = np.sqrt(np.sum(best.fit.residual**2) / 1200.0) * arena.problem.scale[0]
     assert rms == pytest.approx(NOISE, rel=0.1)
+
+
+def test_columns_are_those_of_one_linearisation_and_asked_for_once() -> None:
+    arena = arena_of(hard, 0)
+    centre = entered(arena, "cubic_stiffness")
+    tangent, every = tangent_about(arena, centre), range(len(KINDS))
+    assert tangent_about(arena, centre) is tangent
+    setting = arena.problem, arena.super_model, centre.members, centre.fit
+    reduced, fit, _ = linearised(*setting, every)
+    columns = dict(zip(reduced.parameters[fit.active].tolist(), fit.jacobian, strict=True))
+    for j, k in tangent.columns.items():
+        np.testing.assert_allclose(tangent.fit.jacobian[k], columns[j], rtol=1e-7, atol=1e-9)
+    limit = arena.super_model.index(KINDS.index("input_saturation"))
+    assert not set(limit) & set(tangent.columns)
+
+
+def test_of_two_sets_that_fit_alike_the_one_nearer_to_the_model_is_believed() -> None:
+    """A free mass, spring and damper make up for a sensor's gain: the motion shows ratios alone."""
+    arena = arena_of(linear, 0)
+    plain = entered(arena, "sensor_gain")
+    base = arena.super_model.base_index()
+
+    def moved(factor: float, members: tuple[int, ...]) -> Entry:
+        theta = plain.fit.theta.copy()
+        theta[base] = neutral_values(arena.super_model)[base] * factor
+        return replace(plain, members=members, fit=replace(plain.fit, theta=theta))
+
+    near, far = moved(1.01, plain.members), moved(1.2, plain.members)
+    worse = replace(near, fit=replace(near.fit, cost=1.1 * near.fit.cost))
+    assert nearest_given(arena.super_model, far, [far, near]) is near
+    assert nearest_given(arena.super_model, near, [far, near]) is near
+    assert nearest_given(arena.super_model, far, [far, worse]) is far
+    assert nearest_given(arena.super_model, far, [far, moved(1.01, ())]) is far
 
 
 def test_nothing_is_estimated_once_the_time_is_up() -> None:

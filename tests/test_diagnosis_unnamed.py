@@ -11,7 +11,8 @@ from diagnosis_systems import CART
 from scipy.integrate import solve_ivp
 
 from jaxsr._progress import Budget
-from jaxsr.diagnosis import diagnose, weak_laws
+from jaxsr.diagnosis import diagnose
+from jaxsr.diagnosis.laws import weak_laws
 from jaxsr.diagnosis.laws.unnamed import _written
 from jaxsr.diagnosis.laws.weak_laws import _search, _worst_state
 from jaxsr.diagnosis.screening.weak_system import WeakSystem

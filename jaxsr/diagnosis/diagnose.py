@@ -12,7 +12,13 @@ import numpy as np
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest.arena import Arena, in_steps_of, in_widths_of_best, with_rounded_jumps
+from jaxsr.diagnosis.contest.arena import (
+    Arena,
+    in_steps_of,
+    in_widths_of_best,
+    neutral_values,
+    with_rounded_jumps,
+)
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.integration import choose_stepping, with_smooth
@@ -20,7 +26,7 @@ from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.explaining.document import assemble
 from jaxsr.diagnosis.explaining.judge import Ingredients
-from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
+from jaxsr.diagnosis.judging.noise_ratio import in_noise, residual_to_noise
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
 from jaxsr.diagnosis.laws.tangent_laws import promise
@@ -248,7 +254,8 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     def stop() -> bool:
         return case.search.exhausted
 
-    entries = [_recalibrated(arena, headline, starts[0][1], stop)]
+    arena, null = _recalibrated(arena, headline, starts[0][1], stop)
+    entries = [null]
     # Where re-calibration is near the noise, larger sets grow from single ones.
     calm = residual_to_noise(arena, entries[0]) <= ABOVE_NOISE
     if beyond is not None and residual_to_noise(arena, entries[0]) < HIDDEN:
@@ -271,13 +278,22 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
 
 def _recalibrated(
     arena: Arena, headline: Headline, start: np.ndarray, stop: Callable[[], bool]
-) -> Entry:
-    """Estimate the given structure, from where the weak view or shorter segments lead it."""
+) -> tuple[Arena, Entry]:
+    """Estimate the given structure, from where the weak view or shorter segments lead it.
+
+    What is left above the noise may be the doing of the weights, where the steps of a converter
+    pass for motion: with outputs weighed by their noise, the given values are another start.
+    """
     entry = enter(arena, (), start, None, stop, NULL_ITERATIONS)
     before = headline.calibrated.get(arena.seconds)
     if before is not None and before.fit.cost < entry.fit.cost:
         entry = enter(arena, (), before.fit.theta, before.fit.path, stop, NULL_ITERATIONS)
-    return entry
+    if residual_to_noise(arena, entry) > ABOVE_NOISE:
+        weighed, given = in_noise(arena), neutral_values(arena.super_model)
+        again = enter(weighed, (), given, None, stop, NULL_ITERATIONS)
+        if again.fit.usable and residual_to_noise(weighed, again) <= ABOVE_NOISE:
+            return weighed, again
+    return arena, entry
 
 
 def _at_noise(arena: Arena, entries: Sequence[Entry]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -43,6 +44,13 @@ def residual_to_noise(arena: Arena, entry: Entry) -> float:
         coloured = ratio * np.sqrt((1.0 - rho) / (1.0 + rho))
         ratios.append(coloured if coloured < NOISE_ALONE else ratio)
     return float(max(ratios))
+
+
+def in_noise(arena: Arena) -> Arena:
+    """Return the arena with its outputs weighed by the noise of their sensors."""
+    noise = np.array([_noise(arena.prepared, k) for k in range(arena.problem.scale.size)])
+    scale = np.where(noise > 0.0, noise, arena.problem.scale)
+    return replace(arena, problem=replace(arena.problem, scale=scale))
 
 
 @lru_cache(maxsize=64)
