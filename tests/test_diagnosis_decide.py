@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,6 +23,14 @@ from jaxsr.models.least_squares import Fit
 
 ROWS, SEGMENTS = 40, 25
 SMOOTH = np.sin(np.multiply.outer(np.arange(ROWS * SEGMENTS), 1e-3 * np.arange(1, 9)))
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What the noise of a recording is told from."""
+
+    time: np.ndarray
+    outputs: np.ndarray
 
 
 def entry(residual: np.ndarray, constants: int, members: tuple[int, ...]) -> Entry:
@@ -163,7 +172,7 @@ def test_coloured_noise_explains_a_residual_of_its_own_size_alone(size, seen):
     t = np.arange(8000.0)
     white = rng.normal(size=t.size + 200)
     noise = np.asarray(lfilter([1.0], [1.0, -rho], white))[200:]
-    item = SimpleNamespace(time=t, outputs=(50.0 * np.sin(0.01 * t) + noise)[:, None])
+    item = Measured(t, (50.0 * np.sin(0.01 * t) + noise)[:, None])
     arena: Any = SimpleNamespace(problem=SimpleNamespace(scale=np.ones(1)), prepared=(item,))
     fit = SimpleNamespace(residual=size * noise.reshape(20, 400).T[None])
     outcome: Any = SimpleNamespace(fit=fit)
@@ -181,7 +190,7 @@ def test_noise_is_no_less_than_a_converter_makes_over_all_recordings() -> None:
     items = []
     for k in range(4):
         y = step * np.round((k * 1.0 + 0.45 * np.sin(0.02 * t)) / step)
-        items.append(SimpleNamespace(time=t, outputs=y[:, None]))
+        items.append(Measured(t, y[:, None]))
     arena: Any = SimpleNamespace(problem=SimpleNamespace(scale=np.ones(1)), prepared=tuple(items))
     residual = np.random.default_rng(0).uniform(-step / 2, step / 2, (1, 300, 4))
     outcome: Any = SimpleNamespace(fit=SimpleNamespace(residual=residual))

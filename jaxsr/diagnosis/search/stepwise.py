@@ -286,6 +286,6 @@ def promising(
     def gain(trial: Trial) -> float:
         return float(np.log(leader.fit.cost / trial.cost))
 
-    least = worth * max(gain(ranked[0][0]), float(np.log(leader.fit.cost / reached)))
+    least = worth * max(gain(ranked[0][0]), float(np.log(leader.fit.cost) - np.log(reached)))
     chosen = [trials for trials in ranked[:most] if gain(trials[0]) > least >= 0]
     return [t for trials in chosen for t in trials if gain(t) > VARIANT * gain(trials[0])]
