@@ -11,12 +11,10 @@ from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.criteria import independent_residuals
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
-from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.candidate import UNNAMED, Candidate, ParameterSpec
 from jaxsr.evolution.propose import Proposal
 from jaxsr.expressions import Term, to_text
 
-UNNAMED = "unnamed"
-"""What a law without a name is called."""
 MAX_TERMS = 2
 CROWD = 2
 """Forces chosen at one equation from which one law may stand for all of them."""

@@ -13,6 +13,8 @@ from jaxsr.models.edits import add_to_equation
 from jaxsr.models.model import DRIVEN, FREE
 from jaxsr.models.simulator import SMOOTHED
 
+UNNAMED = "unnamed"
+"""What a law without a name is called."""
 UNLIMITED = 1e12
 """Stands for no limit: bounds of a model file are numbers."""
 

@@ -19,6 +19,7 @@ from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.judging.criteria import criterion, independent_residuals
 from jaxsr.diagnosis.judging.plausible import plausible
+from jaxsr.diagnosis.mechanisms.candidate import UNNAMED
 from jaxsr.diagnosis.mechanisms.site import grows_in_proportion
 from jaxsr.diagnosis.screening.screen import ENGAGED, redundant
 from jaxsr.diagnosis.search.tangents import Tangent, change, tangent_about
@@ -95,10 +96,14 @@ def _best(arena: Arena, entries: Sequence[Entry]) -> Entry | None:
 
 
 def _linear(arena: Arena, centre: Entry) -> bool:
-    """Whether the readings of a set can be linearised about its path."""
+    """Whether the readings of a set of named mechanisms can be linearised about its path.
+
+    A law without a name stands where no set of named ones does: it is not joined to others.
+    """
     known = centre.fit.path is not None and centre.fit.usable
     late = late_members(arena.super_model, centre.members)
-    return known and not late and liftable(arena.problem.simulator)
+    named = all(arena.super_model.candidates[i].mechanism != UNNAMED for i in centre.members)
+    return known and named and not late and liftable(arena.problem.simulator)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +198,8 @@ class Regrouping:
     def _searched(self, n: float) -> dict[tuple[int, ...], tuple[float, Entry]]:
         """Return the criteria of the sets that a beam search meets, and what they leave."""
         super_model = self.arena.super_model
-        usable = [i for i in range(len(super_model.candidates)) if self._offered(i)]
+        every = super_model.candidates
+        usable = [i for i, c in enumerate(every) if c.mechanism != UNNAMED and self._offered(i)]
         found: dict[tuple[int, ...], tuple[float, Entry]] = {}
         beam: list[tuple[int, ...]] = [()]
         for _ in range(max(LARGEST, len(self.centre.members))):
