@@ -11,7 +11,13 @@ from diagnosis_systems import ARM as ARM_FILE
 from diagnosis_systems import CART, STIFF
 
 from jaxsr._result import Verdict
-from jaxsr.diagnosis.mechanisms import Candidate, Threshold, force_candidates, sensor_candidates, sites_of
+from jaxsr.diagnosis.mechanisms import (
+    Candidate,
+    Threshold,
+    force_candidates,
+    sensor_candidates,
+    sites_of,
+)
 from jaxsr.diagnosis.mechanisms.site import compose
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
