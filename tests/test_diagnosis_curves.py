@@ -19,7 +19,12 @@ from jaxsr.diagnosis.diagnose import leaving_time
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.laws.curves import BUMPS, Curve, _root_of_precision, _sight, curves_at
 from jaxsr.diagnosis.laws.newcomers import _with_curves, with_candidates
-from jaxsr.diagnosis.laws.unnamed import crowded_over_position, has_a_name, worth_no_name
+from jaxsr.diagnosis.laws.unnamed import (
+    crowded,
+    crowded_over_position,
+    has_a_name,
+    worth_no_name,
+)
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import prepare
 from jaxsr.expressions import evaluate, parse
@@ -169,6 +174,26 @@ def test_springs_and_ripples_at_one_equation_are_one_law_of_its_position():
     assert crowded_over_position(arena, SimpleNamespace(members=(0, 1, 3))) == []
     candidates[2].parameters[0].coefficient = True  # powers alone are the series of a spring
     assert crowded_over_position(arena, SimpleNamespace(members=(0, 1, 2, 3))) == []
+
+
+@pytest.mark.parametrize(("alone", "asked"), [(0.5, True), (0.01, False)])
+def test_a_push_beside_a_force_asks_for_one_law_unless_one_alone_does_most(alone, asked):
+    """A push can stand for what a law does once: it counts as one of the forces."""
+    kinds = (("dissipative", False), ("external", True), ("measurement", False))
+    candidates = [
+        SimpleNamespace(family=family, passing=passing, site=f"{where}:v")
+        for (family, passing), where in zip(kinds, ("equation", "input", "sensor"), strict=True)
+    ]
+    arena = SimpleNamespace(super_model=SimpleNamespace(candidates=candidates))
+    costs = {(): 1.0, (2,): 1.0, (0, 2): alone, (1, 2): 0.6, (0, 1, 2): 0.001}
+    entries = [
+        SimpleNamespace(members=members, fit=SimpleNamespace(cost=cost))
+        for members, cost in costs.items()
+    ]
+    found = crowded(arena, entries[-1], entries)
+    assert found == ([("v", (2,))] if asked else [])
+    # a fault of the sensor is no force
+    assert crowded(arena, SimpleNamespace(members=(0, 2)), entries) == []
 
 
 def test_a_nameless_law_at_the_noise_must_be_the_shorter_one(monkeypatch):

@@ -16,8 +16,9 @@ from jaxsr.diagnosis.contest.reduced import linearised
 from jaxsr.diagnosis.judging.criteria import most_credible, nearest_given
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
+from jaxsr.diagnosis.mechanisms.candidate import UNNAMED
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.regrouping import Regrouping, settled
+from jaxsr.diagnosis.search.regrouping import Regrouping, regrouped, settled
 from jaxsr.diagnosis.search.tangents import tangent_about
 from jaxsr.diagnosis.setup import prepare, state_scale
 from jaxsr.models import parse_model
@@ -52,7 +53,7 @@ def limited(q: float, v: float, u: float) -> float:
     return linear(q, v, float(np.clip(u, -7.0, 7.0))) - 40.0 * q**3
 
 
-def arena_of(force: Force, seed: int) -> Arena:
+def arena_of(force: Force, seed: int, nameless: str = "") -> Arena:
     recording = sprung_recording(force, np.random.default_rng(seed), NOISE)
     model = parse_model(SPRUNG)
     prepared = prepare(model, [recording])
@@ -60,6 +61,8 @@ def arena_of(force: Force, seed: int) -> Arena:
     offered = force_candidates(model, state_scale(model, prepared), inputs={"u": u})
     offered += sensor_candidates(model, {"y": y})
     chosen = {c.mechanism: c for c in reversed(offered) if c.mechanism in KINDS}
+    if nameless:
+        chosen[nameless] = replace(chosen[nameless], mechanism=UNNAMED)
     super_model = SuperModel.build(model, [chosen[kind] for kind in KINDS])
     simulator = simulator_of(super_model.model)
     setting = Stepping("rk4", 2, ()), 1.5, np.array([NOISE]), simulator
@@ -132,6 +135,17 @@ def test_two_effects_at_once_are_found_from_re_calibration(
     # at the noise: one parameter set explains 1200 readings
     rms = np.sqrt(np.sum(best.fit.residual**2) / 1200.0) * arena.problem.scale[0]
     assert rms == pytest.approx(NOISE, rel=0.1)
+
+
+def test_a_law_without_a_name_is_joined_to_none_about_a_path() -> None:
+    """Nor are sets told from its own path: it stands where no named ones do."""
+    named, cubic = arena_of(hard, 0), KINDS.index("cubic_stiffness")
+    assert any(cubic in e.members for e in Regrouping.of(named, entered(named)).best([]))
+    arena = arena_of(hard, 0, nameless="cubic_stiffness")
+    offered = Regrouping.of(arena, entered(arena)).best([])
+    assert offered and not any(cubic in e.members for e in offered)
+    own = entered(arena, "cubic_stiffness")
+    assert regrouped(arena, own, [own], lambda: False) == [own]
 
 
 def test_columns_are_those_of_one_linearisation_and_asked_for_once() -> None:
