@@ -12,7 +12,8 @@ from diagnosis_systems import SPRUNG, simulator_of, sprung_recording
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.reduced import linearised
+from jaxsr.diagnosis.contest.tangent import linearised
+from jaxsr.diagnosis.contest.uncertainty import sensitivities
 from jaxsr.diagnosis.judging.criteria import most_credible, nearest_given
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
@@ -160,6 +161,25 @@ def test_columns_are_those_of_one_linearisation_and_asked_for_once() -> None:
         np.testing.assert_allclose(tangent.fit.jacobian[k], columns[j], rtol=1e-7, atol=1e-9)
     limit = arena.super_model.index(KINDS.index("input_saturation"))
     assert not set(limit) & set(tangent.columns)
+
+
+def test_what_the_sensors_see_of_a_mechanism_does_not_depend_on_its_company(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Candidates are differentiated by a few at a time."""
+    arena = arena_of(hard, 0)
+    centre = entered(arena, "cubic_stiffness")
+    tables = []
+    for together in (1, 3, 100):
+        monkeypatch.setattr("jaxsr.diagnosis.contest.tangent.TOGETHER", together)
+        tables.append(sensitivities(arena, centre.fit, centre.members))
+    one, three, every = tables
+    assert one.candidates == every.candidates == tuple(i for i in range(len(KINDS)) if i != 0)
+    for table in (one, three):
+        np.testing.assert_allclose(table.error, every.error, rtol=1e-6)
+        np.testing.assert_allclose(table.angle_to_parameters, every.angle_to_parameters, rtol=1e-6)
+        size = np.sqrt(np.diag(every.gram))
+        np.testing.assert_allclose(table.gram, every.gram, atol=1e-6 * np.outer(size, size).max())
 
 
 def test_of_two_sets_that_fit_alike_the_one_nearer_to_the_model_is_believed() -> None:

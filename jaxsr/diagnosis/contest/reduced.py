@@ -14,7 +14,6 @@ from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.lifting import liftable
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments
-from jaxsr.models.shooting import linearise_fit
 from jaxsr.models.simulator import Simulator
 
 STIFF_STEPS = 2
@@ -69,8 +68,10 @@ def reduce(problem: Problem, super_model: SuperModel, members: Sequence[int]) ->
     """Leave out of a super-model's problem what the given model and `members` do not need."""
     full = super_model.model
     everything = np.arange(len(full.parameters)), np.arange(len(full.states))
-    if not liftable(problem.simulator) or len(members) == len(super_model.candidates):
+    if not liftable(problem.simulator):
         return Reduced(problem, *everything)
+    if len(members) == len(super_model.candidates):
+        return Reduced(_resolved(problem, super_model, members), *everything)
     own = lean(super_model, problem.simulator, problem.stepping, members)
     states = _state_positions(super_model, members)
     segments = replace(
@@ -83,37 +84,6 @@ def reduce(problem: Problem, super_model: SuperModel, members: Sequence[int]) ->
     segments = restepped(segments, own.stepping, problem.stepping)
     problem = Problem(own.simulator, own.stepping, segments, problem.scale)
     return Reduced(problem, own.parameters, states)
-
-
-def linearised(
-    problem: Problem,
-    super_model: SuperModel,
-    members: Sequence[int],
-    fit: Fit,
-    numbers: Sequence[int],
-) -> tuple[Reduced, Fit, np.ndarray]:
-    """Differentiate a set's estimate by the coefficients of further candidates too.
-
-    Returns
-    -------
-    reduced : Reduced
-        Of the set and the candidates `numbers`.
-    fit : Fit
-        In its order.
-    theta : ndarray, shape (parameters,)
-        The values in the order of the super-model, the switches of the set on.
-    """
-    reduced = reduce(problem, super_model, tuple(sorted({*members, *numbers})))
-    further = (j for i in numbers for j in super_model.index(i, coefficients_only=True))
-    active = np.array(list(dict.fromkeys([*fit.active.tolist(), *further])), dtype=int)
-    theta = super_model.switched(members, fit.theta)
-    here = replace(
-        fit,
-        theta=theta[reduced.parameters],
-        path=None if fit.path is None else fit.path[reduced.states],
-        x0=fit.x0[reduced.states],
-    )
-    return reduced, linearise_fit(reduced.problem, here, reduced.active(active)), theta
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +143,7 @@ def _places(parameters: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return np.array([place[int(j)] for j in wanted], dtype=int)
 
 
-def resolved(problem: Problem, super_model: SuperModel, members: Sequence[int]) -> Problem:
+def _resolved(problem: Problem, super_model: SuperModel, members: Sequence[int]) -> Problem:
     """Return a super-model's problem with as many steps between samples as `members` need."""
     stepping = _resolving(problem.stepping, [super_model.candidates[i] for i in members])
     segments = restepped(problem.segments, stepping, problem.stepping)

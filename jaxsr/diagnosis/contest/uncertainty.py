@@ -9,9 +9,8 @@ import scipy.stats
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import column_sizes, correlation_length
-from jaxsr.diagnosis.contest.reduced import resolved
+from jaxsr.diagnosis.contest.tangent import Tangent
 from jaxsr.models.least_squares import Fit
-from jaxsr.models.shooting import linearise_fit
 
 RANK = 1e-10
 """Eigenvalue, relative to the largest, below which a direction of parameters leaves no trace."""
@@ -185,19 +184,17 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     numbers = tuple(i for i in range(len(super_model.candidates)) if i not in exclude)
     own = [super_model.index(i, coefficients_only=True)[0] for i in numbers]
     base = [int(a) for a in result.active]
-    active = np.array(list(dict.fromkeys([*base, *own])), dtype=int)
-    problem = resolved(arena.problem, super_model, exclude)
-    full = linearise_fit(problem, result, active)
-    total = full.normal_equations()[0].sum(0)
-    raw = np.einsum("poks,poks->p", full.jacobian, full.jacobian)
-    position = [int(np.flatnonzero(active == j)[0]) for j in own]
+    tangent = Tangent.of(arena.problem, super_model, exclude, result, numbers)
+    total = tangent.fit.normal_equations()[0].sum(0)
+    raw = np.einsum("poks,poks->p", tangent.fit.jacobian, tangent.fit.jacobian)
+    position = [tangent.columns[j] for j in own]
     known = list(range(len(base)))
     cross = total[np.ix_(known, position)]
     solved = np.linalg.lstsq(total[np.ix_(known, known)], cross, rcond=1e-12)[0] if known else cross
     gram = total[np.ix_(position, position)] - cross.T @ solved
     strength = np.maximum(np.diag(gram), 0.0)
     angle = np.degrees(np.arcsin(np.sqrt(np.clip(strength / (raw[position] + 1e-300), 0, 1))))
-    used = problem.segments.weights.sum()
+    used = arena.problem.segments.weights.sum()
     variance = result.cost / max(used - len(base), 1.0) * correlation_length(result.residual)
     error = np.sqrt(variance) / np.sqrt(strength + 1e-300)  # one root would overflow
     return Sensitivities(numbers, gram, error, angle)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.blocks import held_back
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.reduced import linearised
+from jaxsr.diagnosis.contest.tangent import linearised
 from jaxsr.diagnosis.judging.plausible import sound_members
 from jaxsr.diagnosis.screening.screen import redundant
 from jaxsr.models.arrow import levenberg_step

@@ -17,12 +17,13 @@ from jaxsr.diagnosis.contest.arena import Arena, in_widths_of_best, neutral_valu
 from jaxsr.diagnosis.contest.enter import enter, late_members
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
+from jaxsr.diagnosis.contest.tangent import Tangent
 from jaxsr.diagnosis.judging.criteria import criterion, independent_residuals
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.mechanisms.candidate import UNNAMED
 from jaxsr.diagnosis.mechanisms.site import grows_in_proportion
 from jaxsr.diagnosis.screening.screen import ENGAGED, redundant
-from jaxsr.diagnosis.search.tangents import Tangent, change, tangent_about
+from jaxsr.diagnosis.search.tangents import change, tangent_about
 from jaxsr.models.lifting import liftable
 
 BEAM, LARGEST = 10, 3

@@ -2,40 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from jaxsr.diagnosis.contest.arena import Arena, in_steps_of
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.reduced import linearised, reduce
+from jaxsr.diagnosis.contest.reduced import reduce
+from jaxsr.diagnosis.contest.tangent import Tangent
 from jaxsr.diagnosis.mechanisms.site import grows_in_proportion
-from jaxsr.models.least_squares import Fit
 from jaxsr.models.lifting import one_step, readings_along
 from jaxsr.models.sensitivity import condensed
-
-TOGETHER = 16
-"""Candidates that are differentiated by at once: their columns stay in the processor's cache."""
-
-
-@dataclass(frozen=True, eq=False)
-class Tangent:
-    """An entry with its derivatives by the coefficients of all candidates that act in proportion.
-
-    Attributes
-    ----------
-    theta : ndarray, shape (parameters,)
-        Of the super-model, the switches of the entry on.
-    fit : Fit
-        Derivatives in the order of `columns`; states of the entry's own members alone.
-    columns : dict of int to int
-        Column of every parameter of the super-model that moves.
-    """
-
-    theta: np.ndarray
-    fit: Fit
-    columns: dict[int, int]
 
 
 @lru_cache(maxsize=6)
@@ -51,17 +28,8 @@ def tangent_about(arena: Arena, centre: Entry) -> Tangent:
         for i, c in enumerate(super_model.candidates)
         if i not in centre.members and grows_in_proportion(c) and not (hidden and c.states)
     ]
-    setting = in_steps_of(arena, centre).problem, super_model, centre.members, centre.fit
-    reduced, fit, theta = linearised(*setting, ())
-    columns = {int(j): k for k, j in enumerate(reduced.parameters[fit.active])}
-    parts = [fit.jacobian]
-    for first in range(0, len(others), TOGETHER):
-        reduced, wide, _ = linearised(*setting, others[first : first + TOGETHER])
-        active = reduced.parameters[wide.active]
-        new = [k for k, j in enumerate(active) if int(j) not in columns]
-        columns |= {int(active[k]): len(columns) + n for n, k in enumerate(new)}
-        parts.append(wide.jacobian[new])
-    return Tangent(theta, replace(fit, jacobian=np.concatenate(parts)), columns)
+    problem = in_steps_of(arena, centre).problem
+    return Tangent.of(problem, super_model, centre.members, centre.fit, others)
 
 
 def change(arena: Arena, centre: Entry, members: tuple[int, ...], theta: np.ndarray) -> np.ndarray:
