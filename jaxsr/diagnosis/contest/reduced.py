@@ -68,10 +68,8 @@ def reduce(problem: Problem, super_model: SuperModel, members: Sequence[int]) ->
     """Leave out of a super-model's problem what the given model and `members` do not need."""
     full = super_model.model
     everything = np.arange(len(full.parameters)), np.arange(len(full.states))
-    if not liftable(problem.simulator):
+    if not liftable(problem.simulator) or len(members) == len(super_model.candidates):
         return Reduced(problem, *everything)
-    if len(members) == len(super_model.candidates):
-        return Reduced(_resolved(problem, super_model, members), *everything)
     own = lean(super_model, problem.simulator, problem.stepping, members)
     states = _state_positions(super_model, members)
     segments = replace(
@@ -143,7 +141,7 @@ def _places(parameters: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return np.array([place[int(j)] for j in wanted], dtype=int)
 
 
-def _resolved(problem: Problem, super_model: SuperModel, members: Sequence[int]) -> Problem:
+def resolved(problem: Problem, super_model: SuperModel, members: Sequence[int]) -> Problem:
     """Return a super-model's problem with as many steps between samples as `members` need."""
     stepping = _resolving(problem.stepping, [super_model.candidates[i] for i in members])
     segments = restepped(problem.segments, stepping, problem.stepping)

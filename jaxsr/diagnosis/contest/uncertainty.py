@@ -9,6 +9,7 @@ import scipy.stats
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import column_sizes, correlation_length
+from jaxsr.diagnosis.contest.reduced import resolved
 from jaxsr.diagnosis.contest.tangent import Tangent
 from jaxsr.models.least_squares import Fit
 
@@ -184,7 +185,8 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     numbers = tuple(i for i in range(len(super_model.candidates)) if i not in exclude)
     own = [super_model.index(i, coefficients_only=True)[0] for i in numbers]
     base = [int(a) for a in result.active]
-    tangent = Tangent.of(arena.problem, super_model, exclude, result, numbers)
+    problem = resolved(arena.problem, super_model, exclude)
+    tangent = Tangent.of(problem, super_model, exclude, result, numbers)
     total = tangent.fit.normal_equations()[0].sum(0)
     raw = np.einsum("poks,poks->p", tangent.fit.jacobian, tangent.fit.jacobian)
     position = [tangent.columns[j] for j in own]
@@ -194,7 +196,7 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     gram = total[np.ix_(position, position)] - cross.T @ solved
     strength = np.maximum(np.diag(gram), 0.0)
     angle = np.degrees(np.arcsin(np.sqrt(np.clip(strength / (raw[position] + 1e-300), 0, 1))))
-    used = arena.problem.segments.weights.sum()
+    used = problem.segments.weights.sum()
     variance = result.cost / max(used - len(base), 1.0) * correlation_length(result.residual)
     error = np.sqrt(variance) / np.sqrt(strength + 1e-300)  # one root would overflow
     return Sensitivities(numbers, gram, error, angle)
