@@ -10,12 +10,13 @@ import pytest
 from jaxsr.expressions import evaluate, parse
 from jaxsr.expressions.slopes import evaluate_with_slopes
 from jaxsr.models import Simulator, parse_model
+from jaxsr.models.directions import Directions, Stages
 from jaxsr.models.field import Field
 from jaxsr.models.lifting import closed, linear, simulated
 from jaxsr.models.relaxed import relaxed
 from jaxsr.models.rollout import Stepping, linearise
 from jaxsr.models.segments import Prepared, Segments, build_segments, cut
-from jaxsr.models.sensitivity import Directions, Stages, advanced, condensed
+from jaxsr.models.sensitivity import advanced, condensed
 from jaxsr.recordings import Recording
 
 FORMULAS = (

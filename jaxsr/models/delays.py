@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr.models.directions import Stages
 from jaxsr.models.model import Model
 from jaxsr.models.segments import Segments
-from jaxsr.models.sensitivity import Stages
 
 Array = Any
 DIFFERENCE = 0.05

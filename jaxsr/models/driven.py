@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxsr.models.directions import Directions, Stages
 from jaxsr.models.field import Field, Point
 from jaxsr.models.inputs import stage_inputs
 from jaxsr.models.model import Model
-from jaxsr.models.sensitivity import Directions, Stages, advanced, condensed
+from jaxsr.models.sensitivity import advanced, condensed
 from jaxsr.models.simulator import Simulator
 
 if TYPE_CHECKING:

@@ -26,10 +26,11 @@ import numpy as np
 
 from jaxsr.models.alone import alone
 from jaxsr.models.delays import delay_of, delayed_stages, smoothly_interpolated, stage_of
+from jaxsr.models.directions import Directions
 from jaxsr.models.field import Field, Point
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments, values_over
-from jaxsr.models.sensitivity import Directions, advanced, condensed
+from jaxsr.models.sensitivity import advanced, condensed
 from jaxsr.models.simulator import Simulator
 
 Array = Any

@@ -1,0 +1,162 @@
+"""Derivatives of Runge-Kutta steps by their starts and parameters, from the end backwards.
+
+Differentiating stage after stage carries every direction through every stage. Backwards only the
+states are carried; a parameter is met once a stage, where its force acts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jaxsr.models.directions import Directions, Stages
+from jaxsr.models.field import Row, implicit
+from jaxsr.models.stepping import factorised
+
+Array = Any
+POINTS = 2048
+"""Samples whose derivatives are carried together: few enough to stay in a processor's cache."""
+
+
+@dataclass(frozen=True)
+class Tableau:
+    """Coefficients of a diagonally implicit Runge-Kutta method; gamma is 0 where it is explicit.
+
+    Stage s has the rate k_s = f(t + c_s h, x + h sum_r a_sr k_r + h gamma k_s), and the step ends
+    at x + h sum_s b_s k_s.
+
+    Attributes
+    ----------
+    shares : tuple of float
+        c_s.
+    stages : tuple of tuple of float
+        a_sr, r < s.
+    weights : tuple of float
+        b_s.
+    gamma : float
+    """
+
+    shares: tuple[float, ...]
+    stages: tuple[tuple[float, ...], ...]
+    weights: tuple[float, ...]
+    gamma: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """A step that was taken.
+
+    Attributes
+    ----------
+    length : ndarray, shape (steps, segments)
+    rows : sequence of sequence of mapping
+        Jacobian of the rates at every stage.
+    stages : Stages
+        Inputs along the step.
+    """
+
+    length: Array
+    rows: Sequence[Sequence[Row]]
+    stages: Stages
+
+    def part(self, chosen: slice, steps: int) -> Taken:
+        """Return the same for some of the samples."""
+
+        def cut(value: Array) -> Array:
+            whole = np.ndim(value) == 2 and value.shape[0] == steps
+            return value[chosen] if whole else value
+
+        rows = [[{n: cut(v) for n, v in row.items()} for row in stage] for stage in self.rows]
+        values = self.stages.values[:, :, chosen]
+        rates = {i: rate[:, chosen] for i, rate in self.stages.rates.items()}
+        return Taken(cut(self.length), rows, Stages(values, rates))
+
+
+def transition(
+    tableau: Tableau, to: Directions, taken: Sequence[Taken], shape: tuple[int, int]
+) -> Array:
+    r"""Derivatives of the state after several steps by the state before them and by parameters.
+
+    With J_s and P_s the derivatives of the rate of stage s by states and by parameters, V_s the
+    derivative of the end by k_s, and F that by the state after the step,
+
+    .. math:: V_s = h b_s F + h \sum_{r > s} a_{rs} M_r, \quad
+        W_s = V_s (1 - h \gamma J_s)^{-1}, \quad M_s = W_s J_s,
+
+    the derivative by the state before the step is F + \sum_s M_s, and that by the parameters
+    grows by \sum_s W_s P_s.
+
+    Parameters
+    ----------
+    taken : sequence of Taken
+        In the order of time.
+    shape : tuple of int
+        Steps side by side, and segments.
+
+    Returns
+    -------
+    ndarray, shape (states, directions, *shape)
+    """
+    n, (steps, segments) = len(to.states), shape
+    result = np.empty((n, to.count, *shape))
+    size = max(POINTS // max(segments, 1), 1)
+    for first in range(0, steps, size):
+        here = slice(first, min(first + size, steps))
+        by = np.zeros((to.count, n, here.stop - first, segments))  # of the end, by direction
+        for number, step in enumerate(reversed(taken)):
+            _before(tableau, to, step.part(here, steps), by, last=number == 0)
+        result[:, :, here] = by.swapaxes(0, 1)
+    return result
+
+
+def _before(tableau: Tableau, to: Directions, step: Taken, by: Array, last: bool) -> None:
+    """Turn derivatives by the state after a step into those by the state before it."""
+    n, h, count = len(to.states), step.length, len(tableau.weights)
+    after = by[:n]
+    moved: list[Array] = [None] * count  # M_s
+    spare = np.empty_like(by[0])
+    for s in reversed(range(count)):
+        weight, pull = h * tableau.weights[s], None  # V_s
+        for r in range(s + 1, count):
+            if a := tableau.stages[r][s]:
+                part = (h * a) * moved[r]
+                pull = part if pull is None else np.add(pull, part, out=pull)
+        if not last:
+            pull = weight * after if pull is None else np.add(pull, weight * after, out=pull)
+        else:
+            pull = np.zeros_like(after) if pull is None else pull
+            for i in range(n):
+                pull[i, i] += weight
+        if tableau.gamma:
+            matrix = implicit(step.rows[s], to.states, h * tableau.gamma)
+            transposed = [list(column) for column in zip(*matrix, strict=True)]
+            pull = factorised(transposed)(tuple(pull))
+        moved[s] = _by_states(to, pull, step.rows[s], spare)
+        for own, row in zip(pull, step.rows[s], strict=True):
+            for k, value in to.by_parameters(row, step.stages, tableau.shares[s]):
+                by[k] += np.multiply(own, value, out=spare)
+    if last:
+        for i in range(n):
+            after[i, i] = 1.0
+    for part in moved:
+        after += part
+
+
+def _by_states(to: Directions, pull: Sequence[Array], rows: Sequence[Row], spare: Array) -> Array:
+    """Return M = W J, an array a state."""
+    result = np.empty((len(to.states), *spare.shape))
+    met = [False] * len(to.states)
+    for own, row in zip(pull, rows, strict=True):
+        for j, value in to.by_states(row):
+            if met[j]:
+                result[j] += np.multiply(own, value, out=spare)
+            else:
+                np.multiply(own, value, out=result[j])
+                met[j] = True
+    for j in range(len(to.states)):
+        if not met[j]:
+            result[j] = 0.0
+    return result
