@@ -17,8 +17,8 @@ from jaxsr.models.field import Row, implicit
 from jaxsr.models.stepping import factorised
 
 Array = Any
-POINTS = 2048
-"""Samples whose derivatives are carried together: few enough to stay in a processor's cache."""
+CARRIED, MOST = 150_000, 8192
+"""Numbers carried by one stage together, few enough to stay in a processor's cache, and samples."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,8 @@ def transition(
     """
     n, (steps, segments) = len(to.states), shape
     result = np.empty((n, to.count, *shape))
-    size = max(POINTS // max(segments, 1), 1)
+    points = min(CARRIED // n**2, MOST)
+    size = max(-(-steps // max(round(steps * segments / points), 1)), 1)
     for first in range(0, steps, size):
         here = slice(first, min(first + size, steps))
         by = np.zeros((to.count, n, here.stop - first, segments))  # of the end, by direction
@@ -117,27 +118,27 @@ def _before(tableau: Tableau, to: Directions, step: Taken, by: Array, last: bool
     n, h, count = len(to.states), step.length, len(tableau.weights)
     after = by[:n]
     moved: list[Array] = [None] * count  # M_s
-    spare = np.empty_like(by[0])
+    pull, share, spare = np.empty_like(after), np.empty_like(after), np.empty_like(by[0])
     for s in reversed(range(count)):
-        weight, pull = h * tableau.weights[s], None  # V_s
+        weight = h * tableau.weights[s]
+        if last:
+            pull[...] = 0.0
+            for i in range(n):
+                pull[i, i] = weight
+        else:
+            np.multiply(weight, after, out=pull)
         for r in range(s + 1, count):
             if a := tableau.stages[r][s]:
-                part = (h * a) * moved[r]
-                pull = part if pull is None else np.add(pull, part, out=pull)
-        if not last:
-            pull = weight * after if pull is None else np.add(pull, weight * after, out=pull)
-        else:
-            pull = np.zeros_like(after) if pull is None else pull
-            for i in range(n):
-                pull[i, i] += weight
+                pull += np.multiply(h * a, moved[r], out=share)
+        own = pull  # V_s, and W_s
         if tableau.gamma:
             matrix = implicit(step.rows[s], to.states, h * tableau.gamma)
             transposed = [list(column) for column in zip(*matrix, strict=True)]
-            pull = factorised(transposed)(tuple(pull))
-        moved[s] = _by_states(to, pull, step.rows[s], spare)
-        for own, row in zip(pull, step.rows[s], strict=True):
+            own = factorised(transposed)(tuple(pull))
+        moved[s] = _by_states(to, own, step.rows[s], spare)
+        for column, row in zip(own, step.rows[s], strict=True):
             for k, value in to.by_parameters(row, step.stages, tableau.shares[s]):
-                by[k] += np.multiply(own, value, out=spare)
+                by[k] += np.multiply(column, value, out=spare)
     if last:
         for i in range(n):
             after[i, i] = 1.0
