@@ -80,6 +80,9 @@ PROMISING = 0.7
 """Error left in the weak view, relative to re-calibration, below which a set must do well."""
 MOST_BROKEN = 2
 """Sets that do not do so well, from which the weak view is not believed about larger ones."""
+LOCATING = 0.25
+"""Share of the time budget from which forces are located beside a set that explains everything:
+what is left then is for telling that set from its parts."""
 HIDDEN = 2.5
 """The same in longer segments from which an effect is looked for that short ones do not show."""
 
@@ -270,7 +273,9 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     arena, entries = in_widths_of_best(arena, entries)
     stopped = case.search.stopped_by
     if entries[0].fit.usable:
-        arena, entries = with_located(arena, entries)
+        short = case.search.remaining < LOCATING * case.budget.seconds
+        if not (stop() or (short and _at_noise(arena, entries))):
+            arena, entries = with_located(arena, entries)
         entries, stopped = _grown(case, arena, entries)
         arena, entries = in_widths_of_best(arena, entries)
     return arena, entries, headline.seconds, stopped

@@ -157,7 +157,7 @@ def _reduced(
 
     have = {e.members: e for e in entries}
     neutral = neutral_values(arena.super_model)
-    better = []
+    found: list[Entry] = []
     for members in sets:
         if stop():
             break
@@ -165,12 +165,14 @@ def _reduced(
         for number in set(whole.members) - set(members):
             start[arena.super_model.index(number)] = neutral[arena.super_model.index(number)]
         entry = enter(arena, members, start, whole.fit.path, stop, near=True)
-        known = have.get(members)
-        if known is not None and known.fit.cost < entry.fit.cost:
-            entry = known
-        entry, _ = out_of_corners(arena, entry, stop)
-        if known is None or entry.fit.cost < (1.0 - CONTEST_TOLERANCE) * known.fit.cost:
-            better.append(entry)
+        found.append(min(entry, have.get(members, entry), key=lambda e: e.fit.cost))
+    # all of them first: corners take longer than the estimates, and time may end
+    better = []
+    for entry in sorted(found, key=lambda e: e.fit.cost):
+        known = have.get(entry.members)
+        sharpest, _ = out_of_corners(arena, entry, stop)
+        if known is None or sharpest.fit.cost < (1.0 - CONTEST_TOLERANCE) * known.fit.cost:
+            better.append(sharpest)
     return better
 
 
