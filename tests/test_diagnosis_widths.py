@@ -19,6 +19,7 @@ from jaxsr.diagnosis.contest.arena import (
     with_rounded_jumps,
 )
 from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.contest.widths import BEGIN
 from jaxsr.diagnosis.contest.widths import width_of as width_of_law
@@ -66,44 +67,65 @@ def width_of(arena: Arena) -> float:
     return arena.problem.stepping.widths[0]
 
 
+def estimated(law: str, share: float, seed: int = 0) -> tuple[Arena, tuple[Prepared, ...], Entry]:
+    """Estimate a law that turns over within a multiple of the sharpest width; widths as found."""
+    sharpest = width_of(rail(0.01, law)[0]) / BEGIN
+    arena, prepared = rail(share * sharpest, law, seed)
+    theta = neutral_values(arena.super_model)
+    for name, start in {"Fc": 2.3, "Fs": 3.0, "vs": 0.4}.items():
+        if name in arena.super_model.names[0]:
+            theta[list(arena.super_model.model.parameters).index(
+                arena.super_model.names[0][name])] = start  # fmt: skip
+    entry = enter(arena, (0,), theta)
+    return in_steps_of(arena, entry), prepared, entry
+
+
+CORNER = "22 of 30 recordings lead to this width, that of seed 0 into a corner of the cost"
+
+
 @pytest.mark.parametrize(
-    ("share", "law", "seeds", "least"),
+    ("share", "law"),
     [
-        (2.0, "coulomb_friction", 1, 1),
-        (5.0, "coulomb_friction", 1, 1),
-        (14.0, "coulomb_friction", 1, 1),
-        (2.0, "stribeck_friction", 3, 2),
-        (5.0, "stribeck_friction", 1, 1),
-        (14.0, "stribeck_friction", 1, 1),
+        (2.0, "coulomb_friction"),
+        (5.0, "coulomb_friction"),
+        (14.0, "coulomb_friction"),
+        # which of the recordings depends on rounding
+        pytest.param(2.0, "stribeck_friction", marks=pytest.mark.xfail(reason=CORNER)),
+        (5.0, "stribeck_friction"),
+        (14.0, "stribeck_friction"),
     ],
 )
-def test_the_width_is_found_and_with_it_the_constants(
-    share: float, law: str, seeds: int, least: int
-) -> None:
-    """Widths of 2, 5 and 14 times the sharpest; intervals hold the constants.
+def test_the_width_is_found_and_with_it_the_constants(share: float, law: str) -> None:
+    """Widths of 2, 5 and 14 times the sharpest; intervals hold the constants."""
+    sharpest = width_of(rail(0.01, law)[0]) / BEGIN
+    own, prepared, entry = estimated(law, share)
+    assert width_of(own) == pytest.approx(share * sharpest, rel=0.25)
+    assert entry.fit.cost / own.problem.segments.weights.sum() < 1.2
+    refined = refine(Ground(own, prepared, (1.0,), None), entry)
+    for name in own.super_model.names[0]:
+        value, half = refined.interval(name)
+        assert abs(value - TRUE[name]) < half < 0.35 * TRUE[name]
 
-    Of a peak that turns over as sharply as can be, 21 of the recordings of 30 seeds lead there
-    from this start, and others into a corner of the cost: there the majority counts.
-    """
+
+@pytest.mark.parametrize(("seeds", "least"), [(3, 2), pytest.param(30, 20, marks=pytest.mark.slow)])
+def test_most_recordings_of_the_sharpest_peak_lead_to_its_width(seeds: int, least: int) -> None:
+    """Twice the sharpest width, seeds from 0; where it is found, intervals hold the constants."""
+    law = "stribeck_friction"
     sharpest = width_of(rail(0.01, law)[0]) / BEGIN
     right = 0
     for seed in range(seeds):
-        arena, prepared = rail(share * sharpest, law, seed)
-        theta = neutral_values(arena.super_model)
-        for name, start in {"Fc": 2.3, "Fs": 3.0, "vs": 0.4}.items():
-            if name in arena.super_model.names[0]:
-                own_name = arena.super_model.names[0][name]
-                theta[list(arena.super_model.model.parameters).index(own_name)] = start
-        entry = enter(arena, (0,), theta)
-        own = in_steps_of(arena, entry)
-        if width_of(own) != pytest.approx(share * sharpest, rel=0.25):
+        own, prepared, entry = estimated(law, 2.0, seed)
+        if width_of(own) != pytest.approx(2.0 * sharpest, rel=0.25):
             continue
-        assert entry.fit.cost / arena.problem.segments.weights.sum() < 1.2
+        right += 1
+        if seeds > 3:  # constants of three recordings are enough
+            continue
+        assert entry.fit.cost / own.problem.segments.weights.sum() < 1.2
         refined = refine(Ground(own, prepared, (1.0,), None), entry)
-        for name in arena.super_model.names[0]:
+        for name in own.super_model.names[0]:
             value, half = refined.interval(name)
             assert abs(value - TRUE[name]) < half < 0.35 * TRUE[name]
-        right += 1
+    print(f"{right} of {seeds}")
     assert right >= least
 
 

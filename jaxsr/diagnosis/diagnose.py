@@ -71,6 +71,9 @@ OWN, OWN_SLOW = 0.05, 4.0
 estimation of the set."""
 AGAIN = 0.2
 """Share of the time budget from which longer segments are still asked."""
+LOCATING = 0.25
+"""The same from which forces are located beside a set that explains everything: with less, what is
+left is for telling that set from its parts."""
 GROWING = 0.7
 """Share of the time left that larger sets may take: the rest is for telling rivals apart."""
 GROWING_LESS, MORE = 0.4, 0.5
@@ -80,11 +83,9 @@ PROMISING = 0.7
 """Error left in the weak view, relative to re-calibration, below which a set must do well."""
 MOST_BROKEN = 2
 """Sets that do not do so well, from which the weak view is not believed about larger ones."""
-LOCATING = 0.25
-"""Share of the time budget from which forces are located beside a set that explains everything:
-what is left then is for telling that set from its parts."""
 HIDDEN = 2.5
-"""The same in longer segments from which an effect is looked for that short ones do not show."""
+"""Residual in longer segments, in sizes of the noise, from which an effect is looked for that short
+ones do not show."""
 
 
 def diagnose(

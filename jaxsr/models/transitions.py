@@ -102,7 +102,7 @@ def transition(
     """
     n, (steps, segments) = len(to.states), shape
     result = np.empty((n, to.count, *shape))
-    points = min(CARRIED // n**2, MOST)
+    points = min(max(CARRIED // n**2, 1), MOST)
     size = max(-(-steps // max(round(steps * segments / points), 1)), 1)
     for first in range(0, steps, size):
         here = slice(first, min(first + size, steps))
