@@ -44,13 +44,39 @@ n = { value = 2.0 }
 F = { value = 0.4, bounds = [0.0, 3.0] }
 """
 )
+GEAR = parse_model(
+    """
+[model]
+states = ["q1", "q2", "v1", "v2"]
+inputs = ["u"]
+outputs = ["y1"]
+[equations]
+q1 = "v1"
+q2 = "v2"
+v1 = "5*u - F*v1 - (k*(q1/n - r*q2) + d*(v1/n - v2))/n"
+v2 = "k*(q1/n - r*q2) + d*(v1/n - v2) - F*v2"
+[inertia]
+v1 = { v1 = "m" }
+v2 = { v2 = "m" }
+[readings]
+y1 = "q1"
+[parameters]
+m = { value = 1.0, bounds = [0.3, 3.0] }
+k = { value = 40.0, bounds = [20.0, 90.0] }
+d = { value = 0.5, bounds = [0.1, 3.0] }
+n = { value = 8.0 }
+r = { value = 1.5 }
+F = { value = 0.4, bounds = [0.0, 3.0] }
+"""
+)
+"""A motor that turns a load by a gear and a soft shaft."""
 SCALE = {s: np.linspace(-2.0, 2.0, 21) for s in CHAIN.states}
 RNG = np.random.default_rng(8)
 POINTS = RNG.uniform(-2.0, 2.0, (4, 300))
 
 
-def offered() -> list[Candidate]:
-    return [c for site in sites_of(CHAIN, SCALE) for c in play(site)]
+def offered(model: Model = CHAIN) -> list[Candidate]:
+    return [c for site in sites_of(model, SCALE) for c in play(site)]
 
 
 def forces(model: Model) -> np.ndarray:
@@ -81,6 +107,21 @@ def test_a_spring_with_play_pulls_by_what_is_beyond_the_play() -> None:
             beyond = np.maximum(deflection - b, 0.0) + np.minimum(deflection + b, 0.0)
             pulls = -np.outer(stiffness, beyond - deflection)
             np.testing.assert_allclose(edited - base, pulls, atol=1e-10)
+
+
+def test_a_shaft_behind_a_gear_may_have_play() -> None:
+    """Deflection of the load's side, 1/n of it at the motor's; the damper has none."""
+    found = [(s.state, to_text(s.deflection), to_text(s.stiffness)) for s in springs_of(GEAR)]
+    assert found == [("v1", "q1/n - r*q2", "k/n"), ("v2", "q1/n - r*q2", "-k")]
+    base, deflection = forces(GEAR), POINTS[0] / 8.0 - 1.5 * POINTS[1]
+    candidate = offered(GEAR)[0]
+    # half the ranges are 2/8 and 2*1.5: the spring is deflected by the smaller one at least
+    assert candidate.parameters[0].high == 2.0 * 0.25
+    for b in (0.0, 0.1, 0.7):
+        edited = forces(apply_edit(GEAR, candidate.edit(GEAR, {"b": "b"}, {"b": b})))
+        beyond = np.maximum(deflection - b, 0.0) + np.minimum(deflection + b, 0.0)
+        pulls = -np.outer((40.0 / 8.0, -40.0), beyond - deflection)
+        np.testing.assert_allclose(edited - base, pulls, atol=1e-10)
 
 
 def test_the_stiffness_of_a_spring_with_play_is_a_parameter_of_the_model() -> None:

@@ -26,7 +26,8 @@ class Spring:
     state : str
         The rate whose equation it is.
     deflection : Term
-        A position, or a sum or difference of positions.
+        A position, or a sum or difference of positions, each divided or multiplied by parameters
+        where gears or levers stand between them.
     stiffness : Term
         Of parameters, with its sign.
     """
@@ -55,7 +56,7 @@ def play(site: Site) -> Iterator[Candidate]:
         if mine[-1].state != site.state or not reach > 0.0:
             continue
         u = to_text(deflection)
-        unit = site.model.units.get(next(iter(deflection.variables)))
+        unit = _unit(site.model, deflection)
         terms = tuple(
             (s.state, f"+ ({to_text(s.stiffness)})*Max(Min({u}, {{b}}), -{{b}})") for s in mine
         )
@@ -80,22 +81,26 @@ def springs_of(model: Model) -> list[Spring]:
         for sign, summand in _summands(model.equation_terms[state], 1.0):
             factors = list(_factors(summand))
             moving = [f for f, _ in factors if f.variables & positions]
-            if len(moving) != 1 or not _is_deflection(moving[0], positions):
+            if len(moving) != 1 or not _is_deflection(moving[0], model, positions):
                 continue
             others = [(f, above) for f, above in factors if f != moving[0]]
             linear = (moving[0], True) in factors
-            if linear and all(f.variables <= model.parameters.keys() for f, _ in others):
+            if linear and all(_constant(f, model) for f, _ in others):
                 u, way = _oriented(moving[0])
                 found.append(Spring(state, u, _product(others, -sign * way)))
     return found
 
 
 def _summands(term: Term, sign: float) -> Iterator[tuple[float, Term]]:
+    """Yield summands and their signs; a fraction of a sum is a sum of fractions."""
     if term.op in ("add", "sub"):
         yield from _summands(term.args[0], sign)
         yield from _summands(term.args[1], -sign if term.op == "sub" else sign)
     elif term.op == "neg":
         yield from _summands(term.args[0], -sign)
+    elif term.op == "div" and term.args[0].op in ("add", "sub", "neg"):
+        for own, summand in _summands(term.args[0], sign):
+            yield own, Term.apply("div", summand, term.args[1])
     else:
         yield sign, term
 
@@ -112,10 +117,32 @@ def _factors(term: Term, above: bool = True) -> Iterator[tuple[Term, bool]]:
         yield term, above
 
 
-def _is_deflection(term: Term, positions: set[str | None]) -> bool:
+def _constant(term: Term, model: Model) -> bool:
+    return term.variables <= model.parameters.keys()
+
+
+def _is_deflection(term: Term, model: Model, positions: set[str | None]) -> bool:
+    """Whether a term is a position, or a sum of positions with constant factors."""
     if term.is_variable:
         return term.name in positions
-    return term.op in ("add", "sub") and all(_is_deflection(a, positions) for a in term.args)
+    if term.op in ("add", "sub"):
+        return all(_is_deflection(a, model, positions) for a in term.args)
+    if term.op not in ("mul", "div"):
+        return False
+    first, second = term.args
+    if term.op == "mul" and _constant(first, model):
+        first, second = second, first
+    return _constant(second, model) and _is_deflection(first, model, positions)
+
+
+def _unit(model: Model, deflection: Term) -> str | None:
+    """Return the unit of a deflection: that of a position in it that has no factor."""
+    if deflection.is_variable:
+        return model.units.get(deflection.name)
+    if deflection.op not in ("add", "sub"):
+        return None
+    known = (_unit(model, a) for a in deflection.args)
+    return next((unit for unit in known if unit is not None), None)
 
 
 def _oriented(deflection: Term) -> tuple[Term, float]:
@@ -140,15 +167,21 @@ def _product(factors: Sequence[tuple[Term, bool]], sign: float) -> Term:
 
 def _reach(site: Site, deflection: Term) -> float:
     """Return how far the spring is deflected to either side; 0 where it never changes sign."""
-    signals = {n: site.signal(n) for n in deflection.variables}
+    every = site.model.parameters
+    parameters = {n: every[n].value for n in deflection.variables & every.keys()}
+    positions = sorted(deflection.variables - every.keys())
+    deflected = to_numpy(deflection)
+    signals = {n: site.signal(n) for n in positions}
     if all(v is not None for v in signals.values()):
-        u = np.abs(to_numpy(deflection)(signals))
-        low, high = np.quantile(to_numpy(deflection)(signals), [0.02, 0.98])
-        return float(np.quantile(u, 0.95)) if low < 0.0 < high else 0.0
-    ranges = [site.scale.get(n) for n in sorted(deflection.variables)]
-    sides = [r for r in ranges if r is not None and np.all(np.isfinite(r))]
-    if len(sides) < len(ranges):
+        u = deflected({**signals, **parameters})
+        low, high = np.quantile(u, [0.02, 0.98])
+        return float(np.quantile(np.abs(u), 0.95)) if low < 0.0 < high else 0.0
+    ranges = [site.scale.get(n) for n in positions]
+    known = [r for r in ranges if r is not None and np.all(np.isfinite(r))]
+    if len(known) < len(ranges):
         return 0.0
     if deflection.is_variable:
-        return float(max(min(sides[0][-1], -sides[0][0]), 0.0))
-    return float(min(0.5 * (r[-1] - r[0]) for r in sides))
+        return float(max(min(known[0][-1], -known[0][0]), 0.0))
+    still = dict.fromkeys(positions, 0.0)
+    factors = [abs(float(deflected({**still, n: 1.0, **parameters}))) for n in positions]
+    return float(min(f * 0.5 * (r[-1] - r[0]) for f, r in zip(factors, known, strict=True)))
