@@ -164,7 +164,7 @@ def carried_errors(
     the model's own derivatives.
     """
     ends, slopes = one_step(simulator, *coarse, theta, path)
-    other, _ = one_step(simulator, *fine, theta, path)
+    other, _ = _Ground.of(simulator, *fine, theta, ()).step(path, tangents=False)
     _, apart = condensed(slopes, other - ends)
     _, by = readings_along(simulator, *coarse, theta, path)
     return np.einsum("oits,its->ots", by, apart)

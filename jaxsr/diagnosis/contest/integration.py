@@ -119,7 +119,7 @@ def accurate(problem: Problem, theta: np.ndarray, path: np.ndarray) -> Problem:
         return problem
     fine = with_steps(problem, stepping.method, 4 * stepping.substeps)
     with np.errstate(all="ignore"):
-        apart, left = _apart(problem, fine, theta, path)
+        apart, left = led_apart(problem, fine, theta, path)
         ratio = np.sqrt(np.sum(apart**2) / (np.sum(left**2) + 1e-300)) / TOLERABLE
     if not np.isfinite(ratio) or ratio <= 1.0:
         return problem
@@ -136,16 +136,19 @@ def rounded_share(problem: Problem, theta: np.ndarray, path: np.ndarray) -> floa
     half = tuple(0.5 * width for width in problem.stepping.widths)
     sharper = replace(problem, stepping=replace(problem.stepping, widths=half))
     with np.errstate(all="ignore"):
-        apart, left = _apart(problem, sharper, theta, path)
+        apart, left = led_apart(problem, sharper, theta, path)
         size = float(np.sum(apart**2) * np.sum(left**2))
         share = float(np.sum(apart * left)) ** 2 / size if size > 0.0 else 0.0
     return share if np.isfinite(share) else 0.0
 
 
-def _apart(
+def led_apart(
     problem: Problem, other: Problem, theta: np.ndarray, path: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far two ways to integrate lead apart in the readings, scaled, and the residuals."""
+    """Return how far another way to integrate leads away in the readings, and the residuals.
+
+    Both are divided by the outputs' scales, shape (outputs, samples, segments).
+    """
     setting = (problem.stepping, problem.segments), (other.stepping, other.segments)
     apart = carried_errors(problem.simulator, *setting, theta, path)
     apart = problem.segments.weights * apart / problem.scale[:, None, None]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.integration import accurate, steady
+from jaxsr.diagnosis.contest.blocks import column_sizes
+from jaxsr.diagnosis.contest.integration import accurate, led_apart, steady
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.expressions import evaluate, parse
 from jaxsr.models.least_squares import Fit, Problem
@@ -22,6 +23,10 @@ CLEAR, FOR_SOME_TIME = 0.1, 0.01
 """Size of an argument relative to its rms, and the share of samples, at which it counts."""
 STEPS = (1.0, 0.5, 0.25)
 """Of the search for a width, in powers of two."""
+PROMISING = 3e-4
+"""Share of the cost that a width must promise to be sought any further."""
+HAIR = 1e-10
+"""Added to the diagonal of scaled normal equations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +111,12 @@ def fitted_widths(
 
     A friction law turns over within some velocity, which is as much a property of the machine as
     its size; taken too small, the constants make up for it. Doubled or halved as long as the cost
-    falls, then in smaller steps; a parabola over the logarithm of the width ends the search.
+    falls, then in smaller steps; a parabola over the logarithm of the width ends the search, or
+    says that nothing is left to find.
     """
     if not jumps.places(problem) or not fitted.usable:
+        return problem, fitted
+    if not promised(jumps, problem, fitted) > PROMISING:
         return problem, fitted
     known = {0.0: (problem, fitted)}
 
@@ -125,7 +133,7 @@ def fitted_widths(
         known[power] = stepped, again(stepped, begun)
         return known[power][1].usable and known[power][1].cost < best
 
-    best = 0.0
+    best, at, gain = 0.0, 0.0, np.inf
     for step in STEPS:
         for side in (step, -step):
             begun = best
@@ -133,10 +141,54 @@ def fitted_widths(
                 best += side
             if best != begun:
                 break
-    costs = [known[k][1].cost if k in known else np.inf for k in (best - step, best, best + step)]
-    if np.isfinite(costs).all():
-        low, middle, high = costs
-        at = best + 0.5 * step * (low - high) / max(low - 2.0 * middle + high, 1e-300)
-        if at not in known and tried(at, best):
-            best = at
+        sides = (best - step, best, best + step)
+        costs = [known[k][1].cost if k in known else np.inf for k in sides]
+        at, gain = _lowest(best, step, costs)
+        if gain < PROMISING * known[best][1].cost:
+            break
+    if np.isfinite(gain) and at not in known and tried(at, best):
+        best = at
     return known[best]
+
+
+def _lowest(middle: float, step: float, costs: Sequence[float]) -> tuple[float, float]:
+    """Return where a parabola through three costs is lowest, and how far below the middle one.
+
+    Where a cost is not known, nothing says how much is to be gained: infinity.
+    """
+    if not np.isfinite(costs).all():
+        return middle, np.inf
+    slope, bend = 0.5 * (costs[2] - costs[0]), max(costs[0] - 2.0 * costs[1] + costs[2], 1e-300)
+    return middle - step * slope / bend, 0.5 * slope**2 / bend
+
+
+def promised(jumps: Jumps, problem: Problem, fitted: Fit) -> float:
+    r"""Return the share of the cost that other widths promise, to first order.
+
+    With d the change of the readings when widths are multiplied, the parameters and the starts
+    projected out, r the residuals and C the cost, it is :math:`(r'd)^2 / (C\,d'd)`; the larger
+    one of wider and narrower jumps. Infinity where that cannot be told.
+    """
+    if fitted.path is None:
+        return np.inf
+    shares = [0.0]
+    for factor in (2.0**0.5, 2.0**-0.5):
+        other = jumps.widened(problem, factor)
+        if other is None:
+            continue
+        with np.errstate(all="ignore"):
+            change, _ = led_apart(problem, other, fitted.theta, fitted.path)
+        if not np.isfinite(change).all():
+            return np.inf
+        if not change.any():
+            continue
+        wide = replace(fitted, jacobian=np.concatenate([fitted.jacobian, change[None]]))
+        hessian, gradient = (a.sum(0) for a in wide.normal_equations())
+        size = column_sizes(hessian)
+        hessian = hessian / size / size[:, None] + HAIR * np.eye(size.size)
+        pulls = gradient / size
+        rest = np.linalg.solve(hessian[:-1, :-1], np.stack([hessian[:-1, -1], pulls[:-1]], 1))
+        left = hessian[-1, -1] - hessian[-1, :-1] @ rest[:, 0]
+        pull = pulls[-1] - hessian[-1, :-1] @ rest[:, 1]
+        shares.append(float(pull**2 / left / fitted.cost))
+    return max(shares)
