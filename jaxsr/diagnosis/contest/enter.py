@@ -37,11 +37,13 @@ def enter(
     max_iterations: int = ITERATIONS,
     near: bool = False,
     fit_widths: bool | None = None,
+    worth: float = np.inf,
 ) -> Entry:
     """Estimate one set jointly with the free parameters and the starts, and hold blocks back.
 
     `path` is where the states are sought, as another entry's fit has them; `near` says that they
     are nearly there, and with that, unless `fit_widths`, that its jumps are as wide as the arena's.
+    For a cost above `worth`, neither widths nor finer steps are sought.
     """
     super_model = arena.super_model
     problem = arena.problem
@@ -81,6 +83,7 @@ def enter(
             break
     share = 0.0
     asked = not near if fit_widths is None else fit_widths
+    careful = careful and result.cost <= worth
     if careful and sharp and asked and arena.jumps is not None:
 
         def anew(wider: Problem, found: Fit) -> Fit:

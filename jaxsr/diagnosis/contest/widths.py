@@ -167,7 +167,8 @@ def promised(jumps: Jumps, problem: Problem, fitted: Fit) -> float:
 
     With d the change of the readings when widths are multiplied, the parameters and the starts
     projected out, r the residuals and C the cost, it is :math:`(r'd)^2 / (C\,d'd)`; the larger
-    one of wider and narrower jumps. Infinity where that cannot be told.
+    one of wider and narrower jumps. Infinity without a path; 0 along one from which neighbours
+    lead away without bounds.
     """
     if fitted.path is None:
         return np.inf
@@ -178,9 +179,7 @@ def promised(jumps: Jumps, problem: Problem, fitted: Fit) -> float:
             continue
         with np.errstate(all="ignore"):
             change, _ = led_apart(problem, other, fitted.theta, fitted.path)
-        if not np.isfinite(change).all():
-            return np.inf
-        if not change.any():
+        if not np.isfinite(change).all() or not change.any():
             continue
         wide = replace(fitted, jacobian=np.concatenate([fitted.jacobian, change[None]]))
         hessian, gradient = (a.sum(0) for a in wide.normal_equations())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -27,6 +28,10 @@ FULL = (8, 5, 4)
 """Mechanisms estimated in full, by the size of the set."""
 BROKEN = 0.9
 """Share of the gain promised by one iteration, missed by which an estimate begins anew."""
+MOST_BROKEN = 2
+"""Starts of a mechanism that miss it, after which no others are estimated."""
+OUT_OF_REACH = 30.0
+"""Cost, relative to the best so far, from which neither widths nor finer steps are sought."""
 PARENTS = {False: 2, True: 3}
 """Sets of different mechanisms that grow on; more where all leave far more than the noise."""
 BEHIND = 4.0
@@ -98,15 +103,24 @@ def _estimate(
     """Estimate the promising trials until they settle, and enter them in `found`."""
     known = (e.fit.cost for e in found.values() if e.fit.usable and plausible(arena, e))
     reached = min(known, default=leader.fit.cost)
+    broken: Counter[tuple[str, ...]] = Counter()
     for trial in promising(arena.super_model, leader, quick, most, reached=reached):
         if exhausted():
             break
-        path = leader.fit.path if trial.path is None else trial.path
-        full = enter(arena, trial.members, trial.theta, path, exhausted)
-        if full.fit.cost > BROKEN * leader.fit.cost + (1.0 - BROKEN) * trial.cost:
+        labels = tuple(arena.super_model.candidates[i].label for i in trial.members)
+        if broken[labels] == MOST_BROKEN:
+            continue
+
+        def full_from(path: np.ndarray | None, trial: Trial = trial) -> Entry:
+            worth = OUT_OF_REACH * reached
+            return enter(arena, trial.members, trial.theta, path, exhausted, worth=worth)
+
+        least = BROKEN * leader.fit.cost + (1.0 - BROKEN) * trial.cost
+        full = full_from(leader.fit.path if trial.path is None else trial.path)
+        if full.fit.cost > least:
             # the leader's path may lead astray, where what is new hardly acts
-            again = enter(arena, trial.members, trial.theta, None, exhausted)
-            full = min(full, again, key=lambda e: e.fit.cost)
+            full = min(full, full_from(None), key=lambda e: e.fit.cost)
+            broken[labels] += full.fit.cost > least
         found[full.members] = full
         _without_idle(arena, full, found)
         _simpler(arena, full, found)
