@@ -11,8 +11,9 @@ import pytest
 from diagnosis_systems import RAIL, STIFF
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
+from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.judging.refine import Ground, refine
 from jaxsr.diagnosis.mechanisms import force_candidates
@@ -141,6 +142,16 @@ def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monke
     case: Any = SimpleNamespace(search=SimpleNamespace(exhausted=False))
     better = {e.members: e for e in alone(arena, both, [null, coulomb, bad], case)}
     assert better[1,].fit.cost < 1.01 * stribeck.fit.cost
+    # All parts are estimated, though time ends while the first of them is led out of corners.
+    search = SimpleNamespace(exhausted=False)
+
+    def ending(arena: Arena, entry: Entry, stop: object) -> tuple[Entry, None]:
+        search.exhausted = True
+        return entry, None
+
+    monkeypatch.setattr("jaxsr.diagnosis.search.choice.out_of_corners", ending)
+    case = SimpleNamespace(search=search)
+    assert {e.members for e in alone(arena, both, [null], case)} == {(1,), (2,)}
     refined = refine(Ground(arena, tuple(prepared), (1.0,), None), stribeck)
     for name, truth in {"Fc": 2.0, "Fs": 4.0, "vs": 0.4}.items():
         value, half = refined.interval(name)

@@ -119,6 +119,7 @@ def one_step(
     theta: Array,
     path: Array,
     active: Sequence[int] = (),
+    tangents: bool = True,
 ) -> tuple[Array, Array]:
     """Return where each sample of a path leads by the next, and the derivatives.
 
@@ -126,9 +127,11 @@ def one_step(
     -------
     ends : ndarray, shape (states, samples - 1, segments)
     slopes : ndarray, shape (states, states + active, samples - 1, segments)
-        By the state at the earlier sample, then by the active parameters.
+        By the state at the earlier sample, then by the active parameters; in no direction
+        without `tangents`.
     """
-    return _Ground.of(simulator, stepping, segments, theta, active).step(path)
+    ground = _Ground.of(simulator, stepping, segments, theta, active)
+    return ground.step(path, tangents=tangents)
 
 
 def readings_along(
@@ -164,7 +167,7 @@ def carried_errors(
     the model's own derivatives.
     """
     ends, slopes = one_step(simulator, *coarse, theta, path)
-    other, _ = _Ground.of(simulator, *fine, theta, ()).step(path, tangents=False)
+    other, _ = one_step(simulator, *fine, theta, path, tangents=False)
     _, apart = condensed(slopes, other - ends)
     _, by = readings_along(simulator, *coarse, theta, path)
     return np.einsum("oits,its->ots", by, apart)

@@ -58,7 +58,8 @@ def enter(
     active = own.active(active_parameters(super_model, members))
     theta = super_model.switched(members, start)
     inner, course = theta[own.parameters], None if path is None else path[own.states]
-    careful = max_iterations >= ITERATIONS and _refinable(arena, members)
+    full = max_iterations >= ITERATIONS
+    careful = full and _refinable(arena, members)
     given = own.problem.stepping
 
     def stopped() -> bool:
@@ -75,7 +76,8 @@ def enter(
     if careful and near and course is not None:
         own = replace(own, problem=accurate(steady(own.problem, inner), inner, course))
     sharp = any(super_model.candidates[i].sharp for i in members)
-    for _ in range(1 + REFRESHES * super_model.remembers(members)):
+    refreshes = REFRESHES if super_model.remembers(members) and full else 0
+    for _ in range(1 + refreshes):
         result = estimate(own, inner, course, near)
         moved = np.abs(result.theta - inner) > 1e-3 * np.abs(inner)
         inner, course = result.theta, result.path

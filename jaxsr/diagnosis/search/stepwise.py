@@ -21,7 +21,7 @@ from jaxsr.diagnosis.screening.screen import redundant
 from jaxsr.diagnosis.search.nesting import continued, simplified
 from jaxsr.diagnosis.search.tangents import tangent_about
 
-QUICK, QUICK_THRESHOLD, QUICK_HIDDEN = 1, 10, 6
+QUICK, QUICK_THRESHOLD, QUICK_HIDDEN = 2, 10, 6
 """Iterations by which a mechanism is judged before it is estimated in full; a threshold has to be
 moved to where it hardly acts, and where a state hides, its path has to be found first."""
 FULL = (8, 5, 4)

@@ -53,7 +53,7 @@ def change(arena: Arena, centre: Entry, members: tuple[int, ...], theta: np.ndar
     path, setting = path[own.states], (problem.simulator, problem.stepping, problem.segments)
     known = super_model.switched(centre.members, centre.fit.theta)[own.parameters]
     ends, slopes = one_step(*setting, known, path)
-    others, _ = one_step(*setting, theta[own.parameters], path)
+    others, _ = one_step(*setting, theta[own.parameters], path, tangents=False)
     _, apart = condensed(slopes, others - ends)
     before, by = readings_along(*setting, known, path)
     after, _ = readings_along(*setting, theta[own.parameters], path)
