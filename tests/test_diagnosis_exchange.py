@@ -161,7 +161,7 @@ def test_a_law_that_a_bad_start_has_spoilt_is_found_from_the_law_inside_it(monke
 def test_a_delay_of_several_samples_is_found_from_the_lag_that_imitates_it(monkeypatch) -> None:
     """A pendulum turning over, read 0.055 s late; what a linearisation promises is left out."""
     monkeypatch.setattr("jaxsr.diagnosis.search.exchange.RIVAL_PATIENCE", 60.0)
-    monkeypatch.setattr("jaxsr.diagnosis.search.exchange.tried", lambda *args: [])
+    monkeypatch.setattr("jaxsr.diagnosis.search.exchange.expected", lambda *args: [])
     t = np.arange(1500) * 0.01
     tones = np.array([0.9, 2.3, 4.1])
 

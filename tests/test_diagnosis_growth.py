@@ -54,7 +54,7 @@ def test_a_limit_is_seen_from_wherever_its_search_begins(limit):
     """From half the largest command on, a few iterations lead to one that is hardly reached."""
     arena = arena_of(cart(0, 1e-3, limit), 1e-3, ("input_saturation",))
     null = enter(arena, (), neutral_values(arena.super_model))
-    trials = tried(arena, null, {(): null}, lambda: False, lambda *_: None)
+    trials = tried(arena, null, [], {(): null}, lambda: False, lambda *_: None)
     hard = [t for t in trials if "Max(" in arena.super_model.candidates[t.members[0]].terms[0][1]]
     top = limit * float(np.abs(arena.prepared[0].recording.channels["u"]).max())
     assert len(hard) == 4 and all(t.cost < null.fit.cost - 20.0 for t in hard)

@@ -13,7 +13,7 @@ from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.nesting import INSIDE, continued
 from jaxsr.diagnosis.search.peaks import peaked
-from jaxsr.diagnosis.search.stepwise import Trial, promising, tried
+from jaxsr.diagnosis.search.stepwise import Trial, expected, promising
 
 RIVALS, KIN, RIVAL_PATIENCE = 4, 3, 3.0
 """Mechanisms estimated in the place of each of the chosen, wherever they act and at its own site,
@@ -46,7 +46,7 @@ def exchange(
         known = {text for text in stand if text and text != label}
         if exhausted():
             break
-        quick = tried(arena, rest, found, exhausted, None)
+        quick = expected(arena, rest, found)
         trials = _richer(arena, number, rest, found) + _late(arena, number, rest, found)
         trials += _alike(arena.super_model, number, rest, found)
         trials += _kin(arena.super_model, number, rest, quick, known)

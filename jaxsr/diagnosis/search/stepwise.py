@@ -39,6 +39,8 @@ BEHIND = 4.0
 noise."""
 WORTH = 0.3
 """Share of the best gain, quick or known, from which a mechanism is estimated in full."""
+PUNCTUAL = 0.98
+"""Cost that a delay leaves, relative to the leader's, from which no lag of that input is tried."""
 VARIANT = 0.7
 """Share of a mechanism's best quick gain from which another start of it is tried as well."""
 
@@ -62,9 +64,12 @@ def grow(
         for leader in leaders:
             if exhausted():
                 break
-            every = size < len(FULL) and leader is leaders[0]
-            quick = tried(arena, leader, found, exhausted, tell if every else None)
+            # what one linearisation tells comes first: it may leave nothing to find
+            quick = expected(arena, leader, found)
             _estimate(arena, leader, quick, most, found, exhausted)
+            if size < len(FULL) and leader is leaders[0]:
+                quick += tried(arena, leader, quick, found, exhausted, tell)
+                _estimate(arena, leader, quick, most, found, exhausted)
         yield list(found.values())
         if exhausted():
             return
@@ -107,6 +112,8 @@ def _estimate(
     for trial in promising(arena.super_model, leader, quick, most, reached=reached):
         if exhausted():
             break
+        if trial.members in found:
+            continue
         labels = tuple(arena.super_model.candidates[i].label for i in trial.members)
         if broken[labels] == MOST_BROKEN:
             continue
@@ -198,38 +205,40 @@ class Trial:
     path: np.ndarray | None = None
 
 
+def expected(arena: Arena, leader: Entry, found: Mapping[tuple[int, ...], Entry]) -> list[Trial]:
+    """Add every mechanism that grows in proportion to a set, in one linearisation."""
+    numbers = [i for i in _beside(arena, leader, found) if _proportional(arena, i)]
+    return _tangent(arena, leader, numbers)
+
+
 def tried(
     arena: Arena,
     leader: Entry,
-    found: dict[tuple[int, ...], Entry],
+    quick: Sequence[Trial],
+    found: Mapping[tuple[int, ...], Entry],
     exhausted: Callable[[], bool],
-    tell: Callable[[float, str], None] | None,
+    tell: Callable[[float, str], None],
 ) -> list[Trial]:
-    """Add every mechanism to a set: most in one linearisation, the others by one iteration.
+    """Add every other mechanism to a set, by a few iterations.
 
-    Without `tell` the others, which take longer, are left out.
+    A lag delays slow motion: where a delay of the same signal promises nothing in `quick`, it is
+    left out.
     """
     super_model = arena.super_model
-    numbers = [
-        i
-        for i in range(len(super_model.candidates))
-        if (m := tuple(sorted({*leader.members, i}))) not in found and not redundant(super_model, m)
-    ]
+    numbers = [i for i in _beside(arena, leader, found) if not _proportional(arena, i)]
+    punctual = _punctual(super_model, leader, quick)
     hidden = any(p.states.hidden for p in arena.prepared)
-    smooth = [
-        i
-        for i in numbers
-        # the course of a memory is known where the motion is
-        if grows_in_proportion(c := super_model.candidates[i]) and not (hidden and c.states)
-    ]
-    trials = _tangent(arena, leader, smooth)
-    for number in (i for i in numbers if i not in smooth):
-        if exhausted() or tell is None:
+    trials = []
+    for number in numbers:
+        if exhausted():
             break
-        tell(number / len(super_model.candidates), super_model.candidates[number].label)
+        candidate = super_model.candidates[number]
+        if candidate.mechanism == "actuator_lag" and candidate.site in punctual:
+            continue
+        tell(number / len(super_model.candidates), candidate.label)
         members = tuple(sorted({*leader.members, number}))
         start = super_model.seeded((number,), leader.fit.theta)
-        threshold = any(isinstance(p, Threshold) for p in super_model.candidates[number].parameters)
+        threshold = any(isinstance(p, Threshold) for p in candidate.parameters)
         most = QUICK_HIDDEN if hidden else QUICK_THRESHOLD if threshold else QUICK
         # a memory alone is tried without samples before a segment
         place = arena if shifting_members(super_model, members) else replace(arena, wide=None)
@@ -237,6 +246,35 @@ def tried(
         if entry.fit.usable:
             trials.append(Trial(members, entry.fit.cost, entry.fit.theta, entry.fit.path))
     return trials
+
+
+def _beside(arena: Arena, leader: Entry, found: Mapping[tuple[int, ...], Entry]) -> Iterator[int]:
+    """Yield the candidates that make a new set with a leader."""
+    for number in range(len(arena.super_model.candidates)):
+        members = tuple(sorted({*leader.members, number}))
+        if members not in found and not redundant(arena.super_model, members):
+            yield number
+
+
+def _proportional(arena: Arena, number: int) -> bool:
+    """Whether one linearisation tells what a candidate does.
+
+    The course of a memory is known where the motion is.
+    """
+    candidate = arena.super_model.candidates[number]
+    hidden = any(p.states.hidden for p in arena.prepared)
+    return grows_in_proportion(candidate) and not (hidden and candidate.states)
+
+
+def _punctual(super_model: SuperModel, leader: Entry, quick: Sequence[Trial]) -> set[str]:
+    """Return the inputs whose delay promises next to nothing beside a leader."""
+    sites = set[str]()
+    for trial in quick:
+        (new,) = set(trial.members) - set(leader.members)
+        candidate = super_model.candidates[new]
+        if candidate.mechanism == "input_delay" and trial.cost > PUNCTUAL * leader.fit.cost:
+            sites.add(candidate.site)
+    return sites
 
 
 def _tangent(arena: Arena, leader: Entry, numbers: Sequence[int]) -> list[Trial]:
