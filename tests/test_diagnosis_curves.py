@@ -214,7 +214,7 @@ def test_a_nameless_law_at_the_noise_must_be_the_shorter_one(monkeypatch):
 
 @pytest.mark.parametrize(
     ("took", "reading", "kept"),
-    [(0.1, 1.0, 16.8), (0.1, 6.0, 18.0), (2.0, 1.0, 20.0), (2.0, 8.0, 24.0), (9.0, 1.0, 27.0)],
+    [(0.1, 1.0, 13.2), (0.1, 9.0, 18.0), (2.0, 1.0, 20.0), (2.0, 12.0, 24.0), (9.0, 1.0, 27.0)],
 )
 def test_a_slow_leading_set_or_slow_reading_leaves_more_time_for_the_report(took, reading, kept):
     budget = Budget(60.0)

@@ -60,9 +60,9 @@ MOST_PATIENCE = 10.0
 """The same in seconds: what takes longer is caught in a law that jumps."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
-SEARCHING, DECIDING = 0.65, 0.72
+SEARCHING, DECIDING = 0.7, 0.78
 """Shares of the time budget after which no more sets are tried, and nothing more is compared."""
-REPORTING = 3.0
+REPORTING = 2.0
 """Time kept for refining and reporting, relative to that of reading and screening."""
 SLOW, MOST_REPORTING = 10.0, 0.45
 """The same relative to the estimation of the leading set; its largest share of the time budget."""

@@ -267,8 +267,8 @@ def with_candidates(
     if same:
         again = [replace(e, fit=e.fit.extended(added)) for e in entries]
     else:
-        starts = {m: np.concatenate([e.fit.theta, added]) for m, e in sets.items()}
-        again = [enter(new, members, theta, stop=stop) for members, theta in starts.items()]
+        starts = {m: (np.concatenate([e.fit.theta, added]), e.fit.path) for m, e in sets.items()}
+        again = [enter(new, m, *start, stop, near=True) for m, start in starts.items()]
     numbers = iter(range(len(old.candidates), len(super_model.candidates)))
     own = [by_name[c.key] if c.key in by_name else next(numbers) for c, _ in proposals]
     for members in dict.fromkeys(beside):
