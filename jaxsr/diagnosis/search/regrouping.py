@@ -32,12 +32,17 @@ SETS, PATIENCE = 4, 3.0
 """Sets estimated in full about one path, and the seconds that each may take."""
 ROUNDS = 3
 """Times that a better set is linearised anew."""
+FURTHER = 0.7
+"""Cost of a better set, relative to that of the one before, up to which it is linearised anew."""
 NEAR = 2.0
 """Cost, relative to that of the set whose path it is, up to which that path is nearly its own."""
 AMONG = 4.0
 """Cost, relative to that of the best set about a path, from which no other one counts."""
 BEHIND = 1.1
 """Cost, relative to what is expected, from which a set that is known is estimated again."""
+REMEMBERING = 0.25
+"""Cost, relative to the centre's, that a set with a new memory must promise: such a promise is less
+certain, and its estimation takes longest."""
 RIDGE = 1e-10
 """Added to the diagonal of scaled normal equations."""
 SEEN = 1e-12
@@ -87,6 +92,8 @@ def settled(
         kept = sorted(kept, key=lambda e: (bool(e.members), e.fit.cost))[: SETS + 1]
         arena, kept = in_widths_of_best(arena, kept)
         arena, entries = rescaled(arena, kept, exhausted)
+        if better.fit.cost > FURTHER * best.fit.cost:
+            break
     return arena, entries
 
 
@@ -189,7 +196,10 @@ class Regrouping:
                 continue
             better.append(own)
             behind = least.get(own, np.inf) > BEHIND * expected.fit.cost
-            if behind and expected.fit.cost < most:
+            new = set(expected.members) - set(self.centre.members)
+            likely = REMEMBERING if self.arena.super_model.remembers(tuple(new)) else np.inf
+            cost = expected.fit.cost
+            if behind and cost < most and cost < likely * self.centre.fit.cost:
                 chosen.append(expected)
         return chosen[:SETS]
 

@@ -31,7 +31,8 @@ BROKEN = 0.9
 MOST_BROKEN = 2
 """Starts of a mechanism that miss it, after which no others are estimated."""
 OUT_OF_REACH = 30.0
-"""Cost, relative to the best so far, from which neither widths nor finer steps are sought."""
+"""Cost, relative to the best so far, from which neither widths nor finer steps are sought, nor the
+simpler law inside."""
 PARENTS = {False: 2, True: 3}
 """Sets of different mechanisms that grow on; more where all leave far more than the noise."""
 BEHIND = 4.0
@@ -130,7 +131,8 @@ def _estimate(
             broken[labels] += full.fit.cost > least
         found[full.members] = full
         _without_idle(arena, full, found)
-        _simpler(arena, full, found)
+        if full.fit.cost <= OUT_OF_REACH * reached:
+            _simpler(arena, full, found, exhausted)
         for start in _wider_forms(arena.super_model, leader, full, found):
             if exhausted():
                 break
@@ -182,7 +184,12 @@ def _without_idle(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]
             found[rest] = entry
 
 
-def _simpler(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> None:
+def _simpler(
+    arena: Arena,
+    full: Entry,
+    found: dict[tuple[int, ...], Entry],
+    exhausted: Callable[[], bool],
+) -> None:
     """Enter a set with the simpler law that is inside one of its members, from where it ended.
 
     The simpler one may have been left in a corner of its cost, or for want of time.
@@ -190,7 +197,7 @@ def _simpler(arena: Arena, full: Entry, found: dict[tuple[int, ...], Entry]) -> 
     for members, start in simplified(arena.super_model, full.members, full.fit.theta):
         known = found.get(members)
         if known is None or not (known.fit.converged and known.fit.usable):
-            entry = enter(arena, members, start, full.fit.path, near=True)
+            entry = enter(arena, members, start, full.fit.path, exhausted, near=True)
             if known is None or entry.fit.cost < known.fit.cost:
                 found[members] = entry
 
