@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,8 +14,10 @@ from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.explaining.judge import _differ, _frozen
 from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.mechanisms.memory import actuator_lags
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.stepwise import grow, tried
+from jaxsr.diagnosis.mechanisms.timing import timing_candidates
+from jaxsr.diagnosis.search.stepwise import Trial, grow, tried
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
@@ -60,6 +63,33 @@ def test_a_limit_is_seen_from_wherever_its_search_begins(limit):
     assert len(hard) == 4 and all(t.cost < null.fit.cost - 20.0 for t in hard)
     at = [arena.super_model.index(t.members[0])[0] for t in hard]
     assert [t.theta[j] for t, j in zip(hard, at, strict=True)] == pytest.approx([top] * 4, rel=0.01)
+
+
+@pytest.mark.parametrize(("left", "lags"), [(0.995, 0), (0.9, 1), (None, 1)])
+def test_lags_are_tried_where_a_delay_of_the_same_input_promises_something(
+    monkeypatch: pytest.MonkeyPatch, left: float | None, lags: int
+) -> None:
+    """`left`: what the delay leaves of the cost; None where no delay is offered.
+
+    With one input and one output, the delay is the sensor's.
+    """
+    model = SIMULATOR.model
+    lag = next(iter(actuator_lags(model, 0.02)))
+    delay = next(c for c in timing_candidates(model, 0.02, 20.0) if c.delays)
+    super_model = SuperModel.build(model, [lag, delay])
+    leader = SimpleNamespace(members=(), fit=SimpleNamespace(cost=100.0, path=None, theta=None))
+    quick = [] if left is None else [Trial((1,), 100.0 * left, np.zeros(0))]
+    seen = []
+
+    def enter(arena, members, *rest) -> SimpleNamespace:
+        seen.append(members)
+        return SimpleNamespace(fit=SimpleNamespace(usable=False))
+
+    monkeypatch.setattr("jaxsr.diagnosis.search.stepwise.enter", enter)
+    monkeypatch.setattr(SuperModel, "seeded", lambda *_: None)
+    arena = replace(arena_of(cart(0, 1e-2), 1e-2), super_model=super_model)
+    tried(arena, leader, quick, {(): leader}, lambda: False, lambda *_: None)
+    assert seen.count((0,)) == lags
 
 
 def test_growth_ends_where_the_best_mechanism_is_no_detection(monkeypatch):

@@ -21,7 +21,7 @@ from jaxsr.diagnosis.contest.arena import (
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.contest.widths import BEGIN
+from jaxsr.diagnosis.contest.widths import BEGIN, fitted_widths, promised
 from jaxsr.diagnosis.contest.widths import width_of as width_of_law
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.judging.refine import Ground, refine, without_width
@@ -78,6 +78,32 @@ def estimated(law: str, share: float, seed: int = 0) -> tuple[Arena, tuple[Prepa
                 arena.super_model.names[0][name])] = start  # fmt: skip
     entry = enter(arena, (0,), theta)
     return in_steps_of(arena, entry), prepared, entry
+
+
+@pytest.mark.parametrize(("share", "seed"), [(2.0, 0), (2.0, 1), (4.0, 0), (5.0, 0), (5.0, 1)])
+def test_what_another_width_promises_is_what_it_gains(share: float, seed: int) -> None:
+    """To first order, from four times the sharpest width on; at the width found, nothing."""
+    law = "coulomb_friction"
+    sharpest = width_of(rail(0.01, law)[0]) / BEGIN
+    arena, _ = rail(share * sharpest, law, seed)
+    assert arena.jumps is not None
+    theta = neutral_values(arena.super_model)
+    theta[list(arena.super_model.model.parameters).index(arena.super_model.names[0]["Fc"])] = 2.3
+    begun = enter(arena, (0,), theta, fit_widths=False)
+    found = enter(arena, (0,), theta)
+    before, after = (in_steps_of(arena, e).problem for e in (begun, found))
+    gained = 1.0 - found.fit.cost / begun.fit.cost
+    assert promised(arena.jumps, before, begun.fit) == pytest.approx(gained, rel=0.1)
+    assert promised(arena.jumps, after, found.fit) < 1e-3
+
+
+def test_of_a_law_that_jumps_nowhere_along_a_path_no_width_is_sought() -> None:
+    arena, _ = rail(0.01, "coulomb_friction")
+    assert arena.jumps is not None
+    still = enter(arena, (), neutral_values(arena.super_model))
+    assert promised(arena.jumps, arena.problem, still.fit) == 0.0
+    fitted = fitted_widths(arena.jumps, arena.problem, still.fit, lambda *_: pytest.fail("sought"))
+    assert fitted == (arena.problem, still.fit)
 
 
 CORNER = "22 of 30 recordings lead to this width, that of seed 0 into a corner of the cost"

@@ -228,8 +228,8 @@ def tried(
 ) -> list[Trial]:
     """Add every other mechanism to a set, by a few iterations.
 
-    A lag delays slow motion: where a delay of the same signal promises nothing in `quick`, it is
-    left out.
+    A lag delays slow motion: where a delay of the same input promises next to nothing in `quick`,
+    it is left out.
     """
     super_model = arena.super_model
     numbers = [i for i in _beside(arena, leader, found) if not _proportional(arena, i)]
@@ -274,13 +274,19 @@ def _proportional(arena: Arena, number: int) -> bool:
 
 
 def _punctual(super_model: SuperModel, leader: Entry, quick: Sequence[Trial]) -> set[str]:
-    """Return the inputs whose delay promises next to nothing beside a leader."""
+    """Return the inputs whose delay promises next to nothing beside a leader.
+
+    With one input and one output, the delay of the sensor stands for both.
+    """
+    model = super_model.given
+    alike = {f"output:{model.outputs[0]}": f"input:{model.inputs[0]}"} if model.inputs else {}
+    alike = alike if len(model.inputs) == len(model.outputs) == 1 else {}
     sites = set[str]()
     for trial in quick:
         (new,) = set(trial.members) - set(leader.members)
         candidate = super_model.candidates[new]
-        if candidate.mechanism == "input_delay" and trial.cost > PUNCTUAL * leader.fit.cost:
-            sites.add(candidate.site)
+        if candidate.delays and trial.cost > PUNCTUAL * leader.fit.cost:
+            sites.add(alike.get(candidate.site, candidate.site))
     return sites
 
 
