@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.explaining.judge import _differ, _frozen
+from jaxsr.diagnosis.explaining.judge import _differ, _frozen, _without_finding
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.memory import actuator_lags
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -118,3 +118,30 @@ def test_given_values_are_wrong_where_the_likelihood_says_so(spring, most, least
         recalibrated = SimpleNamespace(arena=arena, entry=enter(arena, (), values))
         found += _differ(enter(_frozen(arena), (), values), recalibrated)
     assert least <= found <= most
+
+
+@pytest.mark.parametrize(("limit", "verdict"), [(1e3, "parameter"), (0.7, "undecided")])
+def test_wrong_values_do_not_account_for_what_stands_far_above_the_noise(
+    monkeypatch: pytest.MonkeyPatch, limit: float, verdict: str
+) -> None:
+    """The spring is twice the given one; in one the motor follows commands up to 70 %, unseen."""
+    where = "jaxsr.diagnosis.explaining.judge"
+    monkeypatch.setattr(f"{where}.rounding_rows", lambda *_: ([], ()))
+    monkeypatch.setattr(f"{where}.odds", lambda *_: 1.0)
+    row = {"share": 1.0, "family": "parameter"}
+    monkeypatch.setattr(f"{where}.wrong_value_row", lambda *_: dict(row))
+    arena = arena_of(cart(0, 1e-3, limit, spring=16.0), 1e-3)
+    values = neutral_values(arena.super_model)
+    entry = enter(arena, (), values)
+    names = {name: k for k, name in enumerate(arena.super_model.model.parameters)}
+    recalibrated = SimpleNamespace(
+        arena=arena,
+        entry=entry,
+        positions=names,
+        told=np.full(values.size, 1e-6),
+        theta=entry.fit.theta,
+    )
+    parts = SimpleNamespace(arena=arena, case=SimpleNamespace(simulator=SIMULATOR), rng=None)
+    judged = _without_finding(parts, recalibrated)
+    assert judged.verdict.value == verdict
+    assert judged.findings

@@ -175,12 +175,14 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
             wrong_value_row(parts, recalibrated, name, given.fit.cost, probability)
             for _, name in rows
         ]
+    unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
     if findings or rounding:
         both = sorted([*rounding, *findings], key=lambda row: -row["share"])
         measured = both[0]["family"] == "measurement"
         first = Verdict.MEASUREMENT if measured else Verdict.PARAMETER
+        # wrong values do not account for what stands far above the noise
+        first = Verdict.UNDECIDED if unexplained and not rounding else first
         return Judged(recalibrated, recalibrated, first, both, [], True, tuple(edits))
-    unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
     return Judged(recalibrated, recalibrated, verdict, [], [], False)
 
