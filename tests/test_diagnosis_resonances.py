@@ -16,7 +16,7 @@ from jaxsr.diagnosis.locating.resonances import reaction, resonance_candidates
 from jaxsr.diagnosis.locating.responses import Responses
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.stepwise import tried
+from jaxsr.diagnosis.search.stepwise import expected
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
@@ -102,7 +102,7 @@ def test_one_linearisation_tells_what_a_memory_gains() -> None:
     wider, (again,) = with_located(arena, [null])
     labels = [c.label for c in wider.super_model.candidates]
     number = labels.index("hidden_mode@equation:vb")
-    trials = {t.members: t for t in tried(wider, again, {}, lambda: False, None)}
+    trials = {t.members: t for t in expected(wider, again, {})}
     trial = trials[(number,)]
     assert trial.cost < 0.2 * again.fit.cost
     values = wider.super_model.own_values(number, trial.theta)
