@@ -129,10 +129,8 @@ class _Stop(Exception):
     pass
 
 
-@pytest.mark.parametrize(
-    ("seed", "generations"),
-    [(0, 12), *(pytest.param(k, 16, marks=pytest.mark.slow) for k in range(4))],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "generations"), [(0, 12), *((k, 16) for k in range(4))])
 def test_a_search_broken_off_again_and_again_ends_as_if_it_never_was(tmp_path, seed, generations):
     """Restarts draw random numbers too; no break may make one of them twice or never."""
     config = replace(CONFIG, population=20, generations=generations, refined=2, patience=2)

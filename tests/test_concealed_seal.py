@@ -176,6 +176,7 @@ def test_what_calibration_absorbs_is_not_detectable() -> None:
     assert not evidence.detectable and evidence.absorbed
 
 
+@pytest.mark.slow
 def test_scales_that_imitate_each_other_are_known() -> None:
     """A tank's level on another scale is a tank with another outlet; a swing has its own time."""
     _, tanks = weighed("sensor_gain", "sensor", 0.2, 3, "tanks", fixed=("f1", "f2"))

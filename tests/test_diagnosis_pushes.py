@@ -98,8 +98,11 @@ def test_the_gain_foreseen_is_the_gain_of_the_estimate():
     assert abs((null.fit.cost - found.cost) / best.gain - 1.0) < 0.02
 
 
-def test_noise_alone_shows_no_push():
+@pytest.mark.parametrize(
+    "seeds", [range(5), pytest.param(range(5, 15), marks=pytest.mark.slow)], ids=str
+)
+def test_noise_alone_shows_no_push(seeds):
     """A proposal needs chi-squared 16 + 2 log(windows): less than once in 10,000 recordings."""
-    for seed in range(15):
+    for seed in seeds:
         arena, null = arena_of(100 + seed, 0.0)
         assert push_candidates(arena, null, responses_of(arena, null)) == []
