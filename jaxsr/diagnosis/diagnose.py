@@ -26,6 +26,7 @@ from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.explaining.document import assemble
 from jaxsr.diagnosis.explaining.judge import Ingredients
+from jaxsr.diagnosis.judging.alternatives import likelier_without
 from jaxsr.diagnosis.judging.noise_ratio import in_noise, residual_to_noise
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
@@ -148,6 +149,8 @@ def diagnose(
         decision, headline, grown = decided_among_few(case, reading, rng)
     arena, good, chosen, detection = decision
     null = next(e for e in good if not e.members)
+    if likelier_without(arena.super_model, chosen, good, np.random.default_rng(seed)):
+        chosen = null
     ingredients = Ingredients(
         case=case,
         arena=in_steps_of(arena, chosen),

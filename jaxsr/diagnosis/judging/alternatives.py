@@ -21,6 +21,8 @@ from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 
 TIE = 0.2
 """Probability from which an alternative with another verdict makes the case undecided."""
+LIKELIER = 0.5
+"""Probability of re-calibration alone from which a single mechanism is not believed."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,20 @@ def alternatives(
             total = known.probability + alternative.probability
             best[label] = replace(known, probability=total)
     return best.pop(own).probability, list(best.values())
+
+
+def likelier_without(
+    super_model: SuperModel, chosen: Entry, entries: Sequence[Entry], rng: np.random.Generator
+) -> bool:
+    """Whether blocks held back speak for re-calibration alone, against a single mechanism.
+
+    All readings together may tell a mechanism from noise by chance, or where noise is coloured in
+    a way that neighbouring readings do not show.
+    """
+    if len(chosen.members) != 1:
+        return False
+    probability, others = alternatives(super_model, chosen, chosen.members[0], entries, rng)
+    return 1.0 - probability - sum(a.probability for a in others) > LIKELIER
 
 
 def shares(
