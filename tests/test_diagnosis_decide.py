@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,6 +15,7 @@ from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.explaining.coarse import _gain, coarse_sensors, rounded_reading
+from jaxsr.diagnosis.judging.alternatives import likelier_without
 from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, detect, detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import NOISE_ALONE, colour, residual_to_noise
@@ -81,9 +82,29 @@ def test_an_effect_above_the_threshold_is_detected():
 
 def super_model(mechanisms: int) -> Any:
     names = [
-        SimpleNamespace(label=f"m{k}", mechanism="drag", sharp=False, tried=1) for k in range(40)
+        SimpleNamespace(label=f"m{k}", mechanism="drag", sharp=False, tried=1, passing=False)
+        for k in range(40)
     ]
     return SimpleNamespace(candidates=names[:mechanisms])
+
+
+@pytest.mark.parametrize(
+    ("gains", "members", "without"),
+    [
+        (np.full(12, 0.004), (0,), True),  # 2 of the 3.5 that Schwarz's price asks for
+        (np.full(12, 0.03), (0,), False),
+        (np.eye(12)[0] * 0.2 - 0.03, (0,), True),  # all but one block lose
+        (np.full(12, 0.004), (0, 1), False),  # sets of several are not judged so
+    ],
+)
+def test_a_mechanism_that_blocks_held_back_do_not_speak_for_is_not_believed(
+    gains: np.ndarray, members: tuple[int, ...], without: bool
+) -> None:
+    noise = np.random.default_rng(4).normal(size=ROWS * SEGMENTS)
+    null = entry(noise, 2, ())
+    chosen = replace(entry(noise, 3, members), errors=null.errors * (1.0 - gains))
+    known = super_model(2), chosen, [null, chosen]
+    assert likelier_without(*known, np.random.default_rng(0)) is without
 
 
 def test_the_best_of_many_useless_mechanisms_is_not_taken():
