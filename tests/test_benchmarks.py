@@ -28,8 +28,8 @@ from benchmarks.systems import (
 )
 
 ROOT = Path(__file__).resolve().parents[1]
-OPTIONAL = {"mujoco", "pysindy"}
-"""What the extras mujoco and benchmarks install."""
+OPTIONAL = {"mujoco"}
+"""What an extra installs and scripts import as they are read."""
 SCRIPTS = [p for p in sorted((ROOT / "benchmarks").rglob("*.py")) if p.stem[:2] != "__"]
 
 

@@ -115,6 +115,8 @@ def _proposed(parts: Ingredients) -> str:
 
 def _decided(parts: Ingredients, judged: Judged, scores: dict[str, float]) -> str:
     labels = [parts.arena.super_model.candidates[i].label for i in parts.chosen.members]
+    if not labels and parts.detection.detected:
+        return "Blocks held back in turn speak for re-calibration alone: no set is believed."
     if not labels:
         return "No set beats re-calibration."
     return (

@@ -109,7 +109,7 @@ def _estimate(
     """Estimate the promising trials until they settle, and enter them in `found`."""
     known = (e.fit.cost for e in found.values() if e.fit.usable and plausible(arena, e))
     reached = min(known, default=leader.fit.cost)
-    broken: Counter[tuple[str, ...]] = Counter()
+    worth, broken = OUT_OF_REACH * reached, Counter[tuple[str, ...]]()
     for trial in promising(arena.super_model, leader, quick, most, reached=reached):
         if exhausted():
             break
@@ -118,26 +118,32 @@ def _estimate(
         labels = tuple(arena.super_model.candidates[i].label for i in trial.members)
         if broken[labels] == MOST_BROKEN:
             continue
-
-        def full_from(path: np.ndarray | None, trial: Trial = trial) -> Entry:
-            worth = OUT_OF_REACH * reached
-            return enter(arena, trial.members, trial.theta, path, exhausted, worth=worth)
-
-        least = BROKEN * leader.fit.cost + (1.0 - BROKEN) * trial.cost
-        full = full_from(leader.fit.path if trial.path is None else trial.path)
-        if full.fit.cost > least:
-            # the leader's path may lead astray, where what is new hardly acts
-            full = min(full, full_from(None), key=lambda e: e.fit.cost)
-            broken[labels] += full.fit.cost > least
+        full, missed = _in_full(arena, leader, trial, worth, exhausted)
+        broken[labels] += missed
         found[full.members] = full
         _without_idle(arena, full, found)
-        if full.fit.cost <= OUT_OF_REACH * reached:
+        if full.fit.cost <= worth:
             _simpler(arena, full, found, exhausted)
         for start in _wider_forms(arena.super_model, leader, full, found):
             if exhausted():
                 break
             wide = enter(arena, start.members, start.theta, full.fit.path, exhausted)
             found[wide.members] = wide
+
+
+def _in_full(
+    arena: Arena, leader: Entry, trial: Trial, worth: float, exhausted: Callable[[], bool]
+) -> tuple[Entry, bool]:
+    """Estimate a trial until it settles; tell whether it missed its promise from every path."""
+    start = trial.members, trial.theta
+    least = BROKEN * leader.fit.cost + (1.0 - BROKEN) * trial.cost
+    path = leader.fit.path if trial.path is None else trial.path
+    full = enter(arena, *start, path, exhausted, worth=worth)
+    if full.fit.cost > least:
+        # the leader's path may lead astray, where what is new hardly acts
+        again = enter(arena, *start, None, exhausted, worth=worth)
+        full = min(full, again, key=lambda e: e.fit.cost)
+    return full, bool(full.fit.cost > least)
 
 
 def _wider_forms(
@@ -278,15 +284,13 @@ def _punctual(super_model: SuperModel, leader: Entry, quick: Sequence[Trial]) ->
 
     With one input and one output, the delay of the sensor stands for both.
     """
-    model = super_model.given
-    alike = {f"output:{model.outputs[0]}": f"input:{model.inputs[0]}"} if model.inputs else {}
-    alike = alike if len(model.inputs) == len(model.outputs) == 1 else {}
-    sites = set[str]()
+    model, sites = super_model.given, set[str]()
+    single = len(model.inputs) == len(model.outputs) == 1
     for trial in quick:
         (new,) = set(trial.members) - set(leader.members)
         candidate = super_model.candidates[new]
         if candidate.delays and trial.cost > PUNCTUAL * leader.fit.cost:
-            sites.add(alike.get(candidate.site, candidate.site))
+            sites.add(f"input:{model.inputs[0]}" if single else candidate.site)
     return sites
 
 
