@@ -39,7 +39,13 @@ def _advanced(rng, state, problem, generations):
 
 @pytest.mark.parametrize(
     ("seed", "refined", "fixed"),
-    [(0, 4, False), (1, 0, False), (2, 0, True), (3, 4, True), (4, 4, False)],
+    [
+        (0, 4, False),
+        (1, 0, False),
+        (2, 0, True),
+        (3, 4, True),
+        pytest.param(4, 4, False, marks=pytest.mark.slow),
+    ],
 )
 def test_stopped_and_resumed_is_bit_for_bit_the_same(tmp_path, seed, refined, fixed):
     config = replace(CONFIG, population=30, refined=refined)
@@ -57,6 +63,7 @@ def test_stopped_and_resumed_is_bit_for_bit_the_same(tmp_path, seed, refined, fi
     assert generator.bit_generator.state == rng.bit_generator.state
 
 
+@pytest.mark.slow
 def test_writing_changes_nothing(tmp_path):
     fronts = []
     for written in (False, True):
@@ -84,6 +91,7 @@ save({path!r}, state, rng, problem)
 """
 
 
+@pytest.mark.slow
 def test_another_process_goes_on_the_same(tmp_path):
     """The order in which Python walks its sets differs by process; nothing may depend on it."""
     path = tmp_path / "c.json"

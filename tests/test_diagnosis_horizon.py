@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from jaxsr._progress import Budget
@@ -110,6 +111,7 @@ def second_look(limit: float) -> tuple[object, Decided]:
     return before, looked_further(case, before, np.random.default_rng(0))
 
 
+@pytest.mark.slow
 def test_a_limit_that_acts_rarely_shows_in_longer_segments() -> None:
     """Starts estimated for every short segment absorb what acts in 3 % of the samples."""
     _, ((arena, _, chosen, detection), horizon, _) = second_look(4.5)

@@ -129,6 +129,7 @@ def test_what_acts_at_several_of_many_equations_is_found_and_nothing_else(seed: 
     assert all(s.error > leading.error for s in lacking)
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_left_out() -> None:
     """No alarm in 5 draws: a rate above 45 % would show with a probability of 95 %."""
     for seed in range(5):

@@ -128,6 +128,7 @@ def test_a_surface_tells_the_equation_that_lacks_a_law():
     np.testing.assert_allclose(fitted, x**2 * x[::-1], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_law_of_two_states_is_written_though_no_sensor_shows_one_of_them():
     arena, null = field(film)
     budget = Budget(60.0)
@@ -146,6 +147,7 @@ def test_a_law_of_two_states_is_written_though_no_sensor_shows_one_of_them():
     assert min(errors) < 0.1
 
 
+@pytest.mark.slow
 def test_a_law_with_a_name_goes_by_it():
     """The contest knows the spring already: it stands for itself, and no set is tried twice."""
     arena, null = field(lambda b, vb: -0.1 * b**3)

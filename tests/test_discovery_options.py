@@ -138,7 +138,9 @@ def test_units_given_to_discover_bind_by_default(bind):
     assert ("sin(q)" in texts) is (bind is False)
 
 
-@pytest.mark.parametrize(("seed", "noise"), [(0, 0.0), (1, 0.1)])
+@pytest.mark.parametrize(
+    ("seed", "noise"), [pytest.param(0, 0.0, marks=pytest.mark.slow), (1, 0.1)]
+)
 def test_signs_hold_in_the_whole_front_and_in_what_is_found(seed, noise):
     record = _oscillator(seed, noise=noise)
     # the truth brakes; both are told to push

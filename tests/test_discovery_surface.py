@@ -95,6 +95,7 @@ def test_front_table_marks_the_pick_and_scores_falls(found):
     assert alone.equation.tolist() == ["v"] and alone.picked.all()
 
 
+@pytest.mark.slow
 def test_it_pickles_and_another_process_reads_it(found, tmp_path):
     path = tmp_path / "found.pickle"
     path.write_bytes(pickle.dumps(found))

@@ -248,6 +248,7 @@ def test_every_system_is_itself() -> None:
             assert equivalent(_together(equation), equation, data), number
 
 
+@pytest.mark.slow
 def test_every_constant_may_be_off_by_one_per_cent_and_not_by_five() -> None:
     count, wrong = 0, []
     for number, row in _rows().items():

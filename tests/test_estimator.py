@@ -174,6 +174,7 @@ def test_guesses_are_started_from_and_refined():
             _quick(guesses=bad).fit(X, y)
 
 
+@pytest.mark.slow
 def test_warm_start_goes_on_from_the_last_front():
     X, y = _law(np.random.default_rng(4))
     y = y + np.sin(3.0 * X[:, 2]) * X[:, 0]

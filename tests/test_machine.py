@@ -123,7 +123,9 @@ def test_two_hashes_that_collide_cost_sharing_not_truth(monkeypatch):
 
 
 @pytest.mark.parametrize(("dtype", "rtol"), [(np.float64, 1e-9), (np.float32, 2e-3)])
-@pytest.mark.parametrize("rows", [1, 127, 1024, 1025, 2100, 9000])
+@pytest.mark.parametrize(
+    "rows", [1, 127, 1024, 1025, 2100, pytest.param(9000, marks=pytest.mark.slow)]
+)
 def test_machine_columns_and_interpreter_agree(dtype, rtol, rows):
     batch = compile_terms(_terms(rows, 150, size=9, primitives=TAME), NAMES)
     data = _data(rows, rows, dtype)

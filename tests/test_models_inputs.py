@@ -79,6 +79,7 @@ def test_bandlimited_needs_uniform_time_and_missing_inputs_are_filled() -> None:
     np.testing.assert_array_equal(filled, np.arange(4.0))
 
 
+@pytest.mark.slow
 def test_free_run_draws_a_bandlimited_input() -> None:
     time = np.arange(200) * 0.1
     w = 2 * np.pi * 1.5

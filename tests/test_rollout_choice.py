@@ -90,6 +90,7 @@ def _brake_found(seed: int, noise: float) -> bool:
     return True
 
 
+@pytest.mark.slow
 def test_the_law_is_picked_among_decoys_on_noisy_data() -> None:
     """At least 4 of 5 seeds at 15 % noise; over more see the slow test."""
     assert sum(_brake_found(seed, 0.15) for seed in range(5)) >= 4

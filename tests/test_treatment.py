@@ -255,6 +255,7 @@ def _from_accelerations(noise: float, budget: float) -> None:
     assert np.sqrt(np.mean(apart**2)) < 0.02 * np.std(truth)
 
 
+@pytest.mark.slow
 def test_accelerations_alone_give_a_model_close_to_the_truth() -> None:
     _from_accelerations(0.0, 6.0)
 
