@@ -11,18 +11,15 @@ import numpy as np
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import held_back
 from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.estimation import Estimation
 from jaxsr.diagnosis.contest.integration import accurate, rounded_share, steady
-from jaxsr.diagnosis.contest.reduced import Reduced, cropped, reduce
-from jaxsr.diagnosis.contest.widths import fitted_widths
+from jaxsr.diagnosis.contest.reduced import cropped, reduce
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.models.driven import driven_states
-from jaxsr.models.least_squares import Fit, Problem
+from jaxsr.models.least_squares import Problem
 from jaxsr.models.lifting import liftable
+from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments
-from jaxsr.models.shooting import fit
 
-CONTEST_TOLERANCE = 1e-4
-"""Gain in cost at which the estimation of a set stops: far below `MIN_GAIN`."""
 ITERATIONS = 30
 REFRESHES = 1
 """Times that the starts of driven states are renewed at the latest parameters."""
@@ -65,54 +62,26 @@ def enter(
     def stopped() -> bool:
         return stop() or time.monotonic() > end
 
-    def estimate(own: Reduced, inner: np.ndarray, course: np.ndarray | None, near: bool) -> Fit:
-        x0, limits = None, (max_iterations, stopped, CONTEST_TOLERANCE)
-        problem = own.problem
-        if problem.simulator.model.driven:
-            start = None if course is None else course[:, 0]
-            problem, x0 = _driven(arena, problem, inner, active, start)
-        return fit(problem, inner, active, (low, high), x0, *limits, course, near)
-
     if careful and near and course is not None:
         own = replace(own, problem=accurate(steady(own.problem, inner), inner, course))
-    sharp = any(super_model.candidates[i].sharp for i in members)
+    estimate = Estimation(arena, (low, high), active, stopped, max_iterations)
     refreshes = REFRESHES if super_model.remembers(members) and full else 0
-    for _ in range(1 + refreshes):
-        result = estimate(own, inner, course, near)
-        moved = np.abs(result.theta - inner) > 1e-3 * np.abs(inner)
-        inner, course = result.theta, result.path
-        if not own.problem.simulator.model.driven or not moved.any() or not result.usable:
-            break
+    result = estimate.renewed(own, inner, course, near, refreshes)
     share = 0.0
-    asked = not near if fit_widths is None else fit_widths
-    careful = careful and result.cost <= worth
-    if careful and sharp and asked and arena.jumps is not None:
-
-        def anew(wider: Problem, found: Fit) -> Fit:
-            trial = replace(own, problem=wider)
-            return found if stopped() else estimate(trial, found.theta, found.path, near=True)
-
-        fitting, result = fitted_widths(arena.jumps, own.problem, result, anew)
-        own, inner, course = replace(own, problem=fitting), result.theta, result.path
-    if careful and result.usable and course is not None:
-        finer = replace(own, problem=accurate(steady(own.problem, inner), inner, course))
-        if finer.problem.stepping != own.problem.stepping and not stopped():
-            again = estimate(finer, inner, course, near=True)
-            if again.usable and again.path is not None:
-                own, result, inner, course = finer, again, again.theta, again.path
-        if sharp:
-            share = rounded_share(own.problem, inner, course)
+    if careful and result.cost <= worth:
+        sharp = any(super_model.candidates[i].sharp for i in members)
+        asked = not near if fit_widths is None else fit_widths
+        if sharp and asked and arena.jumps is not None:
+            own, result = estimate.widened(own, result, arena.jumps)
+        own, result = estimate.finer(own, result)
+        if sharp and result.usable and result.path is not None:
+            share = rounded_share(own.problem, result.theta, result.path)
     result = own.restored(result, theta, problem.segments)
     if late:
         result = cropped(result, problem, arena.problem.segments)
     errors = held_back(arena.pieces, arena.problem.segments, result)
-    finest = own.problem.stepping
-    stepping = None
-    if finest != given:
-        known = dict(zip(own.problem.simulator.smoothed_arguments, finest.widths, strict=True))
-        everywhere = arena.problem.simulator.smoothed_arguments
-        before = zip(everywhere, arena.problem.stepping.widths, strict=False)
-        stepping = replace(finest, widths=tuple(known.get(a, w) for a, w in before))
+    changed = own.problem.stepping != given
+    stepping = _everywhere(arena, own.problem) if changed else None
     return Entry(members, result, errors, stepping, share, time.monotonic() - begun)
 
 
@@ -120,6 +89,15 @@ def _refinable(arena: Arena, members: tuple[int, ...]) -> bool:
     """Whether steps can be refined: hard edges have a method of their own."""
     stiff = any(arena.super_model.candidates[i].stiff for i in members)
     return not stiff and liftable(arena.problem.simulator)
+
+
+def _everywhere(arena: Arena, problem: Problem) -> Stepping:
+    """The stepping of a set's own problem, with the arena's widths for jumps that are not in it."""
+    finest = problem.stepping
+    known = dict(zip(problem.simulator.smoothed_arguments, finest.widths, strict=True))
+    everywhere = arena.problem.simulator.smoothed_arguments
+    before = zip(everywhere, arena.problem.stepping.widths, strict=False)
+    return replace(finest, widths=tuple(known.get(a, w) for a, w in before))
 
 
 def _extended(path: np.ndarray, narrow: Segments, wide: Segments) -> np.ndarray:
@@ -139,27 +117,6 @@ def shifting_members(super_model: SuperModel, members: Sequence[int]) -> bool:
     """Whether a member shifts signals in time."""
     chosen = [super_model.candidates[i] for i in members]
     return any(c.delays or c.clock for c in chosen)
-
-
-def _driven(
-    arena: Arena, problem: Problem, theta: np.ndarray, active: np.ndarray, x0: np.ndarray | None
-) -> tuple[Problem, np.ndarray]:
-    """Return the starts with driven states where `theta` leads them, and whither it moves them."""
-    segments, model = problem.segments, problem.simulator.model
-    x0 = np.array(segments.guess if x0 is None else x0)
-    count, order = len(model.driven), list(model.parameters)
-    inside = set().union(*(model.equation_terms[s].variables for s in model.driven))
-    chosen = tuple(order[j] for j in active if order[j] in inside)
-    following = np.zeros((len(x0), len(order), segments.number))
-    columns = [order.index(name) for name in chosen]
-    for r, item in enumerate(arena.prepared):
-        mine = segments.recording == r
-        path, slopes = driven_states(problem.simulator, item, theta, chosen)
-        x0[-count:, mine] = path[segments.start[mine]].T
-        at = slopes[segments.start[mine]].transpose(1, 2, 0)
-        for k, column in enumerate(columns):
-            following[-count:, column, mine] = at[:, k]
-    return replace(problem, following=following), x0
 
 
 def active_parameters(super_model: SuperModel, members: tuple[int, ...]) -> np.ndarray:

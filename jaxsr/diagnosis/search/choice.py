@@ -9,8 +9,9 @@ import numpy as np
 
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import Arena, in_sharpest_widths, in_steps_of, neutral_values
-from jaxsr.diagnosis.contest.enter import CONTEST_TOLERANCE, enter
+from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.estimation import CONTEST_TOLERANCE
 from jaxsr.diagnosis.judging.corners import out_of_corners
 from jaxsr.diagnosis.judging.criteria import (
     independent_residuals,

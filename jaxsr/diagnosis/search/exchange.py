@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.enter import CONTEST_TOLERANCE, enter
+from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.estimation import CONTEST_TOLERANCE
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.nesting import INSIDE, continued
 from jaxsr.diagnosis.search.peaks import peaked

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.contest.arena import Arena, neutral_values
-from jaxsr.diagnosis.contest.enter import CONTEST_TOLERANCE, enter, shifting_members
+from jaxsr.diagnosis.contest.enter import enter, shifting_members
 from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.estimation import CONTEST_TOLERANCE
 from jaxsr.diagnosis.judging.criteria import criterion, independent_residuals
 from jaxsr.diagnosis.judging.detection import detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
