@@ -111,7 +111,7 @@ def test_a_nameless_law_is_written_at_its_equation_within_a_budget():
         return -1.5 * v**2 * np.tanh(4.0 * q / 0.6)
 
     data = [drawn(s, law) for s in (1, 2, 3)]
-    found = diagnose(Simulator(parse_model(TRAIN)), data, seed=0, budget=180.0)
+    found = diagnose(Simulator(parse_model(TRAIN)), data, seed=0, budget=90.0)
     first = found.findings[0]
     assert (first["mechanism"], first["site"]) == ("unnamed", "equation:v1")
     rng = np.random.default_rng(1)
