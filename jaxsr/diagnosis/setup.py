@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxsr._result import InputError
 from jaxsr.diagnosis.mechanisms import Motion, force_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -37,6 +38,29 @@ def open_recording(model: Model, item: str | Path | Recording) -> Recording:
 def prepare(model: Model, items: Sequence[str | Path | Recording]) -> tuple[Prepared, ...]:
     """Read recordings and estimate their states."""
     return tuple(Prepared.build(model, open_recording(model, item)) for item in items)
+
+
+def prepare_data(model: Model, items: Sequence[str | Path | Recording]) -> tuple[Prepared, ...]:
+    """Read the recordings that choices rest on.
+
+    Raises
+    ------
+    InputError
+        A recording cannot be read, no recording has a sample of some output, or no output moves.
+    """
+    prepared = prepare(model, items)
+    values = np.concatenate([p.outputs for p in prepared])
+    for k, output in enumerate(model.outputs):
+        if not np.isfinite(values[:, k]).any():
+            prepared[0].recording.channel(model.column(output))  # says what is wrong with it
+    seen = np.isfinite(values)
+    if all(np.ptp(column[own]) == 0.0 for column, own in zip(values.T, seen.T, strict=True)):
+        raise InputError(
+            f"nothing moves: {', '.join(model.outputs)} are constant throughout",
+            prepared[0].recording.name,
+            "Name the columns of the sensors in [columns], or record a motion",
+        )
+    return prepared
 
 
 def state_scale(model: Model, prepared: Sequence[Prepared]) -> dict[str, np.ndarray]:

@@ -27,6 +27,7 @@ from jaxsr.diagnosis.search.contenders import Start, carried
 from jaxsr.diagnosis.search.horizon import Outlook
 from jaxsr.diagnosis.search.neighbours import Neighbours
 from jaxsr.models import Simulator
+from jaxsr.models.states import spread
 
 WHOLE, PART = 25, 12
 """Iterations of a whole set, and of re-calibration alone: bad from the first, it is told soon."""
@@ -191,8 +192,7 @@ def _arena(case: Case, super_model: SuperModel, starts: list[Start]) -> tuple[Ar
     simulator = Simulator(super_model.model, case.simulator.function)
     stepping = choose_stepping(simulator, case.prepared, starts[1][1])
     stepping = rounded_explicit(stepping, simulator, case.prepared, starts[1][1])
-    deviation = np.nanstd(np.concatenate([p.outputs for p in case.prepared]), axis=0)
-    scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
+    scale = 0.01 * spread(np.concatenate([p.outputs for p in case.prepared]))
     outlook = Outlook(super_model, case.prepared, stepping, scale, simulator)
     starts = outlook.usable_starts(starts)
     headline = outlook.headline(starts)
