@@ -181,7 +181,7 @@ def test_nothing_that_moves_is_refused_by_name():
     still = Recording(
         "still.csv", whole.time, dict(whole.channels, y1=0 * whole.time, y2=0 * whole.time)
     )
-    with pytest.raises(InputError, match="still.csv: nothing moves: y1, y2 are constant"):
+    with pytest.raises(InputError, match=r"still\.csv: nothing moves: y1, y2 are constant"):
         prepare_data(model, [still])
 
 

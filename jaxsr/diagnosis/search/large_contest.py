@@ -70,13 +70,20 @@ def decided_among_many(case: Case, rng: np.random.Generator) -> tuple[Decision, 
         entries.append(enter(arena, *leading, stop=_stop(case), max_iterations=WHOLE))
     arena, entries = rescaled(arena, entries, _stop(case))
     case.progress.stage("comparing it with what lacks, replaces or adds one of them")
-    best, entries = _settled(case, arena, entries, rng)
+    first = min((e for e in entries if e.fit.usable), key=lambda e: e.fit.cost, default=entries[0])
+    best, entries = case.failures.attempt(
+        "comparing neighbouring sets",
+        lambda: _settled(case, arena, entries, rng),
+        (first, entries),
+    )
     case.progress.stage("deciding")
     believed = [entries[0], best] if plausible(arena, best) else entries
     _, chosen, detection = choose(case, arena, believed)
     good = [entries[0], chosen] if chosen.members else entries
     if chosen.members and chosen.fit.usable:
-        good += _rivals(arena, chosen, entries)
+        good += case.failures.attempt(
+            "estimating rivals", lambda: _rivals(arena, chosen, entries), []
+        )
     return (arena, good, chosen, detection), headline, case.search.stopped_by
 
 
