@@ -142,7 +142,10 @@ SLED = Plant(
     {"m": 2.0, "c": 1.0, "k": 20.0, "ka": 0.5},
     (0.1, 0.0, -0.1, 0.0),
     drive=(5.0, 6.0, 3.0),
-    effects={"coulomb_friction": {"vx": "-1.0*sign(vx)/m"}, "cubic_stiffness": {"vy": "-30*y**3/m"}},
+    effects={
+        "coulomb_friction": {"vx": "-1.0*sign(vx)/m"},
+        "cubic_stiffness": {"vy": "-30*y**3/m"},
+    },
 )
 CHAIN = Plant(
     "q1 q2 q3 v1 v2 v3",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from form_plants import Plant
 
+
 @dataclass(frozen=True)
 class ModelForm:
     """A model file beside the true system that it describes.
