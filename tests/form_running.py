@@ -22,11 +22,12 @@ import pandas as pd
 from forms import Form
 
 ROOT = Path(__file__).resolve().parents[1]
-CORES = os.cpu_count() or 1
 GRACE = 8.0
 """Budgets after which a job that has not ended is killed."""
 STARTING = 6.0
 """Seconds that the start may take beyond the budget on a machine with other work."""
+ALONE = 1.2
+"""Load average below which a job has a core of its own."""
 _FRAME = re.compile(r'File "([^"]+)", line (\d+), in (\S+)')
 
 
@@ -167,8 +168,8 @@ def _refusal(form: Form, message: str) -> list[str]:
 
 
 def _late(seconds: float, load: float, budget: float) -> list[str]:
-    alone = load < 1.2
-    limit = 1.1 * budget if alone else 1.1 * budget * max(1.0, (load + 1) / CORES) + STARTING
+    alone = load < ALONE
+    limit = 1.1 * budget + (0.0 if alone else STARTING)
     if seconds <= limit:
         return []
     over = "over budget" if seconds <= 2 * budget + STARTING else "far over budget"
