@@ -107,7 +107,12 @@ def diagnose_here(form: Form, folder: Path, budget: float) -> Outcome:
         (folder / "out").mkdir(exist_ok=True)
         (folder / "out" / "explained.toml").write_text(explained, encoding="utf-8")
         found += _explained(form, folder, here=True)
-    return Outcome(form.label, status, time.monotonic() - start, load, verdict, tuple(found))
+    seconds = time.monotonic() - start
+    if seconds > GRACE * budget + STARTING:
+        found.append(
+            f"far over budget: {seconds:.1f} s at a budget of {budget:g} s, load {load:.1f}"
+        )
+    return Outcome(form.label, status, seconds, load, verdict, tuple(found))
 
 
 def crash(text: str) -> str:
