@@ -111,10 +111,19 @@ def _head(document: dict[str, Any]) -> Iterator[str]:
         yield "verdict nothing has findings"
     if verdict not in ("nothing", "undecided") and not document["findings"]:
         yield f"verdict {verdict} has no findings"
-    if verdict == "parameter":
-        others = {f.get("family") for f in document["findings"]} - {"parameter", "actuator"}
-        if others:
-            yield f"verdict parameter with findings of {sorted(map(str, others))}"
+    if verdict not in ("nothing", "undecided") and document["findings"]:
+        first = document["findings"][0]
+        told = verdict_of(str(first.get("mechanism")), str(first.get("family")))
+        if told != verdict:
+            yield f"verdict {verdict} where the largest share is {first.get('mechanism')}"
+
+
+def verdict_of(mechanism: str, family: str) -> str:
+    """Return the verdict of a finding."""
+    special = {"input_gain": "parameter", "input_delay": "measurement"}
+    families = {"parameter": "parameter", "measurement": "measurement"}
+    families["external"] = "external_input"
+    return special.get(mechanism, families.get(family, "structure"))
 
 
 def _site(site: Any, names: Mapping[str, tuple[str, ...]]) -> Iterator[str]:

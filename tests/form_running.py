@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
 import tomllib
 import traceback
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,8 @@ STARTING = 6.0
 """Seconds that the start may take beyond the budget on a machine with other work."""
 ALONE = 1.2
 """Load average below which a job has a core of its own."""
+PATIENCE = 20.0
+"""Seconds more that a job in this process may take: it compiles, on a machine with other work."""
 _FRAME = re.compile(r'File "([^"]+)", line (\d+), in (\S+)')
 
 
@@ -76,6 +80,26 @@ def run_form(form: Form, folder: Path, budget: float) -> Outcome:
     return Outcome(form.label, done.returncode, seconds, load, verdict, tuple(found))
 
 
+class Hang(BaseException):
+    """A job in this process has not ended; no handler of exceptions inside it may catch this."""
+
+
+@contextmanager
+def _alarm(seconds: float) -> Iterator[None]:
+    """Raise `Hang` in the main thread after a time."""
+
+    def ring(number: int, frame: Any) -> None:
+        raise Hang
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
 def diagnose_here(form: Form, folder: Path, budget: float) -> Outcome:
     """Diagnose a form in this process; its report is not written."""
     import jaxsr
@@ -87,7 +111,7 @@ def diagnose_here(form: Form, folder: Path, budget: float) -> Outcome:
     load, start = os.getloadavg()[0], time.monotonic()
     status, verdict, found = 0, "", []
     try:
-        with warnings.catch_warnings():
+        with _alarm(GRACE * budget + PATIENCE), warnings.catch_warnings():
             warnings.simplefilter("error")
             warnings.filterwarnings("ignore", category=DeprecationWarning)
             given = folder / form.simulator
@@ -100,6 +124,9 @@ def diagnose_here(form: Form, folder: Path, budget: float) -> Outcome:
             text, explained = dump_json(found_here.document), model_text(found_here.model)
     except InputError as error:
         status, found = 2, _refusal(form, str(error))
+    except Hang as error:
+        place = crash("".join(traceback.format_exception(error))).removeprefix("traceback: ")
+        status, found = 1, [f"hang: no end after {GRACE:g} budgets, at {place}"]
     except Exception as error:
         status, found = 1, [crash("".join(traceback.format_exception(error)))]
     else:
