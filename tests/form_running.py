@@ -63,12 +63,13 @@ def run_form(form: Form, folder: Path, budget: float) -> Outcome:
     """Run the command on a form in a process of its own."""
     form.write(folder)
     load, start = os.getloadavg()[0], time.monotonic()
+    limit = GRACE * budget * crowded(load)
     try:
-        done = _command([*form.arguments(), "--budget", f"{budget:g}"], folder, GRACE * budget)
+        done = _command([*form.arguments(), "--budget", f"{budget:g}"], folder, limit)
     except subprocess.TimeoutExpired as expired:
         text = expired.stderr.decode() if isinstance(expired.stderr, bytes) else ""
         last = text.strip().splitlines()[-1:] or [""]
-        problem = f"hang: no end after {GRACE:g} budgets, last word: {last[0]}"
+        problem = f"hang: no end after {limit:.0f} s, last word: {last[0]}"
         return Outcome(form.label, None, time.monotonic() - start, load, "", (problem,))
     seconds = time.monotonic() - start
     found = [*_answer(form, done.returncode, done.stderr), *_late(seconds, load, budget)]
@@ -111,7 +112,7 @@ def diagnose_here(form: Form, folder: Path, budget: float) -> Outcome:
     load, start = os.getloadavg()[0], time.monotonic()
     status, verdict, found = 0, "", []
     try:
-        with _alarm(GRACE * budget + PATIENCE), warnings.catch_warnings():
+        with _alarm((GRACE * budget + PATIENCE) * crowded(load)), warnings.catch_warnings():
             warnings.simplefilter("error")
             warnings.filterwarnings("ignore", category=DeprecationWarning)
             given = folder / form.simulator
@@ -135,7 +136,7 @@ def diagnose_here(form: Form, folder: Path, budget: float) -> Outcome:
         (folder / "out" / "explained.toml").write_text(explained, encoding="utf-8")
         found += _explained(form, folder, here=True)
     seconds = time.monotonic() - start
-    if seconds > GRACE * budget + STARTING:
+    if seconds > (GRACE * budget + STARTING) * crowded(load):
         found.append(
             f"far over budget: {seconds:.1f} s at a budget of {budget:g} s, load {load:.1f}"
         )
@@ -199,12 +200,17 @@ def _refusal(form: Form, message: str) -> list[str]:
     return found
 
 
+def crowded(load: float) -> float:
+    """Return by what factor other jobs slow one down."""
+    return max(1.0, (load + 1.0) / (os.cpu_count() or 1))
+
+
 def _late(seconds: float, load: float, budget: float) -> list[str]:
     alone = load < ALONE
-    limit = 1.1 * budget + (0.0 if alone else STARTING)
+    limit = 1.1 * budget + (0.0 if alone else STARTING * crowded(load))
     if seconds <= limit:
         return []
-    over = "over budget" if seconds <= 2 * budget + STARTING else "far over budget"
+    over = "over budget" if seconds <= limit + budget else "far over budget"
     return [f"{over}: {seconds:.1f} s at a budget of {budget:g} s, load {load:.1f}"]
 
 
