@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from jaxsr.datasets.tables import as_text
+from jaxsr.datasets.tables import as_text, from_zero
 
 FULL_DUTY = 885
 """Count of the servo's present-PWM register at full duty."""
@@ -63,7 +63,4 @@ def convert(sources: Mapping[str, Path]) -> dict[str, pd.DataFrame]:
 
 
 def _table(path: Path) -> pd.DataFrame:
-    table = pd.read_csv(path).rename(columns=COLUMNS)
-    # Stamps have nine decimals; rounding removes what the subtraction adds.
-    table["time_s"] = (table["time_s"] - table["time_s"].iloc[0]).round(9)
-    return table
+    return from_zero(pd.read_csv(path).rename(columns=COLUMNS), digits=9)

@@ -9,22 +9,86 @@ from __future__ import annotations
 from jaxsr.datasets.dataset import Dataset, SourceFile
 
 _BAM_RUNS = (
-    ("kp100_sin_sin.csv", "2026-01-15_10h28m10.json", "107b4f4a8d489e53e452f9581c7a2c133064ccbe65b3fa6366c2f66b097515b5"),
-    ("kp100_lift_and_drop.csv", "2026-01-15_10h28m17.json", "4671b6c65154d7f2573ea24f1a300657a698c722a1c80eab9cdc64d98e27f97a"),
-    ("kp100_up_and_down.csv", "2026-01-15_10h28m24.json", "56720223ed4f7e13c59052cf40da3475b4a525cf31d39b016c597ffcfbc16ce8"),
-    ("kp100_sin_time_square.csv", "2026-01-15_10h28m32.json", "232c4758c067e0dcaad3ebef3d525fce96765845d069a6a04674d0c6a82c3390"),
-    ("kp200_sin_sin.csv", "2026-01-15_10h28m42.json", "f5e90fd05f037406e50d4367561f4195cccc0ef84721f093221c3da19e362dd4"),
-    ("kp200_lift_and_drop.csv", "2026-01-15_10h28m49.json", "2e52ce77f1ff286705548cfcb295e4f2e7914aec60d61848adebf7b41d019376"),
-    ("kp200_up_and_down.csv", "2026-01-15_10h28m57.json", "ef9f6e4c79a0b4aac3cad8e11347e0c77873c8930dd9df28323036108468403e"),
-    ("kp200_sin_time_square.csv", "2026-01-15_10h29m04.json", "9ab1bae3958daa7f7c4f6f520e12a5cbb66d4035ac8f23f510ebd39343891ba3"),
-    ("kp400_sin_sin.csv", "2026-01-15_10h29m14.json", "0d33236203bfb6403191faa304fa36eba55fa6915be59111b21aaf4582674a40"),
-    ("kp400_lift_and_drop.csv", "2026-01-15_10h29m21.json", "20d803df99502f56b75ca462c8e84ce07f90bb1cd2d4e3d22a235c0d2a70aec5"),
-    ("kp400_up_and_down.csv", "2026-01-15_10h29m29.json", "5ddcaa796f5a0f092e54b7b0781da85f8d372f9f622961113ac03a2dfff20e85"),
-    ("kp400_sin_time_square.csv", "2026-01-15_10h29m37.json", "9fa1b8f661e78fc834724fb74d71e006e6eb0018291166fa7abdf98f91d199b0"),
-    ("kp800_sin_sin.csv", "2026-01-15_10h29m47.json", "661536473eff8c6dffcf4375ffc497c7ba12f812c05dcd7673a543af637d4a52"),
-    ("kp800_lift_and_drop.csv", "2026-01-15_10h29m54.json", "68ceaebcae370d510b901b69423f4aa984aa82b5f1c40f31bb1b274a2583524d"),
-    ("kp800_up_and_down.csv", "2026-01-15_10h30m02.json", "70c325c4806f738b5603ccfc02b7751bca2a80e06708369de669b77222e8a5f3"),
-    ("kp800_sin_time_square.csv", "2026-01-15_10h30m10.json", "3b271e7ecc7b1e29b31d346393c9e85cf421a022d6673c308a5b67233a892678"),
+    (
+        "kp100_sin_sin.csv",
+        "2026-01-15_10h28m10.json",
+        "107b4f4a8d489e53e452f9581c7a2c133064ccbe65b3fa6366c2f66b097515b5",
+    ),
+    (
+        "kp100_lift_and_drop.csv",
+        "2026-01-15_10h28m17.json",
+        "4671b6c65154d7f2573ea24f1a300657a698c722a1c80eab9cdc64d98e27f97a",
+    ),
+    (
+        "kp100_up_and_down.csv",
+        "2026-01-15_10h28m24.json",
+        "56720223ed4f7e13c59052cf40da3475b4a525cf31d39b016c597ffcfbc16ce8",
+    ),
+    (
+        "kp100_sin_time_square.csv",
+        "2026-01-15_10h28m32.json",
+        "232c4758c067e0dcaad3ebef3d525fce96765845d069a6a04674d0c6a82c3390",
+    ),
+    (
+        "kp200_sin_sin.csv",
+        "2026-01-15_10h28m42.json",
+        "f5e90fd05f037406e50d4367561f4195cccc0ef84721f093221c3da19e362dd4",
+    ),
+    (
+        "kp200_lift_and_drop.csv",
+        "2026-01-15_10h28m49.json",
+        "2e52ce77f1ff286705548cfcb295e4f2e7914aec60d61848adebf7b41d019376",
+    ),
+    (
+        "kp200_up_and_down.csv",
+        "2026-01-15_10h28m57.json",
+        "ef9f6e4c79a0b4aac3cad8e11347e0c77873c8930dd9df28323036108468403e",
+    ),
+    (
+        "kp200_sin_time_square.csv",
+        "2026-01-15_10h29m04.json",
+        "9ab1bae3958daa7f7c4f6f520e12a5cbb66d4035ac8f23f510ebd39343891ba3",
+    ),
+    (
+        "kp400_sin_sin.csv",
+        "2026-01-15_10h29m14.json",
+        "0d33236203bfb6403191faa304fa36eba55fa6915be59111b21aaf4582674a40",
+    ),
+    (
+        "kp400_lift_and_drop.csv",
+        "2026-01-15_10h29m21.json",
+        "20d803df99502f56b75ca462c8e84ce07f90bb1cd2d4e3d22a235c0d2a70aec5",
+    ),
+    (
+        "kp400_up_and_down.csv",
+        "2026-01-15_10h29m29.json",
+        "5ddcaa796f5a0f092e54b7b0781da85f8d372f9f622961113ac03a2dfff20e85",
+    ),
+    (
+        "kp400_sin_time_square.csv",
+        "2026-01-15_10h29m37.json",
+        "9fa1b8f661e78fc834724fb74d71e006e6eb0018291166fa7abdf98f91d199b0",
+    ),
+    (
+        "kp800_sin_sin.csv",
+        "2026-01-15_10h29m47.json",
+        "661536473eff8c6dffcf4375ffc497c7ba12f812c05dcd7673a543af637d4a52",
+    ),
+    (
+        "kp800_lift_and_drop.csv",
+        "2026-01-15_10h29m54.json",
+        "68ceaebcae370d510b901b69423f4aa984aa82b5f1c40f31bb1b274a2583524d",
+    ),
+    (
+        "kp800_up_and_down.csv",
+        "2026-01-15_10h30m02.json",
+        "70c325c4806f738b5603ccfc02b7751bca2a80e06708369de669b77222e8a5f3",
+    ),
+    (
+        "kp800_sin_time_square.csv",
+        "2026-01-15_10h30m10.json",
+        "3b271e7ecc7b1e29b31d346393c9e85cf421a022d6673c308a5b67233a892678",
+    ),
 )
 
 _BAM = Dataset(
@@ -142,37 +206,49 @@ _PENDULA = Dataset(
             "single_id.csv",
             "",
             "2ee3a3f34047105158a3391a495637d4066ea668e35c1c8b7870a19f5b7c6b7c",
-            raw=("ParameterEstimation/SinglePendulum/SinglePendulumDataForParameterEstimation.mat",),
+            raw=(
+                "ParameterEstimation/SinglePendulum/SinglePendulumDataForParameterEstimation.mat",
+            ),
         ),
         SourceFile(
             "single_vad.csv",
             "",
             "d5146529271d79f8c674180174c67b5126b869d0795f19cf5dbc6bf7c0f66564",
-            raw=("ParameterEstimation/SinglePendulum/SinglePendulumDataForParameterEstimation.mat",),
+            raw=(
+                "ParameterEstimation/SinglePendulum/SinglePendulumDataForParameterEstimation.mat",
+            ),
         ),
         SourceFile(
             "double_id.csv",
             "",
             "de0544fdaf36d8166336f3908ac6bd2b17bc2692a4022d24c9349713b6b44ce4",
-            raw=("ParameterEstimation/DoublePendulum/DoublePendulumDataForParameterEstimation.mat",),
+            raw=(
+                "ParameterEstimation/DoublePendulum/DoublePendulumDataForParameterEstimation.mat",
+            ),
         ),
         SourceFile(
             "double_vad.csv",
             "",
             "6313a19ab7598a014ae4bd723e7b55e5c952320322367a4318ded8f1c7fe7af9",
-            raw=("ParameterEstimation/DoublePendulum/DoublePendulumDataForParameterEstimation.mat",),
+            raw=(
+                "ParameterEstimation/DoublePendulum/DoublePendulumDataForParameterEstimation.mat",
+            ),
         ),
         SourceFile(
             "triple_id.csv",
             "",
             "9109da4c73e19b50c9102afbe586115a9eb316d9ed8029132a4e837901218943",
-            raw=("ParameterEstimation/TriplePendulum/TriplePendulumDataForParameterEstimation.mat",),
+            raw=(
+                "ParameterEstimation/TriplePendulum/TriplePendulumDataForParameterEstimation.mat",
+            ),
         ),
         SourceFile(
             "triple_vad.csv",
             "",
             "3ea3052f42429dd38b761451935a91deb0e1d5acc98c8cef0cd20ec136460160",
-            raw=("ParameterEstimation/TriplePendulum/TriplePendulumDataForParameterEstimation.mat",),
+            raw=(
+                "ParameterEstimation/TriplePendulum/TriplePendulumDataForParameterEstimation.mat",
+            ),
         ),
     ),
     model="multiarm_pendulum.toml",
@@ -195,7 +271,10 @@ _TX40 = Dataset(
             "tx40_1khz.csv",
             "",
             "02aaa9c621167d67a83631802f68fc65b046aff55a08f6c5efffeae313837f5f",
-            raw=("examples/staubli_TX40/data/pos_read_data.csv", "examples/staubli_TX40/data/curr_data.csv"),
+            raw=(
+                "examples/staubli_TX40/data/pos_read_data.csv",
+                "examples/staubli_TX40/data/curr_data.csv",
+            ),
         ),
         SourceFile(
             "tx40_mdh_modified.urdf",

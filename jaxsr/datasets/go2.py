@@ -41,10 +41,7 @@ def convert(sources: Mapping[str, Path]) -> dict[str, pd.DataFrame]:
     """
     whole = pd.read_csv(sources["traj_0.csv"])
     whole.columns = ["time_s", *(f"{c.replace('qdes', 'target')}_rad" for c in whole.columns[1:])]
-    tables = {name: whole[part].reset_index(drop=True) for name, part in PARTS.items()}
-    for table in tables.values():
-        table["time_s"] = from_zero(table["time_s"])
-    return tables
+    return {name: from_zero(whole.iloc[part]) for name, part in PARTS.items()}
 
 
 def models(sources: Mapping[str, Path]) -> dict[str, str]:

@@ -58,4 +58,4 @@ def convert(sources: Mapping[str, Path]) -> dict[str, pd.DataFrame]:
 
 def _table(path: Path, last: float | None) -> pd.DataFrame:
     table = pd.read_csv(path).rename(columns={"time": "time_s", "phi": "roll_rad"})
-    return table if last is None else table[table["time_s"] <= last].reset_index(drop=True)
+    return table if last is None else table.iloc[: round(last / SAMPLE_TIME) + 1]

@@ -37,7 +37,7 @@ def make(path: str, raw: Sequence[Path]) -> str:
     numbers = range(1, ARMS[pendulum] + 1)
     names = [f"theta{k}" for k in numbers] + [f"dtheta{k}" for k in numbers]
     table = pd.DataFrame({"t": time, **dict(zip(names, values, strict=True))})
-    return as_text(table[::EVERY], "%.7g")
+    return as_text(table.iloc[::EVERY], "%.7g")
 
 
 def convert(sources: Mapping[str, Path]) -> dict[str, pd.DataFrame]:
@@ -60,6 +60,4 @@ def _table(path: Path) -> pd.DataFrame:
     table = pd.read_csv(path)
     names = {"t": "time_s"}
     names |= {c: f"{c}_rad_s" if c.startswith("d") else f"{c}_rad" for c in table.columns[1:]}
-    table = table.rename(columns=names)
-    table["time_s"] = from_zero(table["time_s"])
-    return table
+    return from_zero(table.rename(columns=names))

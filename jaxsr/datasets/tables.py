@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 import pandas as pd
 
 
@@ -25,6 +26,7 @@ def as_text(table: pd.DataFrame, form: str | Mapping[str, str]) -> str:
     return "\n".join([",".join(map(str, table)), *rows]) + "\n"
 
 
-def from_zero(time: pd.Series) -> pd.Series:
-    """Return time from the first sample; stamps of the sets are whole microseconds."""
-    return (time - time.iloc[0]).round(6)
+def from_zero(table: pd.DataFrame, digits: int = 6) -> pd.DataFrame:
+    """Return a table whose ``time_s`` starts at zero; `digits` are those of its stamps."""
+    time = table["time_s"].to_numpy()
+    return table.assign(time_s=np.round(time - time[0], digits)).reset_index(drop=True)

@@ -65,10 +65,7 @@ def convert(sources: Mapping[str, Path]) -> dict[str, pd.DataFrame]:
     names = {"t": "time_s"}
     names |= {f"q{k}": f"q{k}_rad" for k in JOINTS} | {f"tau{k}": f"tau{k}_Nm" for k in JOINTS}
     whole = pd.read_csv(sources["tx40_1khz.csv"]).rename(columns=names)
-    tables = {name: whole[part].reset_index(drop=True) for name, part in PARTS.items()}
-    for table in tables.values():
-        table["time_s"] = from_zero(table["time_s"])
-    return tables
+    return {name: from_zero(whole.iloc[part]) for name, part in PARTS.items()}
 
 
 def models(sources: Mapping[str, Path]) -> dict[str, str]:
