@@ -102,7 +102,7 @@ def compared(
     """Check the explained model's free run against figures, with the given one's beside."""
     scale = MILLI if unit == "mrad" else 1.0
     before = run_errors(answer.given, file, scale)
-    limits = [to_beat] if isinstance(to_beat, float) else [*to_beat]
+    limits = list(np.atleast_1d(to_beat))
     target = f"<= {', '.join(f'{limit:.3g}' for limit in limits)} {unit}"
     after = run_errors(answer.model, file, scale) if answer.model else []
     case.figures[what] = {"given": before, "explained": after or None, "unit": unit}

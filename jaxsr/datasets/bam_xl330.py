@@ -42,7 +42,7 @@ def make(path: str, raw: Sequence[Path]) -> str:
     entries = pd.DataFrame(json.loads(raw[0].read_text(encoding="utf-8"))["entries"])
     entries["duty"] = entries["load"] / FULL_DUTY
     entries = entries.rename(columns={"timestamp": "t"})
-    return as_text(entries[list(COLUMNS)], "%.7g")
+    return as_text(entries.loc[:, list(COLUMNS)], "%.7g")
 
 
 def convert(sources: Mapping[str, Path]) -> dict[str, pd.DataFrame]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import importlib.resources
+import logging
 import os
 import shutil
 import tempfile
@@ -158,14 +159,18 @@ def _download(dataset: Dataset, source: SourceFile) -> Path:
 def _make(dataset: Dataset, source: SourceFile, made: Path) -> None:
     """Write a file from the origin's own form; it is kept only where its checksum is right."""
     urls = [dataset.address(upstream, source.commit, ORIGIN) for upstream in source.raw]
-    raw = [_retrieve(dataset, source, url, url.partition(ORIGIN)[2], None) for url in urls]
+    named = zip(urls, source.raw, strict=True)
+    raw = [_retrieve(dataset, source, url, f"raw/{name}", None) for url, name in named]
     try:
         text = _MAKERS[dataset.name](source.path, raw)
-    except (ValueError, KeyError, IndexError, TypeError) as error:
-        what = f"the download is not of the form that is known ({type(error).__name__})"
-        raise InputError(what, urls[0], _remedy(dataset, source)) from error
-    if (found := hashlib.sha256(text.encode()).hexdigest()) != source.sha256:
+        found = hashlib.sha256(text.encode()).hexdigest()
         what = f"the download gives SHA-256 {found}, expected {source.sha256}"
+    except (ValueError, KeyError, IndexError, TypeError) as error:
+        found = ""
+        what = f"the download is not of the form that is known ({type(error).__name__})"
+    if found != source.sha256:
+        for path in raw:  # the next try downloads again
+            path.unlink(missing_ok=True)
         raise InputError(what, urls[0], _remedy(dataset, source))
     atomic_write_text(made, text)
 
@@ -178,11 +183,14 @@ def _retrieve(
     dataset: Dataset, source: SourceFile, url: str, name: str, known_hash: str | None
 ) -> Path:
     cache = Path(pooch.os_cache("jaxsr")) / dataset.name
+    log, level = pooch.get_logger(), pooch.get_logger().level
     try:
+        if known_hash is None:  # pooch would advise to write the checksum into the code
+            log.setLevel(logging.WARNING)
         found = pooch.retrieve(
             url,
             known_hash=known_hash,
-            fname=name.strip("/").replace("/", "_"),
+            fname=name.replace("/", "_"),
             path=cache,
         )
     except ValueError as error:
@@ -200,6 +208,8 @@ def _retrieve(
             f"Check the network, or set {LOCAL_FOLDER_VARIABLE} to a folder that holds "
             f"{dataset.name}/{source.path}",
         ) from error
+    finally:
+        log.setLevel(level)
     return Path(found)
 
 

@@ -20,6 +20,12 @@ from jaxsr.datasets.tables import from_zero
 
 KP, KD = 20.0, 1.5
 """Gains of the controller in N m/rad and N m s/rad, from the owners' config.py."""
+HEADER = """\
+# Unitree Go2, one leg with the base held level: hip, thigh and calf, driven by position servos.
+# Values: masses, centres, inertias, damping d, dry friction Fc and armature Ia of the owners'
+# go2.xml; gains kp and kd of their config.py. Fixed are the gains and the masses.
+# Source of the data: iit-DLSLab, sim2real-robot-identification.
+"""
 LEGS = ("FL", "FR", "RL", "RR")
 JOINTS = ("hip", "thigh", "calf")
 PARTS = {"go2_train.csv": slice(0, 3132), "go2_held_out.csv": slice(3132, 4698)}
@@ -56,4 +62,5 @@ def _leg(xml: str, leg: str) -> str:
     columns |= {f"target{k}": f"target_{leg}_{j}_rad" for k, j in enumerate(JOINTS, start=1)}
     columns |= {f"q{k}_meas": f"q_{leg}_{j}_rad" for k, j in enumerate(JOINTS, start=1)}
     drives = servos(KP, KD, passive)
-    return write_arm(bodies, drives, f"Unitree Go2, {leg} leg", columns, fixed_masses=True)
+    text = write_arm(bodies, drives, f"Unitree Go2, {leg} leg", columns, fixed_masses=True)
+    return HEADER + text

@@ -23,6 +23,12 @@ OFFSET = np.array([0.0, -np.pi / 2, np.pi / 2, 0.0, 0.0, 0.0])  # rad
 MOTOR_STEP, EVERY = 2e-4, 5
 """Sample time of the motors, s, and how many of their samples make one here."""
 JOINTS = range(1, 7)
+HEADER = """\
+# Staubli TX40: six rigid links without friction, driven by joint torques.
+# Values: masses, centres and inertias of the owners' tx40_mdh_modified.urdf. The URDF has no rotor
+# inertia: Ia1.. start at 0.1 kg m^2, so that the last links are no feathers.
+# Source of the data: FIGAROH, examples/staubli_TX40.
+"""
 PARTS = {"tx40_train.csv": slice(0, 6000), "tx40_held_out.csv": slice(6000, 9000)}
 
 
@@ -76,4 +82,4 @@ def models(sources: Mapping[str, Path]) -> dict[str, str]:
     urdf = sources["tx40_mdh_modified.urdf"].read_text(encoding="utf-8")
     bodies = read_arm(urdf)
     text = write_arm(bodies, torques(len(bodies)), "Staubli TX40, six joints", columns)
-    return {"tx40.toml": text}
+    return {"tx40.toml": HEADER + text}
