@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -254,6 +255,15 @@ def answered(run: Callable[[Path, bool], Case], folder: Path, quick: bool) -> Ca
         return case
 
 
+def commit() -> str:
+    """Return the commit that is run, as far as Git knows it."""
+    command = ["git", "rev-parse", "--short", "HEAD"]
+    try:
+        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout.strip()
+    except OSError:
+        return ""
+
+
 def missed(name: str, case: Case, committed: dict[str, Any]) -> list[str]:
     """Return the checks that the committed results met and this run does not."""
     before = {
@@ -277,7 +287,7 @@ def main() -> int:
     if local.is_dir():
         os.environ.setdefault("JAXSR_DATA_DIR", str(local))
     committed = json.loads(RESULT.read_text())["cases"] if RESULT.exists() else {}
-    origin, lost = origin_of(SEED), []
+    origin, lost = {**origin_of(SEED), "commit": commit()}, []
     print(", ".join(f"{k} {v}" for k, v in origin.items()))
     for name in chosen:
         dataset, run = CASES[name]

@@ -13,10 +13,12 @@ from pathlib import Path
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
+import jax
 import numpy as np
 import pandas as pd
 import pytest
 import scipy.io
+from scipy.signal import savgol_filter
 
 from jaxsr import read_recording
 from jaxsr._result import InputError
@@ -155,6 +157,24 @@ def balance(simulator: Simulator, q: np.ndarray, v: np.ndarray, **values: float)
         mass[rates.index(row), rates.index(column)] = entry
     forces = field.forces(at)
     return mass, np.array([forces[rate][0] for rate in rates])
+
+
+def test_rigid_links_leave_what_the_first_pass_found(folder: Path) -> None:
+    """Torque that the URDF without rotors leaves: 89 60 91 99 100 100 % by MuJoCo's inverse."""
+    simulator = Simulator.from_file(folder / "tx40" / "tx40.toml")
+    table, joints = pd.read_csv(folder / "tx40" / "tx40_train.csv"), range(1, 7)
+    q = np.array([table[f"q{k}_rad"] for k in joints])
+    tau = np.array([table[f"tau{k}_Nm"] for k in joints])
+    v, a = (savgol_filter(q, 41, 3, deriv=order, delta=1e-3) for order in (1, 2))
+    values = simulator.values({f"Ia{k}": 0.0 for k in joints})
+    with jax.enable_x64(True):
+        at = 0.0, (*q, *v), tuple(tau), values
+        forces, mass = np.asarray(simulator.forces(*at)[6:]), simulator.inertia(*at)
+        needed = np.zeros_like(tau)
+        for (row, column), entry in mass.items():
+            needed[int(row[1]) - 1] += np.asarray(entry) * a[int(column[1]) - 1]
+    left = np.sqrt(np.mean((forces - needed) ** 2, axis=1) / np.mean(tau**2, axis=1))
+    np.testing.assert_allclose(left, [0.89, 0.60, 0.91, 0.99, 1.0, 1.0], atol=0.03)
 
 
 @pytest.mark.parametrize("arms", [2, 3])
