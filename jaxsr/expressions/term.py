@@ -11,6 +11,7 @@ from jaxsr.expressions.primitives import PRIMITIVES, Primitive
 CONSTANT = "constant"
 VARIABLE = "variable"
 BOOLEAN = "boolean"
+_LARGE = 5_000  # nodes from which on subtrees of two terms are compared once a pair
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -85,9 +86,11 @@ class Term:
             return True
         if not isinstance(other, Term) or self._hash != other._hash:
             return False
-        return (self.op, self.name, self.value) == (other.op, other.name, other.value) and (
-            self.args == other.args
-        )
+        if (self.op, self.name, self.value) != (other.op, other.name, other.value):
+            return False
+        if self.size > _LARGE:
+            return _equal(self, other)
+        return self.args == other.args
 
     @property
     def is_constant(self) -> bool:
@@ -153,6 +156,26 @@ class Term:
                 return Term(self.op, (*self.args[:i], changed, *self.args[i + 1 :]))
             position += size
         raise IndexError(f"`index` must be below the size {self.size}, got {index}")
+
+
+def _equal(first: Term, second: Term) -> bool:
+    """Compare large terms node by node, each pair of subtrees once.
+
+    Two terms that share their subtrees can have more nodes than can ever be visited.
+    """
+    met: set[tuple[int, int]] = set()
+    pairs = [(first, second)]
+    while pairs:
+        a, b = pairs.pop()
+        if a is b or (id(a), id(b)) in met:
+            continue
+        met.add((id(a), id(b)))
+        if (a._hash, a.op, a.name, a.value) != (b._hash, b.op, b.name, b.value):
+            return False
+        if len(a.args) != len(b.args):
+            return False
+        pairs.extend(zip(a.args, b.args, strict=True))
+    return True
 
 
 class _Draft:

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
+from jaxsr._result import InputError
 from jaxsr.expressions import Term, parse
+from jaxsr.expressions.parsing import MAX_CHARACTERS, MAX_LEVELS, levels
 
 FREE = "free"
 DRIVEN = "driven"
@@ -36,6 +38,25 @@ class Event:
     when: str
     direction: int
     reset: Mapping[str, str]
+
+
+def _in_order(error: InputError, later: Mapping[str, str], known: Mapping[str, None]) -> InputError:
+    """Say of an unknown symbol that is a definition further down that it is one."""
+    for name in later:
+        if name not in known and error.what == f"unknown symbol {name!r}":
+            what = f"{name!r} is defined by itself or further down"
+            remedy = "Order definitions so that each uses earlier ones alone"
+            return InputError(what, error.where, remedy)
+    return error
+
+
+def _levels(term: Term, deep: Mapping[str, int], where: str) -> int:
+    """Return the levels of a term with its definitions written out: walks are recursive."""
+    found = levels(term, deep)
+    if found > MAX_LEVELS:
+        what = f"has {found} levels of operators, its definitions written out"
+        raise InputError(what, where, f"At most {MAX_LEVELS} are read: nest fewer in each other")
+    return found
 
 
 @dataclass(frozen=True)
@@ -69,6 +90,7 @@ class Model:
     delays: Mapping[str, float | str] = field(default_factory=dict)
     clock: Mapping[str, str] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
+    resolution: Mapping[str, float] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -81,19 +103,41 @@ class Model:
         """Names an expression may use, definitions apart."""
         return (self.time, *self.states, *self.inputs, *self.parameters)
 
-    @cached_property
+    @property
     def definition_terms(self) -> dict[str, Term]:
         """Definitions with earlier ones substituted."""
+        return self._definitions[0]
+
+    @cached_property
+    def _definitions(self) -> tuple[dict[str, Term], dict[str, int]]:
+        """Definitions written out, and the levels of operators that each has then."""
         terms: dict[str, Term] = {}
+        deep: dict[str, int] = {}
+        known = dict.fromkeys(self.symbols)
         for name, text in self.definitions.items():
-            symbols = (*self.symbols, *terms)
-            terms[name] = parse(text, symbols, f"[definitions] {name}").substitute(terms)
-        return terms
+            where = f"[definitions] {name}"
+            try:
+                term = parse(text, known.keys(), where, longest=MAX_CHARACTERS)
+            except InputError as error:
+                raise _in_order(error, self.definitions, known) from None
+            deep[name] = _levels(term, deep, where)
+            terms[name] = term.substitute(terms)
+            known[name] = None
+        return terms, deep
+
+    @cached_property
+    def _names(self) -> frozenset[str]:
+        return frozenset((*self.symbols, *self.definitions))
 
     def term(self, text: str, where: str = "", extra: tuple[str, ...] = ()) -> Term:
         """Parse an expression of this model, definitions substituted."""
-        symbols = (*self.symbols, *self.definition_terms, *extra)
-        return parse(text, symbols, where).substitute(self.definition_terms)
+        terms, deep = self._definitions
+        names = self._names.union(extra) if extra else self._names
+        term = parse(text, names, where, longest=MAX_CHARACTERS)
+        if not terms:
+            return term
+        _levels(term, deep, where)
+        return term.substitute(terms)
 
     @cached_property
     def equation_terms(self) -> dict[str, Term]:

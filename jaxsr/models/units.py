@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from jaxsr._result import InputError
-from jaxsr.expressions import Term, to_text
-from jaxsr.expressions.dimensions import dimensionality as dimension
+from jaxsr.expressions import Term
+from jaxsr.expressions.printing import excerpt
 from jaxsr.expressions.term import BOOLEAN
+from jaxsr.expressions.unit_text import dimensionality as dimension
 
 if TYPE_CHECKING:
     from jaxsr.models.model import Model
@@ -125,7 +126,7 @@ def _unit_of(
         return None if root is None else root**0.5
     if parts[0] != dimension(""):
         raise InputError(
-            f"{to_text(term, 4)}: {term.op} of dimension {parts[0]}", where, "Make it dimensionless"
+            f"{excerpt(term)}: {term.op} of dimension {parts[0]}", where, "Make it dimensionless"
         )
     return dimension("")
 
@@ -136,7 +137,7 @@ def _power(term: Term, parts: list[Dimension], where: str) -> Dimension:
     if exponent.is_constant:
         return base**exponent.value
     if parts[1] is not None and parts[1] != dimension(""):
-        raise InputError(f"{to_text(term, 4)}: the power has a unit", where)
+        raise InputError(f"{excerpt(term)}: the power has a unit", where)
     return dimension("") if parts[0] == parts[1] == dimension("") else None
 
 
@@ -147,8 +148,8 @@ def _same(term: Term, pairs: list[tuple[Term, Dimension]], where: str) -> Dimens
     for arg, unit in quantities[1:]:
         if unit != quantities[0][1]:
             raise InputError(
-                f"{to_text(quantities[0][0], 4)!r} has dimension {quantities[0][1]} but "
-                f"{to_text(arg, 4)!r} has {unit}",
+                f"{excerpt(quantities[0][0])!r} has dimension {quantities[0][1]} but "
+                f"{excerpt(arg)!r} has {unit}",
                 where,
                 "Check [units] and the parameters' units",
             )
