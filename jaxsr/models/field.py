@@ -191,7 +191,7 @@ class Field:
         rows = self._rows
         matrix: list[list[Any]] = [[0.0 for _ in rows] for _ in rows]
         loads = {}
-        for i, row in enumerate(rows):
+        for i, row in enumerate(self.simulator.mass_rows):
             for column, term in self._mass[row].items():
                 if column in rows:
                     matrix[i][rows.index(column)] = value(term)
@@ -201,7 +201,7 @@ class Field:
 
     def _accelerations(self, matrix: Any, loads: Any, values: dict) -> dict:
         right = []
-        for row in self._rows:
+        for row in self.simulator.mass_rows:
             known = sum(m * values[c] for (r, c), m in loads.items() if r == row)
             right.append(values[row] - known)
         return dict(zip(self._rows, factorised(matrix)(tuple(right)), strict=True))
@@ -213,7 +213,7 @@ class Field:
         entries = [[m if isinstance(m, tuple) else (0.0, {}) for m in row] for row in matrix]
         solve = factorised([[m for m, _ in row] for row in entries])
         right, parts = [], []
-        for row in self._rows:
+        for row in self.simulator.mass_rows:
             force, slopes = found[row]
             for (r, c), (mass, by) in loads.items():
                 if r == row:

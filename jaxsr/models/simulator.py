@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxsr._result import InputError
 from jaxsr.expressions import DISCONTINUOUS, Term, evaluate
+from jaxsr.models.mass_matrix import pivoted_rows
 from jaxsr.models.model import Model
 from jaxsr.models.stepping import factorised
 
@@ -192,12 +193,17 @@ class Simulator(eqx.Module):
             return Term.apply("add", half, Term.apply("mul", half, sign))
         return term if args == term.args else Term(term.op, args)
 
+    @cached_property
+    def mass_rows(self) -> tuple[str, ...]:
+        """States with a row in [inertia], in the order in which the rows are eliminated."""
+        return pivoted_rows(self.model)
+
     def _accelerations(self, rates: dict, env: dict, shared: dict) -> dict:
         """Solve the mass matrix for the rates of the states that have a row in it."""
         rows = tuple(s for s in self.model.states if s in self.model.inertia)
         matrix = [[0.0 for _ in rows] for _ in rows]
         right = []
-        for i, row in enumerate(rows):
+        for i, row in enumerate(self.mass_rows):
             force = rates[row]
             for column, term in self.model.inertia_terms[row].items():
                 entry = evaluate(term, env, "jax", shared)
