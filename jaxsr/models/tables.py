@@ -17,7 +17,11 @@ MAX_NAME = 80
 
 def place(table: str, *keys: str) -> str:
     """Return where a key stands, e.g. ``[inertia] v.w``; keys of any length."""
-    return f"[{table}] {shortened('.'.join(keys))}" if keys else f"[{table}]"
+    return f"[{table}] {'.'.join(map(_label, keys))}" if keys else f"[{table}]"
+
+
+def _label(key: str) -> str:
+    return shortened(key) if key.strip() and key.isprintable() else quoted(key)
 
 
 def event_place(number: int, key: str = "") -> str:
@@ -237,7 +241,7 @@ class Tables:
             what = f"reset must be a table of states, got {quoted(reset)}"
             raise self.fail(what, where, 'Write reset = { v = "-0.8*v" }')
         texts = {
-            s: self.expression(e, event_place(number, f"reset {shortened(s)}"))
+            s: self.expression(e, event_place(number, f"reset {_label(s)}"))
             for s, e in reset.items()
         }
         return Event(when, direction, texts)
