@@ -163,7 +163,8 @@ def _leaf(token: str) -> Term | None:
 class _Reader:
     """Take tokens from the front and build terms.
 
-    ``level`` counts the operators around a place: Python's own stack is not unlimited.
+    ``level`` counts the operators and brackets around a place: Python's own stack is not
+    unlimited.
     """
 
     __slots__ = ("integrals", "symbols", "text", "tokens", "where")
@@ -222,7 +223,7 @@ class _Reader:
         token = self.tokens[-1]
         if token == "(":
             self.tokens.pop()
-            inner = self.expression(0, level)
+            inner = self.expression(0, level + 1)
             self.take(")")
             return inner
         if token not in ("-", "+"):
@@ -313,7 +314,7 @@ class _Reader:
         return InputError(what, self.where, remedy)
 
     def too_deep(self) -> InputError:
-        what = f"expression of more than {MAX_LEVELS} levels of operators"
+        what = f"expression of more than {MAX_LEVELS} levels of operators and brackets"
         return self.fail(what, "Split it")
 
     def unexpected(self, wanted: str) -> InputError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -11,7 +11,8 @@ from jaxsr.expressions.primitives import PRIMITIVES, Primitive
 CONSTANT = "constant"
 VARIABLE = "variable"
 BOOLEAN = "boolean"
-_LARGE = 5_000  # nodes from which on subtrees of two terms are compared once a pair
+LARGE = 200
+"""Nodes from which on a term may be too deep for walks that call themselves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -88,7 +89,7 @@ class Term:
             return False
         if (self.op, self.name, self.value) != (other.op, other.name, other.value):
             return False
-        if self.size > _LARGE:
+        if self.size > LARGE:
             return _equal(self, other)
         return self.args == other.args
 
@@ -120,6 +121,32 @@ class Term:
             new = [arg for arg in dict.fromkeys(node.args) if arg not in seen]
             seen.update(new)
             stack.extend(reversed(new))
+
+    def upward(self, done: Container[Term] = ()) -> Iterator[Term]:
+        """Yield every different subtree that has arguments once, arguments first.
+
+        Walks that call themselves for arguments run out of Python's stack on deep terms; where
+        they keep what they found, they can go through a large term in this order beforehand.
+
+        Parameters
+        ----------
+        done : container of Term
+            Subtrees that are passed over, with all that is below them.
+        """
+        seen: set[Term] = set()
+        stack: list[Term] = [self]
+        while stack:
+            node = stack[-1]
+            if not node.args or node in seen or node in done:
+                stack.pop()
+                continue
+            waiting = [a for a in node.args if a.args and a not in seen and a not in done]
+            if waiting:
+                stack.extend(reversed(waiting))
+                continue
+            stack.pop()
+            seen.add(node)
+            yield node
 
     @property
     def depth(self) -> int:

@@ -67,7 +67,8 @@ def _of_name(name: str) -> tuple[tuple[str, float], ...] | None:
     registry = _registry()
     try:
         units = UnitsContainer({registry.get_name(n): 1 for n in _MEANT.get(name, (name,))})
-        return tuple(registry.get_dimensionality(units).items())
+        found = registry.get_dimensionality(units)
+        return tuple((str(base), float(power)) for base, power in found.items())  # type: ignore[arg-type]
     except (pint.PintError, KeyError, ValueError, TypeError):
         return None
 

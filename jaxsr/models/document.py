@@ -38,6 +38,8 @@ def read_document(path: Path) -> dict[str, Any]:
             raise InputError("is a folder", str(path), "Name the model file in it")
         with open(path, "rb") as stream:
             data = stream.read(4 * MAX_CHARACTERS + 4)
+    except InputError:
+        raise
     except (FileNotFoundError, NotADirectoryError):
         raise InputError("no such model file", str(path), "Check the path") from None
     except OSError as error:

@@ -290,18 +290,20 @@ def folded(term: Term, values: Mapping[str, float], done: dict[Term, Term] | Non
 
     `done` holds subtrees met before and is filled on the way.
     """
+    done = {} if done is None else done
+    for node in term.upward(done):
+        done[node] = _folded(node, values, done)
+    return _inserted(term, values, done)
+
+
+def _inserted(term: Term, values: Mapping[str, float], done: Mapping[Term, Term]) -> Term:
     if term.is_variable and term.name in values:
         return Term.constant(values[term.name])
-    if not term.args:
-        return term
-    done = {} if done is None else done
-    if term not in done:
-        done[term] = _folded(term, values, done)
-    return done[term]
+    return done.get(term, term)
 
 
-def _folded(term: Term, values: Mapping[str, float], done: dict[Term, Term]) -> Term:
-    args = tuple(folded(arg, values, done) for arg in term.args)
+def _folded(term: Term, values: Mapping[str, float], done: Mapping[Term, Term]) -> Term:
+    args = tuple(_inserted(arg, values, done) for arg in term.args)
     zero = [a.is_constant and a.value == 0.0 for a in args]
     one = [a.is_constant and a.value == 1.0 for a in args]
     match term.op:

@@ -81,7 +81,9 @@ def _symmetric(model: Model, rows: tuple[str, ...]) -> bool:
 def _samples(model: Model, rows: tuple[str, ...]) -> np.ndarray:
     """Return the matrix at random states, inputs and times, shape (points, rows, rows)."""
     rng = np.random.default_rng(0)
-    environment = {name: np.full(_POINTS, p.value) for name, p in model.parameters.items()}
+    values = {name: p.value for name, p in model.parameters.items()}
+    values |= {name: next(iter(own.values())) for name, own in model.per_recording.items() if own}
+    environment = {name: np.full(_POINTS, value) for name, value in values.items()}
     for name in (model.time, *model.states, *model.inputs):
         size = 10.0 ** rng.uniform(-3.0, 3.0, _POINTS)
         environment[name] = size * rng.choice([-1.0, 1.0], _POINTS)

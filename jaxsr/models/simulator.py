@@ -176,14 +176,12 @@ class Simulator(eqx.Module):
 
     def _smooth(self, term: Term, known: dict[Term, Term]) -> Term:
         """Return a term with rounded steps; `known` holds those of subtrees met before."""
-        if not term.args:
-            return term
-        if term not in known:
-            known[term] = self._rounded(term, known)
-        return known[term]
+        for node in term.upward(known):
+            known[node] = self._rounded(node, known)
+        return known.get(term, term)
 
     def _rounded(self, term: Term, known: dict[Term, Term]) -> Term:
-        args = tuple(self._smooth(arg, known) for arg in term.args)
+        args = tuple(known.get(arg, arg) for arg in term.args)
         if term.op in SMOOTHED and term.args[0] in self.smoothed_arguments:
             width = Term.variable(f"width {self.smoothed_arguments.index(term.args[0])}")
             sign = Term.apply("tanh", Term.apply("div", args[0], width))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxsr._quoting import shortened
 from jaxsr._result import InputError
-from jaxsr.expressions import Term, evaluate
+from jaxsr.expressions import PRIMITIVES, Term
 from jaxsr.expressions.printing import excerpt
 from jaxsr.models.mass_matrix import check_invertible
 from jaxsr.models.model import Model
@@ -17,7 +18,6 @@ from jaxsr.models.model import Model
 Values = Mapping[str, float]
 # What stays without a finite value whatever the finite value of another argument is.
 _SPREADING = frozenset({"add", "sub", "mul", "neg", "abs"})
-_CHOOSING = frozenset({"piecewise", "max", "min", "and", "or", "not"})
 
 
 def check_solvable(model: Model) -> None:
@@ -31,13 +31,15 @@ def check_solvable(model: Model) -> None:
     InputError
         An expression is infinite or NaN at the given values, or the mass matrix is singular.
     """
-    values = {name: p.value for name, p in model.parameters.items()}
-    met: dict[Term, Term | None] = {}
+    # Where a recording has its own value, that of [parameters] may never be used.
+    own = model.per_recording
+    values = {name: p.value for name, p in model.parameters.items() if name not in own}
     places = [(f"[equations] {s}", e) for s, e in model.equation_terms.items()]
     places += [
         (f"[inertia] {i}.{j}", e) for i, row in model.inertia_terms.items() for j, e in row.items()
     ]
     places += [(f"[readings] {y}", e) for y, e in model.reading_terms.items()]
+    met: dict[Term, _Known] = {}
     for where, term in places:
         culprit = never_finite(term, values, met)
         if culprit is not None:
@@ -46,7 +48,14 @@ def check_solvable(model: Model) -> None:
     check_invertible(model)
 
 
-def never_finite(term: Term, values: Values, met: dict[Term, Term | None]) -> Term | None:
+class _Known(NamedTuple):
+    """What constants and parameters decide of a term: its value, or what leaves it without."""
+
+    value: float | None = None
+    culprit: Term | None = None
+
+
+def never_finite(term: Term, values: Values, met: dict[Term, _Known] | None = None) -> Term | None:
     """Return the part of a term that makes it infinite or NaN for all states; None if none does.
 
     Parameters
@@ -54,46 +63,36 @@ def never_finite(term: Term, values: Values, met: dict[Term, Term | None]) -> Te
     term : Term
     values : mapping of str to float
         Values of the parameters.
-    met : dict
+    met : dict, optional
         Subtrees met before; filled on the way.
     """
-    if not term.args:
-        return None
-    if term not in met:
-        met[term] = _never_finite(term, values, met)
-    return met[term]
-
-
-def _never_finite(term: Term, values: Values, met: dict[Term, Term | None]) -> Term | None:
-    if term.op in _CHOOSING:  # an argument that is not chosen does no harm
-        return None
-    for arg in term.args:
-        culprit = never_finite(arg, values, met)
-        if culprit is not None and (
-            term.op in _SPREADING or (term.op == "div" and arg is term.args[0])
-        ):
-            return culprit
-    fixed = [_fixed(arg, values) for arg in term.args]
-    if term.op == "div" and fixed[1] == 0.0:
-        return term
-    if all(value is not None for value in fixed):
-        result = _fixed(term, values)
-        if result is not None and not math.isfinite(result):
-            return term
-    return None
-
-
-def _fixed(term: Term, values: Values) -> float | None:
-    """Return the value of a term of constants and parameters; None of any other."""
-    if term.is_constant:
-        return term.value
-    if not term.variables <= values.keys():
-        return None
+    met = {} if met is None else met
     with np.errstate(all="ignore"):
-        try:
-            return float(evaluate(term, {n: np.float64(values[n]) for n in term.variables}))
-        except (ZeroDivisionError, OverflowError, ValueError):
-            return math.nan
+        for node in term.upward(met):
+            met[node] = _known(node, [_of(arg, values, met) for arg in node.args])
+    return _of(term, values, met).culprit
+
+
+def _of(term: Term, values: Values, met: Mapping[Term, _Known]) -> _Known:
+    if term.args:
+        return met[term]
+    if term.is_variable:
+        return _Known(values.get(term.name))
+    return _Known(term.value)
+
+
+def _known(term: Term, args: Sequence[_Known]) -> _Known:
+    first = next((arg.culprit for arg in args if arg.culprit is not None), None)
+    fixed = [np.float64(arg.value) for arg in args if arg.value is not None]
+    if len(fixed) == len(args):
+        value = float(PRIMITIVES[term.op].numpy(*fixed))
+        return _Known(value, None if math.isfinite(value) else first or term)
+    if term.op == "div":
+        if args[1].value == 0.0:
+            return _Known(culprit=term)
+        return _Known(culprit=args[0].culprit)
+    # An argument that is not chosen, as of Piecewise, does no harm, nor does infinity in a tanh.
+    return _Known(culprit=first if term.op in _SPREADING else None)
 
 
 def _given(term: Term, values: Values) -> str:
