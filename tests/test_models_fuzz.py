@@ -10,7 +10,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from fuzz_models import LONG, VALID, hostile, toml, wrong_types
+from fuzz_models import VALID, hostile, toml, wrong_types
+from hostile_values import LONG
 
 from jaxsr._result import InputError
 from jaxsr.models import model_text, parse_model

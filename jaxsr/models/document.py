@@ -10,7 +10,7 @@ from typing import Any
 from jaxsr._quoting import shortened
 from jaxsr._result import InputError
 
-MAX_CHARACTERS = 500_000
+MAX_CHARACTERS = 400_000
 MAX_NESTING = 20  # of arrays and tables; a model file has four
 # Everything in which brackets and dots mean nothing; what is not closed runs to the end.
 _QUOTED = re.compile(
