@@ -102,6 +102,7 @@ BROKEN = [
     ("u = 0.002", "u = {}", ["[delays] u", "number"]),
     ('"1 + s"', '"1 + q"', ["[clock] y", "states", "time"]),
     ('"1 + s"', "1", ["[clock] y", "in quotes"]),
+    ('"1 + s"', '"s - 1.0"', ["[clock] y", "s = 0.0001", "rate of the clock"]),
     ("y = 1e-5", "y = 0", ["[resolution] y", "more than zero"]),
     ("y = 1e-5", "x = 1e-5", ["[resolution]", "'x'", "Known"]),
     ("y = 1e-5", 'y = "1e-5"', ["[resolution] y", "number"]),

@@ -6,7 +6,7 @@ import functools
 import keyword
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 
 from jaxsr._quoting import closest, hint, quoted
 from jaxsr._result import InputError
@@ -128,23 +128,19 @@ def _nesting(text: str) -> int:
     return deepest
 
 
-def levels(term: Term, of_names: Mapping[str, int] | None = None) -> int:
+def levels(term: Term, met: dict[Term, int] | None = None) -> int:
     """Return the levels of a term below its root, without recursion.
 
     Parameters
     ----------
     term : Term
-    of_names : mapping of str to int, optional
-        Levels that stand below a variable once it is written out.
+    met : dict, optional
+        Levels of subtrees met before; filled on the way.
     """
-    of_names = of_names or {}
-    deepest, level, row = 0, 0, [term]
-    while row:
-        below = max((of_names.get(node.name, 0) for node in row if node.name), default=0)
-        deepest = max(deepest, level + below)
-        level += 1
-        row = [arg for node in row for arg in node.args]
-    return deepest
+    met = {} if met is None else met
+    for node in term.upward(met):
+        met[node] = 1 + max(met.get(arg, 0) for arg in node.args)
+    return met.get(term, 0)
 
 
 @functools.lru_cache(maxsize=_REMEMBERED)

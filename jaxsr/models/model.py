@@ -9,7 +9,7 @@ from typing import Literal
 
 from jaxsr._result import InputError
 from jaxsr.expressions import Term, parse
-from jaxsr.expressions.parsing import MAX_CHARACTERS, MAX_LEVELS, levels
+from jaxsr.expressions.parsing import MAX_CHARACTERS
 
 FREE = "free"
 DRIVEN = "driven"
@@ -48,15 +48,6 @@ def _in_order(error: InputError, later: Mapping[str, str], known: Mapping[str, N
             remedy = "Order definitions so that each uses earlier ones alone"
             return InputError(what, error.where, remedy)
     return error
-
-
-def _levels(term: Term, deep: Mapping[str, int], where: str) -> int:
-    """Return the levels of a term with its definitions written out: walks are recursive."""
-    found = levels(term, deep)
-    if found > MAX_LEVELS:
-        what = f"has {found} levels of operators, its definitions written out"
-        raise InputError(what, where, f"At most {MAX_LEVELS} are read: nest fewer in each other")
-    return found
 
 
 @dataclass(frozen=True)
@@ -103,27 +94,19 @@ class Model:
         """Names an expression may use, definitions apart."""
         return (self.time, *self.states, *self.inputs, *self.parameters)
 
-    @property
+    @cached_property
     def definition_terms(self) -> dict[str, Term]:
         """Definitions with earlier ones substituted."""
-        return self._definitions[0]
-
-    @cached_property
-    def _definitions(self) -> tuple[dict[str, Term], dict[str, int]]:
-        """Definitions written out, and the levels of operators that each has then."""
         terms: dict[str, Term] = {}
-        deep: dict[str, int] = {}
         known = dict.fromkeys(self.symbols)
         for name, text in self.definitions.items():
-            where = f"[definitions] {name}"
             try:
-                term = parse(text, known.keys(), where, longest=MAX_CHARACTERS)
+                term = parse(text, known.keys(), f"[definitions] {name}", longest=MAX_CHARACTERS)
             except InputError as error:
                 raise _in_order(error, self.definitions, known) from None
-            deep[name] = _levels(term, deep, where)
             terms[name] = term.substitute(terms)
             known[name] = None
-        return terms, deep
+        return terms
 
     @cached_property
     def _names(self) -> frozenset[str]:
@@ -131,13 +114,9 @@ class Model:
 
     def term(self, text: str, where: str = "", extra: tuple[str, ...] = ()) -> Term:
         """Parse an expression of this model, definitions substituted."""
-        terms, deep = self._definitions
         names = self._names.union(extra) if extra else self._names
         term = parse(text, names, where, longest=MAX_CHARACTERS)
-        if not terms:
-            return term
-        _levels(term, deep, where)
-        return term.substitute(terms)
+        return term.substitute(self.definition_terms) if self.definitions else term
 
     @cached_property
     def equation_terms(self) -> dict[str, Term]:

@@ -45,7 +45,19 @@ def check_solvable(model: Model) -> None:
         if culprit is not None:
             what = f"{excerpt(culprit)!r} has no finite value{_given(culprit, values)}"
             raise InputError(what, where, "Change the value or the expression")
+    _check_clocks(model, values, met)
     check_invertible(model)
+
+
+def _check_clocks(model: Model, values: Values, met: dict[Term, _Known]) -> None:
+    for output, text in model.clock.items():
+        where = f"[clock] {output}"
+        term = model.term(text, where)
+        never_finite(term, values, met)
+        rate = _of(term, values, met).value
+        if rate is not None and not 0.0 < rate < math.inf:
+            what = f"{excerpt(term)!r} is {rate:g}{_given(term, values)}"
+            raise InputError(what, where, "Write the rate of the clock: 1 for one that is right")
 
 
 class _Known(NamedTuple):

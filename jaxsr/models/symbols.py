@@ -6,7 +6,9 @@ import keyword
 import re
 
 from jaxsr._quoting import quoted
-from jaxsr.expressions import is_identifier
+from jaxsr._result import InputError
+from jaxsr.expressions import Term, is_identifier
+from jaxsr.expressions.parsing import MAX_LEVELS, levels
 from jaxsr.models.model import Model
 from jaxsr.models.tables import MAX_NAME, Tables, event_place, place
 
@@ -87,7 +89,8 @@ def check_expressions(model: Model, tables: Tables) -> None:
         if missing:
             remedy = f'Write {missing[0]} = "..."'
             raise tables.fail(f"no {what} {missing[0]!r}", place(table), remedy)
-    _ = model.definition_terms, model.equation_terms, model.reading_terms, model.inertia_terms
+    _ = model.equation_terms, model.reading_terms, model.inertia_terms
+    _check_levels(model)
     moving = {*model.states, *model.inputs}
     for name, text in model.clock.items():
         if model.term(text, place("clock", name)).variables & moving:
@@ -97,3 +100,18 @@ def check_expressions(model: Model, tables: Tables) -> None:
         model.term(event.when, event_place(number, "when"))
         for state, text in event.reset.items():
             model.term(text, event_place(number, f"reset {state}"))
+
+
+def _check_levels(model: Model) -> None:
+    """Refuse what is too deep with its definitions written out: some walks are recursive."""
+    places = [(place("definitions", d), term) for d, term in model.definition_terms.items()]
+    places += [(place("equations", s), term) for s, term in model.equation_terms.items()]
+    places += [(place("readings", y), term) for y, term in model.reading_terms.items()]
+    for i, row in model.inertia_terms.items():
+        places += [(place("inertia", i, j), term) for j, term in row.items()]
+    met: dict[Term, int] = {}
+    for where, term in places:
+        if (found := levels(term, met)) > MAX_LEVELS:
+            what = f"has {found} levels of operators, its definitions written out"
+            remedy = f"At most {MAX_LEVELS} are read: nest fewer in each other"
+            raise InputError(what, where, remedy)
