@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from jaxsr._result import InputError
 from jaxsr.expressions import evaluate, parse
 from jaxsr.models import Model, Simulator, parse_model
 from jaxsr.models.field import Field, Point
+from jaxsr.models.mass_matrix import pivoted_rows
+from jaxsr.models.reading import build_model
 from jaxsr.models.solvability import never_finite
 from jaxsr.models.stepping import factorised
 
@@ -161,3 +164,16 @@ def test_a_parameter_that_differs_by_recording_is_not_judged_by_its_other_value(
     with pytest.raises(InputError, match=r"\[equations\] q: '.*q/m' has no finite value at m = 0"):
         parse_model(text)
     assert parse_model(text + '[per_recording]\nm = { "a.csv" = 1.0 }\n').parameters["m"].value == 0
+
+
+def test_thousands_of_rows_are_checked_in_time() -> None:
+    states = [f"w{k}" for k in range(3000)]
+    document = {
+        "model": {"states": states, "outputs": ["y"]},
+        "equations": dict.fromkeys(states, "1.0"),
+        "readings": {"y": "w0"},
+        "inertia": {s: {s: "2.0", states[k - 1]: "0.5"} for k, s in enumerate(states)},
+    }
+    began = time.process_time()
+    assert len(pivoted_rows(build_model(document))) == 3000
+    assert time.process_time() - began < 2.0

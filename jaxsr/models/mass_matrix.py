@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import (
+    connected_components,
+    maximum_bipartite_matching,
+    min_weight_full_bipartite_matching,
+)
 
 from jaxsr._quoting import shortened
 from jaxsr._result import InputError
@@ -13,8 +18,12 @@ from jaxsr.models.model import Model
 _POINTS = 64
 _ENOUGH = 8  # points with finite entries that a verdict needs
 _SINGULAR = 1e-13  # least singular value by the greatest, rows and columns scaled
+_LARGEST = 60  # rows of a block of which singular values are taken
 _NOTHING = -700.0  # logarithm that stands for that of zero
 _PREFERRED = 1e-6  # by how much the diagonal is favoured: of equals, no row moves
+
+Samples = dict[tuple[int, int], np.ndarray]
+"""Entries by row and column, each at random points; entries that are nothing are absent."""
 
 
 def check_invertible(model: Model) -> None:
@@ -28,18 +37,25 @@ def check_invertible(model: Model) -> None:
     rows = tuple(s for s in model.states if s in model.inertia)
     if not rows:
         return
-    matrices = _samples(model, rows)
-    empty = ~(matrices != 0.0).any(axis=0)  # NaN counts as something
+    entries = _samples(model, rows)
+    with_mass = [{pair[axis] for pair in entries} for axis in (0, 1)]
     for i, row in enumerate(rows):
-        if empty[i].all():
+        if i not in with_mass[0]:
             what = f"the row has no mass for the rates of {_listed(rows)}{_values(model, row)}"
             raise InputError(what, f"[inertia] {row}", "Give it a mass other than zero")
-        if empty[:, i].all():
+        if i not in with_mass[1]:
             what = f"no row has a mass for the rate of {row}"
             raise InputError(what, "[inertia]", f"Write {row} = {{ {row} = ... }}")
-    usable = np.isfinite(matrices).all(axis=(1, 2))
-    if usable.sum() >= _ENOUGH and _singular(matrices[usable]).all():
-        what = f"the rows of {_listed(rows)} make a singular matrix at the given values"
+    pattern = _sparse(dict.fromkeys(entries, 1.0), len(rows))
+    _, block_of = connected_components(pattern, directed=False)
+    unmatched = np.flatnonzero(maximum_bipartite_matching(pattern) < 0)
+    singular = set(block_of[unmatched])
+    for block, size in enumerate(np.bincount(block_of)):
+        if 1 < size <= _LARGEST and _without_inverse(entries, np.flatnonzero(block_of == block)):
+            singular.add(block)
+    if singular:
+        own = tuple(r for r, b in zip(rows, block_of, strict=True) if b == min(singular))
+        what = f"the rows of {_listed(own)} make a singular matrix at the given values"
         remedy = "Make the rows independent: every rate must follow from the forces"
         raise InputError(what, "[inertia]", remedy)
 
@@ -57,29 +73,38 @@ def pivoted_rows(model: Model) -> tuple[str, ...]:
     matrix", SIAM J. Matrix Anal. Appl. 22 (2001).
     """
     rows = tuple(s for s in model.states if s in model.inertia)
-    if _symmetric(model, rows):
+    if _symmetric(model):
         return rows
-    with np.errstate(all="ignore"):
-        sizes = np.log(np.abs(_samples(model, rows)))
-    sizes = sizes[~np.isnan(sizes).any(axis=(1, 2))]
-    if not len(sizes):
+    scores = {}
+    for (i, j), values in _samples(model, rows).items():
+        with np.errstate(all="ignore"):
+            sizes = np.log(np.abs(values[~np.isnan(values)]))
+        mean = np.clip(sizes, _NOTHING, -_NOTHING).mean() if sizes.size else _NOTHING
+        # Every order takes as many entries, so that a shift keeps the best; none may be zero.
+        scores[i, j] = 1.0 - 2.0 * _NOTHING + mean + _PREFERRED * (i == j)
+    try:
+        row, column = min_weight_full_bipartite_matching(_sparse(scores, len(rows)), maximize=True)
+    except ValueError:  # no order has entries all along the diagonal
         return rows
-    score = np.clip(sizes, _NOTHING, -_NOTHING).mean(axis=0) + _PREFERRED * np.eye(len(rows))
-    row, column = linear_sum_assignment(score, maximize=True)
     return tuple(rows[i] for i in row[np.argsort(column)])
 
 
-def _symmetric(model: Model, rows: tuple[str, ...]) -> bool:
+def _symmetric(model: Model) -> bool:
     """Whether every row has an entry on the diagonal, and entries across it read the same."""
+    inertia = model.inertia
     return all(
-        i in model.inertia[i]
-        and all(model.inertia[j].get(i) == model.inertia[i].get(j) for j in rows)
-        for i in rows
+        i in row and all(j not in inertia or inertia[j].get(i) == text for j, text in row.items())
+        for i, row in inertia.items()
     )
 
 
-def _samples(model: Model, rows: tuple[str, ...]) -> np.ndarray:
-    """Return the matrix at random states, inputs and times, shape (points, rows, rows)."""
+def _sparse(entries: dict[tuple[int, int], float], count: int) -> csr_array:
+    rows, columns = zip(*entries, strict=True) if entries else ((), ())
+    return csr_array((list(entries.values()), (rows, columns)), shape=(count, count))
+
+
+def _samples(model: Model, rows: tuple[str, ...]) -> Samples:
+    """Return the entries of the matrix at random states, inputs and times."""
     rng = np.random.default_rng(0)
     values = {name: p.value for name, p in model.parameters.items()}
     values |= {name: next(iter(own.values())) for name, own in model.per_recording.items() if own}
@@ -87,24 +112,35 @@ def _samples(model: Model, rows: tuple[str, ...]) -> np.ndarray:
     for name in (model.time, *model.states, *model.inputs):
         size = 10.0 ** rng.uniform(-3.0, 3.0, _POINTS)
         environment[name] = size * rng.choice([-1.0, 1.0], _POINTS)
-    found = np.zeros((_POINTS, len(rows), len(rows)))
+    place = {row: i for i, row in enumerate(rows)}
+    found: Samples = {}
     shared: dict[Term, np.ndarray] = {}
     with np.errstate(all="ignore"):
-        for i, row in enumerate(rows):
+        for row in rows:
             for column, term in model.inertia_terms[row].items():
-                if column in rows:
-                    found[:, i, rows.index(column)] = evaluate(term, environment, "numpy", shared)
+                if column in place:
+                    value = np.full(_POINTS, evaluate(term, environment, "numpy", shared))
+                    if (value != 0.0).any():  # NaN counts as something
+                        found[place[row], place[column]] = value
     return found
 
 
-def _singular(matrices: np.ndarray) -> np.ndarray:
-    """Tell which of some finite matrices, shape (count, n, n), have no inverse."""
-    scaled = matrices
+def _without_inverse(entries: Samples, block: np.ndarray) -> bool:
+    """Tell whether a block of the matrix has no inverse at any point."""
+    place = {int(row): i for i, row in enumerate(block)}
+    matrices = np.zeros((_POINTS, len(block), len(block)))
+    for i, a in place.items():
+        for j, b in place.items():
+            if (i, j) in entries:
+                matrices[:, a, b] = entries[i, j]
+    scaled = matrices[np.isfinite(matrices).all(axis=(1, 2))]
+    if len(scaled) < _ENOUGH:
+        return False
     for axis in (2, 1, 2):
         size = np.abs(scaled).max(axis=axis, keepdims=True)
         scaled = scaled / np.where(size > 0.0, size, 1.0)
     values = np.linalg.svd(scaled, compute_uv=False)
-    return values[:, -1] <= _SINGULAR * values[:, 0]
+    return bool((values[:, -1] <= _SINGULAR * values[:, 0]).all())
 
 
 def _listed(names: tuple[str, ...]) -> str:

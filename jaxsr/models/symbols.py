@@ -67,10 +67,11 @@ def _check_keys(model: Model, tables: Tables) -> None:
     }
     for name, (table, keys) in roles.items():
         tables.known(table, keys, place(name))
+    state = dict.fromkeys(states)
     for row, entries in model.inertia.items():
-        tables.known(entries, states, place("inertia", row))
+        tables.known(entries, state, place("inertia", row))
     for number, event in enumerate(model.events, 1):
-        tables.known(event.reset, states, event_place(number, "reset"))
+        tables.known(event.reset, state, event_place(number, "reset"))
 
 
 def check_expressions(model: Model, tables: Tables) -> None:

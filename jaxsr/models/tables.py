@@ -49,7 +49,7 @@ class Tables:
 
     def known(self, table: Mapping[str, Any], keys: Collection[str], where: str = "") -> None:
         """Refuse keys that mean nothing: a misspelt one would be ignored in silence."""
-        allowed = frozenset(keys)
+        allowed = keys if isinstance(keys, Mapping) else frozenset(keys)
         for key in table:
             if key not in allowed:
                 raise self.fail(f"unknown key {quoted(key)}", where, hint(key, keys))
