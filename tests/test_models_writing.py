@@ -89,6 +89,12 @@ def test_numbers_of_other_types_are_written_as_numbers() -> None:
     assert again.parameters["m"] == Parameter(3.0, None, (1.0, 4.0))
 
 
+def test_a_unit_that_is_empty_is_written_as_dimensionless() -> None:
+    model = replace(MODEL, units={"q": ""}, parameters={"m": Parameter(1.0, " ")})
+    again = parse_model(model_text(model))
+    assert again.units == {"q": "1"} and again.parameters["m"].unit == "1"
+
+
 def test_half_a_character_cannot_be_written() -> None:
     # A file's name whose bytes are no text comes to Python so.
     with pytest.raises(InputError, match=r"no text file can\. Rename"):

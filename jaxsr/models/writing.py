@@ -48,7 +48,7 @@ def model_text(model: Model) -> str:
     for event in model.events:
         table = {"when": event.when, "direction": event.direction, "reset": dict(event.reset)}
         parts.append(_table("events", table, array=True))
-    parts.append(_table("units", model.units))
+    parts.append(_table("units", {name: _unit(text) for name, text in model.units.items()}))
     parts.append(_table("columns", model.columns))
     return "\n".join(part for part in parts if part)
 
@@ -61,10 +61,15 @@ def write_model(model: Model, path: str | Path) -> None:
 def _parameter(parameter: Parameter) -> dict[str, Any]:
     entry: dict[str, Any] = {"value": parameter.value}
     if parameter.unit is not None:
-        entry["unit"] = parameter.unit
+        entry["unit"] = _unit(parameter.unit)
     if parameter.bounds is not None:
         entry["bounds"] = list(parameter.bounds)
     return entry
+
+
+def _unit(text: str) -> str:
+    # No unit is dimensionless to those who build a model in Python; a file says so by 1.
+    return text if text.strip() else "1"
 
 
 def _table(name: str, table: Mapping[str, Any], array: bool = False) -> str:
