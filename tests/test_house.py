@@ -15,6 +15,7 @@ LAYERS = {
     "_types": 0,
     "_files": 0,
     "_progress": 0,
+    "_quoting": 0,
     "_arguments": 0,
     "expressions": 1,
     "recordings": 1,

@@ -191,7 +191,7 @@ class Field:
         rows = self._rows
         matrix: list[list[Any]] = [[0.0 for _ in rows] for _ in rows]
         loads = {}
-        for i, row in enumerate(rows):
+        for i, row in enumerate(self.simulator.mass_rows):
             for column, term in self._mass[row].items():
                 if column in rows:
                     matrix[i][rows.index(column)] = value(term)
@@ -201,7 +201,7 @@ class Field:
 
     def _accelerations(self, matrix: Any, loads: Any, values: dict) -> dict:
         right = []
-        for row in self._rows:
+        for row in self.simulator.mass_rows:
             known = sum(m * values[c] for (r, c), m in loads.items() if r == row)
             right.append(values[row] - known)
         return dict(zip(self._rows, factorised(matrix)(tuple(right)), strict=True))
@@ -213,7 +213,7 @@ class Field:
         entries = [[m if isinstance(m, tuple) else (0.0, {}) for m in row] for row in matrix]
         solve = factorised([[m for m, _ in row] for row in entries])
         right, parts = [], []
-        for row in self._rows:
+        for row in self.simulator.mass_rows:
             force, slopes = found[row]
             for (r, c), (mass, by) in loads.items():
                 if r == row:
@@ -290,18 +290,20 @@ def folded(term: Term, values: Mapping[str, float], done: dict[Term, Term] | Non
 
     `done` holds subtrees met before and is filled on the way.
     """
+    done = {} if done is None else done
+    for node in term.upward(done):
+        done[node] = _folded(node, values, done)
+    return _inserted(term, values, done)
+
+
+def _inserted(term: Term, values: Mapping[str, float], done: Mapping[Term, Term]) -> Term:
     if term.is_variable and term.name in values:
         return Term.constant(values[term.name])
-    if not term.args:
-        return term
-    done = {} if done is None else done
-    if term not in done:
-        done[term] = _folded(term, values, done)
-    return done[term]
+    return done.get(term, term)
 
 
-def _folded(term: Term, values: Mapping[str, float], done: dict[Term, Term]) -> Term:
-    args = tuple(folded(arg, values, done) for arg in term.args)
+def _folded(term: Term, values: Mapping[str, float], done: Mapping[Term, Term]) -> Term:
+    args = tuple(_inserted(arg, values, done) for arg in term.args)
     zero = [a.is_constant and a.value == 0.0 for a in args]
     one = [a.is_constant and a.value == 1.0 for a in args]
     match term.op:

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
+from jaxsr._result import InputError
 from jaxsr.expressions import Term, parse
+from jaxsr.expressions.parsing import MAX_CHARACTERS
 
 FREE = "free"
 DRIVEN = "driven"
@@ -36,6 +38,16 @@ class Event:
     when: str
     direction: int
     reset: Mapping[str, str]
+
+
+def _in_order(error: InputError, later: Mapping[str, str], known: Mapping[str, None]) -> InputError:
+    """Say of an unknown symbol that is a definition further down that it is one."""
+    for name in later:
+        if name not in known and error.what == f"unknown symbol {name!r}":
+            what = f"{name!r} is defined by itself or further down"
+            remedy = "Order definitions so that each uses earlier ones alone"
+            return InputError(what, error.where, remedy)
+    return error
 
 
 @dataclass(frozen=True)
@@ -69,6 +81,7 @@ class Model:
     delays: Mapping[str, float | str] = field(default_factory=dict)
     clock: Mapping[str, str] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
+    resolution: Mapping[str, float] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -85,15 +98,25 @@ class Model:
     def definition_terms(self) -> dict[str, Term]:
         """Definitions with earlier ones substituted."""
         terms: dict[str, Term] = {}
+        known = dict.fromkeys(self.symbols)
         for name, text in self.definitions.items():
-            symbols = (*self.symbols, *terms)
-            terms[name] = parse(text, symbols, f"[definitions] {name}").substitute(terms)
+            try:
+                term = parse(text, known.keys(), f"[definitions] {name}", longest=MAX_CHARACTERS)
+            except InputError as error:
+                raise _in_order(error, self.definitions, known) from None
+            terms[name] = term.substitute(terms)
+            known[name] = None
         return terms
+
+    @cached_property
+    def _names(self) -> frozenset[str]:
+        return frozenset((*self.symbols, *self.definitions))
 
     def term(self, text: str, where: str = "", extra: tuple[str, ...] = ()) -> Term:
         """Parse an expression of this model, definitions substituted."""
-        symbols = (*self.symbols, *self.definition_terms, *extra)
-        return parse(text, symbols, where).substitute(self.definition_terms)
+        names = self._names.union(extra) if extra else self._names
+        term = parse(text, names, where, longest=MAX_CHARACTERS)
+        return term.substitute(self.definition_terms) if self.definitions else term
 
     @cached_property
     def equation_terms(self) -> dict[str, Term]:

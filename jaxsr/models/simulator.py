@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxsr._result import InputError
 from jaxsr.expressions import DISCONTINUOUS, Term, evaluate
+from jaxsr.models.mass_matrix import pivoted_rows
 from jaxsr.models.model import Model
 from jaxsr.models.stepping import factorised
 
@@ -175,14 +176,12 @@ class Simulator(eqx.Module):
 
     def _smooth(self, term: Term, known: dict[Term, Term]) -> Term:
         """Return a term with rounded steps; `known` holds those of subtrees met before."""
-        if not term.args:
-            return term
-        if term not in known:
-            known[term] = self._rounded(term, known)
-        return known[term]
+        for node in term.upward(known):
+            known[node] = self._rounded(node, known)
+        return known.get(term, term)
 
     def _rounded(self, term: Term, known: dict[Term, Term]) -> Term:
-        args = tuple(self._smooth(arg, known) for arg in term.args)
+        args = tuple(known.get(arg, arg) for arg in term.args)
         if term.op in SMOOTHED and term.args[0] in self.smoothed_arguments:
             width = Term.variable(f"width {self.smoothed_arguments.index(term.args[0])}")
             sign = Term.apply("tanh", Term.apply("div", args[0], width))
@@ -192,12 +191,17 @@ class Simulator(eqx.Module):
             return Term.apply("add", half, Term.apply("mul", half, sign))
         return term if args == term.args else Term(term.op, args)
 
+    @cached_property
+    def mass_rows(self) -> tuple[str, ...]:
+        """States with a row in [inertia], in the order in which the rows are eliminated."""
+        return pivoted_rows(self.model)
+
     def _accelerations(self, rates: dict, env: dict, shared: dict) -> dict:
         """Solve the mass matrix for the rates of the states that have a row in it."""
         rows = tuple(s for s in self.model.states if s in self.model.inertia)
         matrix = [[0.0 for _ in rows] for _ in rows]
         right = []
-        for i, row in enumerate(rows):
+        for i, row in enumerate(self.mass_rows):
             force = rates[row]
             for column, term in self.model.inertia_terms[row].items():
                 entry = evaluate(term, env, "jax", shared)
