@@ -12,7 +12,7 @@ from jaxsr._result import InputError
 from jaxsr.recordings.cells import Decimal, is_missing, is_number, readings, tidy
 from jaxsr.recordings.dates import looks_like_clock
 from jaxsr.recordings.table import quoted
-from jaxsr.recordings.time_units import is_unit
+from jaxsr.recordings.time_units import is_time_name, is_unit
 
 HEAD_LINES = 400
 HEAD_CHARACTERS = 200_000
@@ -150,7 +150,9 @@ class _Option:
         share = round((good + 0.5 * empty) / cells, 1)
         header = self.lines[self.first - 1].cells if self.first else ()
         agrees = float(self.width > 1 and self.width == len(_full(header)))
-        return (1.0 + agrees + share, float(self.width > 1), float(good))
+        # blanks are what is left: between them an empty cell cannot be seen
+        doubt = 0.5 if self.separator is None else 0.0
+        return (1.0 + agrees + share - doubt, float(self.width > 1), float(good))
 
     def _first_sample(self) -> int:
         """Index of the first line of samples: after the last line of words above them."""
@@ -207,13 +209,9 @@ class _Option:
         fitting = [i for i, c in enumerate(rows) if self.width in (len(c), len(_full(c)))]
         last = fitting[-1] if fitting else len(rows) - 1
         units: tuple[str, ...] = ()
-        if last in fitting and last > 0:
-            cells = rows[last]
-            # names over units, e.g. "time,angle" over "s,deg" or "[s],[deg]"
-            if any(cells) and all(not c or is_unit(c) for c in cells):
-                before = [i for i in range(last) if len(_full(rows[i])) >= len(_full(cells))]
-                if before and len(_full(rows[before[-1]])) <= self.width:
-                    units, last = tuple(cells), before[-1]
+        before = [i for i in fitting if i < len(rows) - 1]
+        if before and _are_units(rows[-1]) and len(_full(rows[-1])) <= self.width:
+            units, last = tuple(rows[-1]), before[-1]
         names = rows[last]
         if max(map(len, names), default=0) > LONGEST_NAME:
             longest = max(map(len, names))
@@ -222,6 +220,13 @@ class _Option:
             )
         _check_names(names, file)
         return last, tuple(names), units
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Return whether a row is one of units (s, deg or [s], [deg]) under a row of names."""
+    if not any(cells) or any(is_time_name(c) for c in cells):
+        return False
+    return all(not c or is_unit(c) for c in cells)
 
 
 def _check_names(names: Sequence[str], file: str) -> None:

@@ -223,7 +223,7 @@ READERS: dict[str, Callable[[bytes, int], Answer]] = {
 def too_many(numbers: int) -> Refused:
     """Return the refusal of a file that unpacks to more than its size can account for."""
     return Refused(
-        f"unpacks to more than {numbers} numbers or the memory for them, far beyond its size",
+        f"is damaged, or unpacks to more than {numbers} numbers, far beyond its size",
         "Save it as CSV, or without compression",
     )
 
