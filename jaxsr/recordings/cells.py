@@ -68,11 +68,11 @@ MISSING = frozenset(
 ) | {"NaN", "-NaN", "+NaN", "NaN(ind)", "-NaN(ind)"}
 """Words that stand for a missing sample, in every usual case."""
 
-_EXPONENT = r"(?:[eEdD][+-]?\d{1,4})?"
-POINT = re.compile(rf"[+-]?(?:\d+\.?\d*|\.\d+){_EXPONENT}")
-COMMA = re.compile(rf"[+-]?(?:\d+,?\d*|,\d+){_EXPONENT}")
-GROUPED_COMMA = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")
-GROUPED_POINT = re.compile(r"[+-]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?")
+_EXPONENT = r"(?:[eEdD][+-]?[0-9]{1,4})?"
+POINT = re.compile(rf"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+){_EXPONENT}")
+COMMA = re.compile(rf"[+-]?(?:[0-9]+,?[0-9]*|,[0-9]+){_EXPONENT}")
+GROUPED_COMMA = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:,[0-9]{3})+(?:\.[0-9]*)?")
+GROUPED_POINT = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:\.[0-9]{3})+(?:,[0-9]*)?")
 INFINITE = re.compile(r"[+-]?(?:inf|infinity|1\.#inf)", re.IGNORECASE)
 
 
@@ -227,4 +227,5 @@ class _Column:
             text[infinite] = pd.Series(self._cells, dtype="string")[infinite]
         text = text.str.lower().str.replace("d", "e", regex=False)
         text = text.str.replace("1.#inf", "inf", regex=False)
-        return pd.to_numeric(text, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        numbers = pd.Series(pd.to_numeric(text, errors="coerce"))
+        return numbers.to_numpy(dtype=np.float64, na_value=np.nan)

@@ -91,8 +91,7 @@ def _available(table: Table) -> str:
 
 
 def _first_cell(text: pd.Series) -> str:
-    known = text[text != ""]
-    return str(known.iloc[0]) if len(known) else ""
+    return next((str(cell) for cell in text if cell), "")
 
 
 def _by_name(table: Table) -> str | None:
@@ -171,11 +170,10 @@ def _since_first(table: Table, name: str, unit: str, stated: bool) -> TimeColumn
 def _exact_difference(text: pd.Series, values: np.ndarray) -> np.ndarray:
     """Return values minus the first one, by their digits before and after the decimal sign."""
     parts = text.str.strip().str.extract(r"^(\d{1,18})(?:[.,](\d+))?$")
-    whole = pd.to_numeric(parts[0], errors="coerce")
-    if whole.isna().any():
+    if parts[0].isna().any():
         return values - values[np.isfinite(values)][0]
-    fraction = pd.to_numeric("0." + parts[1].fillna("0"), errors="coerce").to_numpy(dtype=float)
-    integers = whole.to_numpy(dtype=np.int64)
+    integers = parts[0].to_numpy(dtype=np.int64)
+    fraction = ("0." + parts[1].fillna("0")).to_numpy(dtype=np.float64)
     return (integers - integers[0]) + (fraction - fraction[0])
 
 

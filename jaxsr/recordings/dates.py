@@ -12,17 +12,17 @@ from jaxsr._result import InputError
 from jaxsr.recordings.table import quoted
 
 DAY = 86_400_000_000_000  # nanoseconds
-_TIME = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?(?:\s?[AaPp]\.?[Mm]\.?)?"
-_ZONE = r"(?:\s?(?:Z|UTC|GMT|[+-]\d{2}:?\d{2}))?"
-_ISO = re.compile(rf"\d{{4}}[-/.]\d{{1,2}}[-/.]\d{{1,2}}(?:[T\s]\s*{_TIME}{_ZONE})?")
+_TIME = r"[0-9]{1,2}:[0-9]{2}(?::[0-9]{2}(?:[.,][0-9]{1,9})?)?(?:\s?[AaPp]\.?[Mm]\.?)?"
+_ZONE = r"(?:\s?(?:Z|UTC|GMT|[+-][0-9]{2}:?[0-9]{2}))?"
+_ISO = re.compile(rf"[0-9]{{4}}[-/.][0-9]{{1,2}}[-/.][0-9]{{1,2}}(?:[T\s]\s*{_TIME}{_ZONE})?")
 _NUMERIC = re.compile(
-    rf"(\d{{1,2}})([-/.])(\d{{1,2}})\2(\d{{4}}|\d{{2}})(?:,?[T\s]\s*{_TIME}{_ZONE})?"
+    rf"([0-9]{{1,2}})([-/.])([0-9]{{1,2}})\2([0-9]{{4}}|[0-9]{{2}})(?:,?[T\s]\s*{_TIME}{_ZONE})?"
 )
 _NAMED = re.compile(
-    rf"(?:\d{{1,2}}[-\s.]+[A-Za-z]{{3,9}}\.?[-\s,]+\d{{2,4}}|[A-Za-z]{{3,9}}\.?\s+\d{{1,2}},?\s+\d{{4}})"
+    rf"(?:[0-9]{{1,2}}[-\s.]+[A-Za-z]{{3,9}}\.?[-\s,]+[0-9]{{2,4}}|[A-Za-z]{{3,9}}\.?\s+[0-9]{{1,2}},?\s+[0-9]{{4}})"
     rf"(?:,?[T\s]\s*{_TIME}{_ZONE})?"
 )
-_CLOCK = re.compile(rf"(?:\d+\s?(?:d|days?)\s+)?{_TIME}|\d{{1,3}}:\d{{2}}[.,]\d{{1,9}}")
+_CLOCK = re.compile(rf"(?:[0-9]+\s?(?:d|days?)\s+)?{_TIME}|[0-9]{{1,3}}:[0-9]{{2}}[.,][0-9]{{1,9}}")
 _FORMS = (_ISO, _NUMERIC, _NAMED, _CLOCK)
 
 
@@ -66,7 +66,7 @@ def read_clock(name: str, text: pd.Series, file: str) -> Clock | None:
         return None
     first = str(known.iloc[0])
     missing = (clean == "").to_numpy(dtype=bool)
-    clean = clean.str.replace(r"(?<=:\d\d),(?=\d)", ".", regex=True)
+    clean = clean.str.replace(r"(?<=:[0-9][0-9]),(?=[0-9])", ".", regex=True)
     if _CLOCK.fullmatch(first):
         ns, said = _clock_times(name, clean, missing, file)
         return Clock(ns, missing, False, True, said)
@@ -78,12 +78,12 @@ def read_clock(name: str, text: pd.Series, file: str) -> Clock | None:
 def _clock_times(
     name: str, text: pd.Series, missing: np.ndarray, file: str
 ) -> tuple[np.ndarray, str]:
-    known = text[~missing]
-    two_parts = known.str.fullmatch(r"\d{1,3}:\d{2}(?:\.\d+)?").to_numpy(dtype=bool)
+    known = text.loc[~missing]
+    two_parts = known.str.fullmatch(r"[0-9]{1,3}:[0-9]{2}(?:\.[0-9]+)?").to_numpy(dtype=bool)
     form = "hours, minutes and seconds"
     if two_parts.all():
         has_fraction = bool(known.str.contains(".", regex=False).any())
-        over_a_day = bool((known.str.extract(r"^(\d+)")[0].astype(int) > 23).any())
+        over_a_day = bool((known.str.extract(r"^([0-9]+)")[0].astype(int) > 23).any())
         if not (has_fraction or over_a_day):
             cell = quoted(known.iloc[0])
             raise InputError(
@@ -96,8 +96,8 @@ def _clock_times(
         form = "minutes and seconds"
     noon = text.str.extract(r"([AaPp])\.?[Mm]\.?$")[0].str.lower()
     text = text.str.replace(r"\s?[AaPp]\.?[Mm]\.?$", "", regex=True)
-    text = text.where(~text.str.fullmatch(r"\d{1,2}:\d{2}"), text + ":00")
-    text = text.str.replace(r"^(\d+)\s?d(?:ays?)?\s+", r"\1 days ", regex=True)
+    text = text.where(~text.str.fullmatch(r"[0-9]{1,2}:[0-9]{2}"), text + ":00")
+    text = text.str.replace(r"^([0-9]+)\s?d(?:ays?)?\s+", r"\1 days ", regex=True)
     spans = pd.to_timedelta(text.where(~missing), errors="coerce")
     ns = spans.to_numpy().astype("m8[ns]").astype(np.int64)
     _refuse_odd(name, text, ns, missing, file)
@@ -112,7 +112,7 @@ def _dates(
 ) -> tuple[np.ndarray, str]:
     text = text.str.replace(r"\s?(?:Z|UTC|GMT)$", "+00:00", regex=True)
     if _ISO.fullmatch(first):
-        text = text.str.replace(r"^(\d{4})[/.](\d{1,2})[/.]", r"\1-\2-", regex=True)
+        text = text.str.replace(r"^([0-9]{4})[/.]([0-9]{1,2})[/.]", r"\1-\2-", regex=True)
         ns = _parsed(text, missing, yearfirst=True)
         _refuse_odd(name, text, ns, missing, file)
         return ns, f"dates in '{quoted(name)}' are read as year-month-day"
@@ -155,17 +155,17 @@ def _ordered(text: pd.Series, missing: np.ndarray, day_first: bool) -> np.ndarra
     """Read numeric dates in one order, by rewriting them as year-month-day."""
     order = r"\3-\2-\1" if day_first else r"\3-\1-\2"
     text = text.str.replace(
-        r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{2})(?!\d)", r"\1/\2/20\3", regex=True
+        r"^([0-9]{1,2})[-/.]([0-9]{1,2})[-/.]([0-9]{2})(?![0-9])", r"\1/\2/20\3", regex=True
     )
-    text = text.str.replace(r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}),?", order, regex=True)
+    text = text.str.replace(r"^([0-9]{1,2})[-/.]([0-9]{1,2})[-/.]([0-9]{4}),?", order, regex=True)
     return _parsed(text, missing, yearfirst=True)
 
 
 def _parsed(text: pd.Series, missing: np.ndarray, yearfirst: bool = False) -> np.ndarray:
     """Return nanoseconds since 1970; the least integer where a cell is no date."""
-    text = text.str.replace(r"^(\d{4})-(\d)(?=-)", r"\1-0\2", regex=True)
-    text = text.str.replace(r"^(\d{4}-\d{2})-(\d)(?!\d)", r"\1-0\2", regex=True)
-    text = text.str.replace(r"([T\s])\s*(\d):", r"\g<1>0\2:", regex=True)
+    text = text.str.replace(r"^([0-9]{4})-([0-9])(?=-)", r"\1-0\2", regex=True)
+    text = text.str.replace(r"^([0-9]{4}-[0-9]{2})-([0-9])(?![0-9])", r"\1-0\2", regex=True)
+    text = text.str.replace(r"([T\s])\s*([0-9]):", r"\g<1>0\2:", regex=True)
     text = text.where(~missing)
     twelve_hours = bool(text.str.contains(r"[AaPp]\.?[Mm]\.?$", regex=True).any())
     form = "ISO8601" if yearfirst and not twelve_hours else "mixed"

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from jaxsr._result import InputError
+from jaxsr.recordings.cells import numbers_of
 from jaxsr.recordings.clock import TIME_NAMES, TimeColumn, time_column
 from jaxsr.recordings.data_check import DataCheck
 from jaxsr.recordings.encoding import unpack
@@ -131,8 +132,9 @@ def _binary(kind: str, raw: bytes, file: str) -> Table:
                 "Save the sheet of each experiment as a file of its own",
             )
         return read_text(contents.csv, file)
-    texts = {name: pd.Series(cells, dtype="string") for name, cells in contents.texts.items()}
-    return Table(contents.numbers, texts, odd=contents.odd)
+    cells = {name: pd.Series(values, dtype="string") for name, values in contents.texts.items()}
+    numbers, texts = numbers_of(cells, None, file)
+    return Table(contents.numbers | numbers, texts, odd=contents.odd)
 
 
 def _channels(table: Table, time: TimeColumn) -> tuple[dict[str, np.ndarray], dict[str, str]]:

@@ -39,7 +39,7 @@ def read_text(text: str, file: str, said: tuple[str, ...] = ()) -> Table:
     numbers: dict[str, np.ndarray] = {}
     texts: dict[str, pd.Series] = {}
     for i in named:
-        column = frame[i]
+        column = frame.iloc[:, i]
         if pd.api.types.is_numeric_dtype(column):
             kept = pd.api.types.is_integer_dtype(column) and column.dtype != np.uint64
             numbers[layout.names[i]] = column.to_numpy(np.int64 if kept else np.float64)
@@ -50,11 +50,11 @@ def read_text(text: str, file: str, said: tuple[str, ...] = ()) -> Table:
     numbers = {n: (numbers | read)[n] for n in layout.names if n in numbers or n in read}
     comma = proven is Decimal.COMMA
     notes = (*said, *layout.said, *(("decimal commas",) if comma else ()))
-    nameless = frame[0] if _starts_without_a_name(frame, layout) else None
+    nameless = frame.iloc[:, 0] if _starts_without_a_name(frame, layout) else None
 
     def exact(name: str) -> pd.Series:
         i = layout.names.index(name)
-        return _frame(body, layout, file, only=i)[i]
+        return _frame(body, layout, file, only=i).iloc[:, 0]
 
     units = dict(zip(layout.names, layout.units, strict=False))
     return Table(numbers, texts, nameless, units, said=notes, exact=exact)
@@ -63,7 +63,7 @@ def read_text(text: str, file: str, said: tuple[str, ...] = ()) -> Table:
 def _starts_without_a_name(frame: pd.DataFrame, layout: Layout) -> bool:
     if not layout.names or layout.names[0]:
         return False
-    return not pd.api.types.is_numeric_dtype(frame[0])
+    return not pd.api.types.is_numeric_dtype(frame.iloc[:, 0])
 
 
 def _frame(body: bytes, layout: Layout, file: str, only: int | None = None) -> pd.DataFrame:

@@ -50,7 +50,7 @@ _SYMBOLS = frozenset(p + b for p in _PREFIXES for b in _BASES) | {
     "none",
     "n/a",
 }
-_FACTOR = re.compile(r"^(.*?)(?:\^?\(?[-+]?\d{1,2}\)?|[²³⁻¹]+)?$")
+_FACTOR = re.compile(r"^(.*?)(?:\^?\(?[-+]?[0-9]{1,2}\)?|[²³⁻¹]+)?$")
 
 
 def is_unit(cell: str) -> bool:

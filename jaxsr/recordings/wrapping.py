@@ -60,7 +60,7 @@ def unwrap(recording: Recording, channels: Collection[str] | None = None) -> Rec
         found = _turns(recording.time[known], values[known])
         if found is None:
             continue
-        remarks.append(_remark(recording, name, found, recording.time[known[found.at + 1]]))
+        remarks.append(_remark(recording, name, found, float(recording.time[known[found.at + 1]])))
         if found.safe:
             counted = values.copy()
             counted[known[1:]] += found.period * np.cumsum(found.turns)
@@ -118,11 +118,12 @@ def _counted(step: np.ndarray, dt: np.ndarray, period: float, low: float) -> _Tu
     # a sensor that drops to zero moves faster there than anywhere else
     fastest = float(np.max(np.abs(rate[plain]), initial=0.0))
     agree &= np.abs(inner[jumps]) < 2.0 * fastest * dt[jumps] + 0.5 * _EDGE * period
-    if np.mean(agree) < 0.5:
+    small = np.abs(step[plain]) < _SMALL * period
+    if np.mean(agree) < 0.5 or np.mean(small) < 0.9:
         return None  # jumps, but no turns
-    safe = bool(agree.all() and np.all(np.abs(step[plain]) < _SMALL * period))
+    safe = bool(agree.all() and small.all())
     guessed = 0
-    for k in np.flatnonzero(gap):
+    for k in np.flatnonzero(gap).tolist():
         sides = ((-1, before[k]), (1, after[k]))
         ahead = np.array([_speed_at(rate, gap, k, side, mean) for side, mean in sides]) * dt[k]
         turns = (ahead.mean() - step[k]) / period
