@@ -21,11 +21,12 @@ NUMBERS = 10_000_000
 """Numbers that a file of any size may hold, e.g. ten channels of a million samples."""
 NUMBERS_PER_BYTE = 4
 """And those that a byte may stand for; recordings are compressed to 1 to 8 bytes a number."""
-MEMORY = 280_000_000
+MEMORY = 240_000_000
 """Bytes beside those for the numbers."""
-SECONDS = 1.0
+SECONDS = 0.8
 SECONDS_PER_BYTE = {".xlsx": 6e-6}
 """Of processor time; a workbook is text that is unpacked and parsed cell by cell."""
+_TIME_UP = 27  # SIGPROF, on the systems that have it
 PATIENCE = 20.0
 """Times the processor time that may pass on the clock of a loaded machine."""
 
@@ -55,7 +56,9 @@ class Contents:
 
 
 class _Died(Exception):
-    """The process ended while it read."""
+    """The process ended while it read; `late` if because its time was up."""
+
+    late = False
 
 
 class Reader:
@@ -87,11 +90,10 @@ class Reader:
             fresh |= self._owner != os.getpid()
             try:
                 return self._exchange(kind, raw, file)
-            except _Died:
-                pass
+            except _Died as error:
+                again = not (fresh or error.late)  # an earlier file may have left it ill
             try:
-                # an earlier file may have left the process ill
-                if not fresh:
+                if again:
                     return self._exchange(kind, raw, file)
             except _Died:
                 pass
@@ -140,6 +142,9 @@ class Reader:
             done = True
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise _Died from error
+        except _Died as error:
+            error.late = process.wait() == -_TIME_UP
+            raise
         finally:
             timer.cancel()
             if not done:  # interrupted too: half an answer may be left in the pipe

@@ -28,6 +28,13 @@ LARGEST_MATRIX = 64
 """Columns of a matrix that are still channels, and not a picture or a state-space model."""
 
 
+UNPACKED = 60_000_000
+UNPACKED_PER_BYTE = 30
+"""Bytes that a workbook may unpack to; its text shrinks five- to tenfold."""
+LARGEST_IDLE = 250_000_000
+"""Bytes that the process may keep between files; above, another one takes its place."""
+
+
 class Refused(Exception):
     """What is wrong with the file, and the remedy."""
 
@@ -167,7 +174,9 @@ def read_xlsx(raw: bytes, numbers: int) -> tuple[list[str], str]:
         raise Refused("an old .xls workbook or one with a password", "Save it as plain .xlsx")
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
-            if sum(i.file_size for i in archive.infolist()) > 40 * numbers:
+            if sum(i.file_size for i in archive.infolist()) > UNPACKED + UNPACKED_PER_BYTE * len(
+                raw
+            ):
                 raise too_many(numbers)
         book = openpyxl.load_workbook(io.BytesIO(raw), read_only=True, data_only=True)
         texts = {}
@@ -303,13 +312,23 @@ def limit(seconds: float, memory: int) -> None:
         import resource
 
         signal.setitimer(signal.ITIMER_PROF, seconds)
-        with open("/proc/self/statm") as status:
-            now = int(status.read().split()[0]) * resource.getpagesize()
+        now = _status(0)
+        if not now:
+            return
         hard = resource.getrlimit(resource.RLIMIT_AS)[1]
         bound = now + memory if hard == resource.RLIM_INFINITY else min(now + memory, hard)
         resource.setrlimit(resource.RLIMIT_AS, (bound, hard))
     except (ImportError, AttributeError, OSError, ValueError):
         return  # a system without such limits
+
+
+def _status(field: int) -> int:
+    """Return the bytes of address space (0) or of memory (1) in use; 0 where it is not known."""
+    try:
+        with open("/proc/self/statm") as status:
+            return int(status.read().split()[field]) * os.sysconf("SC_PAGESIZE")
+    except (OSError, ValueError, IndexError, AttributeError):
+        return 0
 
 
 def prepare(kind: str) -> None:
@@ -346,6 +365,8 @@ def serve() -> None:
             sink.write(body)
         sink.flush()
         limit(0.0, 1 << 40)
+        if _status(1) > LARGEST_IDLE:
+            return
 
 
 if __name__ == "__main__":
