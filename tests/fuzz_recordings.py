@@ -25,6 +25,8 @@ import numpy as np
 
 SECONDS = 2.0
 MEGABYTES = 500.0
+USUAL = 130.0
+"""MB of a process that has imported the readers."""
 
 Case = tuple[str, bytes]
 """Ending of the name, and content."""
@@ -349,20 +351,16 @@ def _worker(file: str) -> str:
         return ""
 
 
-def _megabytes() -> tuple[float, float]:
-    """Return the peak memory of this process and of its worker since the last `_forget`."""
-    return _peak(Path("/proc/self/status").read_text()), _peak(_worker("status"))
-
-
-def _peak(status: str) -> float:
-    found = [line for line in status.splitlines() if line.startswith("VmHWM")]
+def _megabytes(status: str, key: str) -> float:
+    found = [line for line in status.splitlines() if line.startswith(key)]
     return int(found[0].split()[1]) / 1024.0 if found else 0.0
 
 
-def _forget() -> None:
-    """Begin to count peaks of memory anew: what made the case is not what reads it."""
+def _forget() -> float:
+    """Begin to count peaks of memory anew; return the MB that what made the case has left."""
     gc.collect()
     Path("/proc/self/clear_refs").write_text("5")
+    return max(_megabytes(Path("/proc/self/status").read_text(), "VmRSS") - USUAL, 0.0)
 
 
 def _processor_seconds() -> float:
@@ -404,9 +402,10 @@ def main(first: int, last: int, folder: Path) -> None:
         path.write_bytes(content)
         del content
         (folder / "now").write_text(f"{number} {kind} {ending}")
-        _forget()
+        left = _forget()
         wrong, seconds = attempt(path)
-        own, worker = _megabytes()
+        own = _megabytes(Path("/proc/self/status").read_text(), "VmHWM") - left
+        worker = _megabytes(_worker("status"), "VmHWM")
         if seconds > SECONDS:
             wrong += f" {seconds:.1f} s"
         if own > MEGABYTES or worker > MEGABYTES:
