@@ -39,6 +39,7 @@ TABS = GERMAN.replace(";", "\t")
         (PLAIN.replace("\n", "\r"), []),
         ("\n\n" + PLAIN, []),
         (PLAIN + "\x1a", []),
+        (PLAIN + ",\n,\n", []),
         (PLAIN + "\x00" * 600, []),
         (PLAIN.replace("\n", ",,\n"), []),
         (PLAIN.replace("q\n", "q,\n").replace("5\n", "5,\n").replace("1.0,\n", "1.0,,\n"), []),
@@ -121,6 +122,7 @@ def test_an_odd_cell_is_named_with_its_row(tmp_path, text):
         ("t,q\nms,rad", 1e-3, "milliseconds"),
         ("Time,q\n[ns],[V]", 1e-9, "nanoseconds"),
         ("t,q\ns,rad", 1.0, ""),
+        ("Source,q\nSecond,Volt", 1.0, ""),
         ("time_s,q", 1.0, ""),
     ],
 )
@@ -298,3 +300,10 @@ def test_matrices_of_mat_files_are_channels(tmp_path):
     np.testing.assert_array_equal(recording.channel("u_2"), [4.0, 5.0, 6.0, 7.0])
     with pytest.raises(InputError, match="shape"):
         recording.channel("A")
+
+
+def test_a_sample_time_stands_in_for_dates_that_repeat(tmp_path):
+    text = "date,epoch,q\n2024-03-01,1,1\n2024-03-01,1,2\n2024-03-02,2,3\n"
+    recording = read_recording(_file(tmp_path, text), sample_time=0.5)
+    np.testing.assert_array_equal(recording.time, [0.0, 0.5, 1.0])
+    assert list(recording.channels) == ["epoch", "q"]

@@ -63,7 +63,7 @@ def time_column(table: Table, time: str | None, file: str, required: bool) -> Ti
     InputError
         If there is none, or its unit or its dates can be read in two ways.
     """
-    name = time if time is not None else _by_name(table)
+    name = time if time is not None else _by_name(table, required)
     if time is not None and time not in table.numbers and time not in table.texts:
         if not required:
             return None
@@ -71,7 +71,8 @@ def time_column(table: Table, time: str | None, file: str, required: bool) -> Ti
     if name is not None and name in table.numbers:
         return _numeric(table, name, file)
     clock = _text_clock(table, name, file)
-    if clock is not None:
+    # a sample time stands in for dates of which several rows share one
+    if clock is not None and (required or time is not None or np.all(np.diff(clock.seconds) > 0)):
         return clock
     if name is not None and (time is not None or required):
         cell = quoted(_first_cell(table.texts[name]))
@@ -94,15 +95,24 @@ def _first_cell(text: pd.Series) -> str:
     return next((str(cell) for cell in text if cell), "")
 
 
-def _by_name(table: Table) -> str | None:
+def _by_name(table: Table, required: bool) -> str | None:
     for name in TIME_NAMES:
         if name in table.numbers:
             return name
     for columns in (table.numbers, table.texts):
         for name in columns:
-            if name in TIME_NAMES or is_time_name(name):
+            if name in TIME_NAMES or (is_time_name(name) and (required or not _vague(name))):
                 return name
+    # an oscilloscope may name no column time, but its first one has seconds for unit
+    first = next(iter(table.numbers), None)
+    if first is not None and unit_in_row(table.units.get(first, "")) in ("s", "ms", "us", "ns"):
+        return first
     return None
+
+
+def _vague(name: str) -> bool:
+    """Return whether a name is one of time only where there is no other time."""
+    return name.strip().lower() in ("clock", "date", "datum", "elapsed", "epoch", "tempo", "unix")
 
 
 def _numeric(table: Table, name: str, file: str) -> TimeColumn:

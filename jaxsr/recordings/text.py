@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -34,6 +35,7 @@ def read_text(text: str, file: str, said: tuple[str, ...] = ()) -> Table:
     layout = find_layout(text, file)
     body = text[layout.start :].encode("utf-8", "replace")
     frame = _frame(body, layout, file)
+    frame = _without_empty_end(frame)
     _refuse_more_cells_than_names(frame, layout, file)
     named = [i for i, name in enumerate(layout.names) if name]
     numbers: dict[str, np.ndarray] = {}
@@ -60,6 +62,14 @@ def read_text(text: str, file: str, said: tuple[str, ...] = ()) -> Table:
     return Table(numbers, texts, nameless, units, said=notes, exact=exact)
 
 
+def _without_empty_end(frame: pd.DataFrame) -> pd.DataFrame:
+    """Leave out lines at the end that hold nothing but separators."""
+    if frame.empty or frame.iloc[-1].notna().any():
+        return frame
+    full = np.flatnonzero(frame.notna().to_numpy().any(axis=1))
+    return frame.iloc[: full[-1] + 1 if full.size else 0]
+
+
 def _starts_without_a_name(frame: pd.DataFrame, layout: Layout) -> bool:
     if not layout.names or layout.names[0]:
         return False
@@ -71,24 +81,27 @@ def _frame(body: bytes, layout: Layout, file: str, only: int | None = None) -> p
     if layout.width > MOST_COLUMNS:
         raise InputError(f"more than {MOST_COLUMNS} columns", file, "Keep those that are used")
     try:
-        return pd.read_csv(
-            io.BytesIO(body),
-            sep=r"\s+" if layout.separator is None else layout.separator,
-            decimal="," if layout.decimal is Decimal.COMMA else ".",
-            header=None,
-            names=range(layout.width),
-            index_col=False,
-            usecols=None if only is None else [only],
-            dtype=None if only is None else str,
-            na_values=list(MISSING),
-            keep_default_na=True,
-            skipinitialspace=layout.separator != "\t",  # else an empty last cell is lost
-            low_memory=False,
-            encoding="utf-8",
-        )
+        with warnings.catch_warnings():
+            # values beyond the columns would be dropped with a warning
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            return pd.read_csv(
+                io.BytesIO(body),
+                sep=r"\s+" if layout.separator is None else layout.separator,
+                decimal="," if layout.decimal is Decimal.COMMA else ".",
+                header=None,
+                names=range(layout.width),
+                index_col=False,
+                usecols=None if only is None else [only],
+                dtype=None if only is None else str,
+                na_values=list(MISSING),
+                keep_default_na=True,
+                skipinitialspace=layout.separator != "\t",  # else an empty last cell is lost
+                low_memory=False,
+                encoding="utf-8",
+            )
     except pd.errors.EmptyDataError:
         raise InputError("a header but no samples", file, "Give at least 3 samples") from None
-    except (pd.errors.ParserError, ValueError, OverflowError) as error:
+    except (pd.errors.ParserError, pd.errors.ParserWarning, ValueError, OverflowError) as error:
         text = re.sub(
             r"(?<=line )\d+", lambda m: str(int(m.group()) + layout.line), str(error).strip()
         )

@@ -63,7 +63,7 @@ def is_unit(cell: str) -> bool:
         text = text[1:-1].strip()
     if not text:
         return True
-    if text in _SYMBOLS or text.lower() in _UNIT_OF:
+    if text in _SYMBOLS or text.lower() in _UNIT_OF or (len(text) > 3 and text.lower() in _SYMBOLS):
         return True
     for part in re.split(r"[*/·.\s()]+", text.replace("**", "^")):
         if not part or part.isdigit():
