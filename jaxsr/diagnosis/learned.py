@@ -17,7 +17,7 @@ from jaxsr.expressions import to_text
 from jaxsr.models import Model, Parameter, Simulator
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
-from jaxsr.recordings import Recording, read_recording
+from jaxsr.recordings import Recording, read_recording, unwrap
 
 SAME = 1e-3
 """Difference, in standard deviations, up to which a channel is the same in both files."""
@@ -124,7 +124,7 @@ def learn_simulator(
 
 
 def _opened(item: str | Path | Recording) -> Recording:
-    return item if isinstance(item, Recording) else read_recording(item)
+    return unwrap(item if isinstance(item, Recording) else read_recording(item))
 
 
 def _roles(
