@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import stat
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from jaxsr._result import InputError
@@ -75,7 +76,7 @@ def check_roles(roles: Mapping[str, Iterable[str]]) -> None:
     Raises
     ------
     InputError
-        If a file is missing, is not a file, or is named twice.
+        If a file is missing, is not a file, may not be read, or is named twice.
     """
     seen: dict[tuple[int, int], tuple[str, str]] = {}
     for role, paths in roles.items():
@@ -85,10 +86,12 @@ def check_roles(roles: Mapping[str, Iterable[str]]) -> None:
             except (OSError, ValueError) as error:
                 reason = error.strerror if isinstance(error, OSError) else str(error)
                 raise InputError(f"cannot be read: {reason}", f"{role} {path}") from error
-            if Path(path).is_dir():
-                raise InputError(
-                    "is a directory", f"{role} {path}", "Name the files of the recordings"
-                )
+            if not stat.S_ISREG(status.st_mode):
+                kind = "a directory" if stat.S_ISDIR(status.st_mode) else "no plain file"
+                raise InputError(f"is {kind}", f"{role} {path}", "Name the files of the recordings")
+            # Asked, not tried: held-out files are opened once, at the end.
+            if not os.access(path, os.R_OK):
+                raise InputError("cannot be read: Permission denied", f"{role} {path}")
             key = (status.st_dev, status.st_ino)
             if key in seen:
                 first_role, first = seen[key]
@@ -154,8 +157,8 @@ def model_and_data(
     return None, list(arguments)
 
 
-def results_folder(out: str, roles: Mapping[str, Iterable[str]], written: Iterable[str]) -> Path:
-    """Return the directory of the results.
+def results_folder(out: str, roles: Mapping[str, Iterable[str]], written: Collection[str]) -> Path:
+    """Return the directory of the results, mended if a run was killed while it wrote them.
 
     Parameters
     ----------
@@ -163,18 +166,23 @@ def results_folder(out: str, roles: Mapping[str, Iterable[str]], written: Iterab
         Its path.
     roles : mapping of str to paths
         Input files by role.
-    written : iterable of str
+    written : collection of str
         Names of files that the job writes.
 
     Raises
     ------
     InputError
-        If `out` cannot be written, or a result would overwrite an input.
+        If `out` cannot be written, holds a directory in the place of a result, or a result
+        would overwrite an input.
     """
-    from jaxsr._files import check_writable_directory
+    from jaxsr._files import check_writable_directory, mend_directory
 
     folder = Path(out)
     check_writable_directory(folder)
+    mend_directory(folder)
+    for name in written:
+        if (folder / name).is_dir():
+            raise InputError(f"holds a directory named {name}", out, "Name another --out")
     targets = {(folder / name).resolve() for name in written}
     for role, paths in roles.items():
         for path in paths:
@@ -185,3 +193,33 @@ def results_folder(out: str, roles: Mapping[str, Iterable[str]], written: Iterab
                     "Name another --out",
                 )
     return folder
+
+
+def run_file(
+    out: str, model: str, data: str | None, duration: float | None, dt: float | None
+) -> Path:
+    """Return the file that ``simulate`` writes, its arguments checked.
+
+    Raises
+    ------
+    InputError
+        If `model` is none, not one of `data` and the pair of `duration` and `dt` (seconds) is
+        given, an input cannot be read, or `out` would overwrite one.
+    """
+    if not is_model(model):
+        raise InputError("is not a model", model, "Name a .toml or file.py:function first")
+    if data is None and (duration is None or dt is None):
+        raise InputError("no DATA to follow", "", "Give DATA, or both --duration and --dt")
+    if data is not None and not (duration is None and dt is None):
+        raise InputError("--duration and --dt are for runs without DATA", "", "Leave them out")
+    for option, value in (("--duration", duration), ("--dt", dt)):
+        if value is not None and not 0 < value < float("inf"):
+            raise InputError(f"must be positive seconds, got {value}", option)
+    inputs = ([model] if ".py:" not in model else []) + ([data] if data is not None else [])
+    check_roles({"MODEL": inputs[:1], "DATA": inputs[1:]})
+    target = Path(out)
+    if any(Path(path).resolve() == target.resolve() for path in inputs):
+        raise InputError("would overwrite an input", f"--out {out}", "Name another file")
+    if target.is_dir():
+        raise InputError("is a directory", f"--out {out}", "Name a file, such as run.csv")
+    return target

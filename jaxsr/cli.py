@@ -7,11 +7,13 @@ what it needs: ``jaxsr --help`` loads no numerical library.
 from __future__ import annotations
 
 import contextlib
-import os
+import importlib
+import math
 import shlex
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,19 +22,23 @@ import typer
 from jaxsr._arguments import (
     check_roles,
     expand_file_lists,
-    is_model,
     model_and_data,
     results_folder,
+    run_file,
     split_names,
 )
+from jaxsr._output import close_stdout, print_line, save_results
+from jaxsr._process import INTERRUPTED, Run, listen, listening, say
 from jaxsr._result import InputError
 
 if TYPE_CHECKING:
     from jaxsr._progress import Budget, Progress
 
-OK, DEFECT, WRONG_USE, INTERRUPTED = 0, 1, 2, 130
+OK, DEFECT, WRONG_USE = 0, 1, 2
 
-Job = Callable[[str], int]  # of the command line, for the provenance; returns the exit status
+Job = Callable[[str], None]  # of the command line, for the provenance
+
+_RUN: ContextVar[Run] = ContextVar("run")
 
 app = typer.Typer(
     add_completion=False,
@@ -102,11 +108,11 @@ def discover(
         )
     limit = _budget(budget)
 
-    def job(command: str) -> int:
-        with _session(limit) as progress:
+    def job(command: str) -> None:
+        with _session() as progress:
             import jaxsr
 
-            found = jaxsr.discover(
+            found = _loaded(jaxsr.discover)(
                 data,
                 states=names,
                 validation=validation or [],
@@ -115,10 +121,8 @@ def discover(
                 command=command,
                 **options,
             )
-            found.save(folder)
-        for equation in found.equations:
-            print(f"d({equation.state})/dt = {equation.expression}")
-        return _finish(limit, folder)
+            equations = [f"d({e.state})/dt = {e.expression}" for e in found.equations]
+            _save(found, folder, "\n".join(equations))
 
     return job
 
@@ -155,19 +159,19 @@ def diagnose(
     named = split_names(states, "--states")
     limit = _budget(budget)
 
-    def job(command: str) -> int:
-        with _session(limit) as progress:
+    def job(command: str) -> None:
+        with _session() as progress:
             import jaxsr
-            from jaxsr.models import write_model
+            from jaxsr.models import model_text
 
             if model is None:
-                learned = jaxsr.learn_simulator(
+                learned = _loaded(jaxsr.learn_simulator)(
                     simulated or [], data, states=named, seed=seed, budget=limit, progress=progress
                 )
                 simulator = learned.simulator
             else:
                 simulator = jaxsr.Simulator.from_file(model)
-            diagnosis = jaxsr.diagnose(
+            diagnosis = _loaded(jaxsr.diagnose)(
                 simulator,
                 data,
                 held_out=held_out or [],
@@ -176,11 +180,8 @@ def diagnose(
                 progress=progress,
                 command=command,
             )
-            diagnosis.save(folder)
-            if model is None:
-                write_model(simulator.model, folder / "learned.toml")
-        _tell(diagnosis, folder)
-        return _finish(limit, folder)
+            more = {"learned.toml": model_text(simulator.model)} if model is None else {}
+            _save(diagnosis, folder, _verdict(diagnosis), more)
 
     return job
 
@@ -196,27 +197,14 @@ def simulate(
     dt: Annotated[float | None, typer.Option(help="Seconds between rows, without DATA.")] = None,
 ) -> Job:
     """Run a model freely, with recorded inputs or without any."""
-    if not is_model(model):
-        raise InputError("is not a model", model, "Name a .toml or file.py:function first")
-    if data is None and (duration is None or dt is None):
-        raise InputError("no DATA to follow", "", "Give DATA, or both --duration and --dt")
-    if data is not None and not (duration is None and dt is None):
-        raise InputError("--duration and --dt are for runs without DATA", "", "Leave them out")
-    for option, value in (("--duration", duration), ("--dt", dt)):
-        if value is not None and not 0 < value < float("inf"):
-            raise InputError(f"must be positive seconds, got {value}", option)
-    inputs = ([model] if ".py:" not in model else []) + ([data] if data is not None else [])
-    check_roles({"MODEL": inputs[:1], "DATA": inputs[1:]})
-    target = Path(out)
-    if any(Path(path).resolve() == target.resolve() for path in inputs):
-        raise InputError("would overwrite an input", f"--out {out}", "Name another file")
-    if target.is_dir():
-        raise InputError("is a directory", f"--out {out}", "Name a file, such as run.csv")
+    target = run_file(out, model, data, duration, dt)
 
-    def job(command: str) -> int:
+    def job(command: str) -> None:
         from jaxsr._files import atomic_write_text, check_writable
+        from jaxsr._staging import sweep
 
         check_writable(target)
+        sweep(target.parent)
         import jaxsr
         from jaxsr.models.simulation import simulate_to_csv
 
@@ -229,8 +217,8 @@ def simulate(
             )
         table = simulate_to_csv(simulator, recording, duration, dt)
         atomic_write_text(target, table.to_csv(index=False, lineterminator="\n"))
-        print(f"{len(table)} rows in {target}")
-        return OK
+        _RUN.get().outcome = f"{target} is whole"
+        print_line(f"{len(table)} rows in {target}")
 
     return job
 
@@ -241,13 +229,13 @@ def demo(out: Out = "jaxsr-demo") -> Job:
     folder = results_folder(out, {}, ())
     limit = _budget(DEMO_SECONDS)
 
-    def job(command: str) -> int:
+    def job(command: str) -> None:
         model, train, held_out = _demo_files()
-        with _session(limit) as progress:
+        with _session() as progress:
             import jaxsr
 
             simulator = jaxsr.Simulator.from_file(model)
-            diagnosis = jaxsr.diagnose(
+            diagnosis = _loaded(jaxsr.diagnose)(
                 simulator,
                 train,
                 held_out=held_out,
@@ -255,9 +243,7 @@ def demo(out: Out = "jaxsr-demo") -> Job:
                 progress=progress,
                 command=command,
             )
-            diagnosis.save(folder)
-        _tell(diagnosis, folder)
-        return _finish(limit, folder)
+            _save(diagnosis, folder, _verdict(diagnosis))
 
     return job
 
@@ -266,12 +252,11 @@ def demo(out: Out = "jaxsr-demo") -> Job:
 def list_command() -> Job:
     """List the recordings that can be fetched."""
 
-    def job(command: str) -> int:
+    def job(command: str) -> None:
         from jaxsr.datasets import list_datasets
 
         for dataset in list_datasets():
-            print(f"{dataset.name:16} {dataset.title} ({dataset.licence})")
-        return OK
+            print_line(f"{dataset.name:16} {dataset.title} ({dataset.licence})")
 
     return job
 
@@ -285,12 +270,11 @@ def fetch_command(
 ) -> Job:
     """Write one CSV per experiment, with the model file beside."""
 
-    def job(command: str) -> int:
+    def job(command: str) -> None:
         from jaxsr.datasets import fetch
 
         for path in fetch(name, out):
-            print(path)
-        return OK
+            print_line(str(path))
 
     return job
 
@@ -308,33 +292,48 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0 the job ran, 2 wrong use or unreadable input, 130 interrupted, 1 a defect of jaxsr.
     """
+    if argv is None:
+        listen()  # this process is the command and nothing else
+    with listening() as run:
+        token = _RUN.set(run)
+        try:
+            status = _status(sys.argv[1:] if argv is None else list(argv))
+        except KeyboardInterrupt:
+            status = INTERRUPTED
+        finally:
+            _RUN.reset(token)
+    if status == INTERRUPTED or (status == OK and run.asked.is_set()):
+        say(f"interrupted; {run.outcome}")
+        return INTERRUPTED
+    return status
+
+
+def _status(given: list[str]) -> int:
+    """Run a command and return its exit status, but for interruptions."""
     try:
-        given = sys.argv[1:] if argv is None else list(argv)
         arguments = expand_file_lists(given)
         command = typer.main.get_command(app)
         outcome: Any = command.main(args=arguments, prog_name="jaxsr", standalone_mode=False)
         if outcome is None or isinstance(outcome, int):  # --help
             status = outcome or OK
-        else:
-            job: Job = outcome
-            status = job(shlex.join(["jaxsr", *given]))
-        sys.stdout.flush()  # a closed pipe is noticed here, not at exit
-        return status
+            sys.stdout.flush()  # a closed pipe is noticed here, not at exit
+            return status
+        job: Job = outcome
+        job(shlex.join(["jaxsr", *given]))
+        return OK
     except InputError as error:
         return _wrong_use(str(error))
-    except KeyboardInterrupt:
-        print("jaxsr: interrupted; nothing was written", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output left, as in `jaxsr datasets list | head -1`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # the reader of our output left, as in `jaxsr --help | head -1`
+        close_stdout()
         return OK
     except Exception as error:
         # typer's usage errors; older releases take their classes from click, newer from inside.
         message = getattr(error, "format_message", None)
         if callable(message):
             return _wrong_use(str(message()))
-        traceback.print_exc()
-        print("jaxsr: this is a defect of jaxsr, please report it", file=sys.stderr)
+        with contextlib.suppress(OSError):  # a terminal that closed
+            traceback.print_exc()
+        say("this is a defect of jaxsr, please report it")
         return DEFECT
 
 
@@ -345,36 +344,50 @@ def _demo_files() -> tuple[Path, list[Path], list[Path]]:
 
 
 def _wrong_use(message: str) -> int:
-    print(f"jaxsr: error: {' '.join(message.split())}", file=sys.stderr)
+    say(f"error: {' '.join(message.split())}")
     return WRONG_USE
 
 
 def _budget(seconds: float | None) -> Budget:
-    from jaxsr._progress import as_budget
+    """Return a budget that began with the command and ends early when a signal asks for it."""
+    from jaxsr._progress import Budget
 
-    return as_budget(seconds)
+    run = _RUN.get()
+    return Budget(math.inf if seconds is None else float(seconds), run.began, run.asked)
 
 
 @contextlib.contextmanager
-def _session(budget: Budget) -> Iterator[Progress]:
-    """Show progress, let the first Ctrl-C ask for an early end, keep what is compiled."""
-    from jaxsr._progress import graceful_interrupt, progress_on
+def _session() -> Iterator[Progress]:
+    """Show progress, and keep what is compiled."""
+    from jaxsr._progress import progress_on
     from jaxsr.evaluation import keep_compiled
 
     keep_compiled()
-
-    with graceful_interrupt(budget), progress_on() as progress:
+    with progress_on() as progress:
         yield progress
 
 
-def _tell(diagnosis: Any, folder: Path) -> None:
-    """Print the verdict and where the report is."""
-    print(f"Verdict: {diagnosis.verdict}. {diagnosis.sentence}")
-    print(f"Report: {folder / 'report.html'}")
+def _loaded(work: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function of the library, now that it is loaded: it keeps what it finds.
+
+    Drawing is loaded too, so that its time counts before the search shares out what is left.
+    """
+    importlib.import_module("jaxsr.report.page")
+    importlib.import_module("matplotlib.figure")
+    run = _RUN.get()
+    run.keeps = True
+    if run.asked.is_set():
+        raise KeyboardInterrupt
+    return work
 
 
-def _finish(budget: Budget, folder: Path) -> int:
-    if not budget.interrupted:
-        return OK
-    print(f"jaxsr: interrupted; the best so far is in {folder}", file=sys.stderr)
-    return INTERRUPTED
+def _save(found: Any, folder: Path, summary: str, more: Mapping[str, str] | None = None) -> None:
+    """Save results, print their `summary` and where the report is."""
+    save_results(found, folder, summary, more or {})
+    _RUN.get().outcome = f"the best so far is in {folder}"
+    print_line(summary)
+    print_line(f"Report: {folder / 'report.html'}")
+
+
+def _verdict(diagnosis: Any) -> str:
+    return f"Verdict: {diagnosis.verdict}. {diagnosis.sentence}"

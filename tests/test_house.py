@@ -13,6 +13,9 @@ PACKAGE = Path(__file__).resolve().parents[1] / "jaxsr"
 LAYERS = {
     "_result": 0,
     "_types": 0,
+    "_process": 0,
+    "_output": 0,
+    "_staging": 0,
     "_files": 0,
     "_progress": 0,
     "_arguments": 0,
