@@ -116,8 +116,7 @@ def atomic_directory(out: Path) -> Iterator[Path]:
     out = Path(os.path.realpath(out))
     mend_directory(out)
     with _told_of(out), staging_folder(_place(_nearest(out), out)) as staging:
-        with _told_of(out, staged_only=True):
-            yield staging
+        yield staging
         names = sorted({entry.name for entry in staging.iterdir()} - {_MANIFEST})
         if any((staging / name).is_dir() for name in names):
             raise ValueError(f"results are files in a flat directory, got folders in {names}")
@@ -306,21 +305,26 @@ def _check_name(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _told_of(path: Path, staged_only: bool = False) -> Iterator[None]:
+def _told_of(path: Path) -> Iterator[None]:
     """Turn what the system says against writing at `path` into an `InputError`.
 
-    With `staged_only` an error that names another file than an unfinished one passes: something
-    else was missing.
+    An error that names a file elsewhere passes: it was met by whoever computes what is written.
     """
     try:
         yield
     except OSError as error:
-        if error.errno is None or (
-            staged_only and error.filename is not None and PREFIX not in str(error.filename)
-        ):
+        if error.errno is None or not _concerns(error, path):
             raise
         reason = error.strerror or type(error).__name__
         raise InputError(f"cannot be written: {reason}", str(path), _REMEDY) from error
+
+
+def _concerns(error: OSError, path: Path) -> bool:
+    """Return whether an error names no file, an unfinished one, or one on the way to `path`."""
+    if not isinstance(error.filename, str | bytes | os.PathLike):
+        return True
+    name, target = os.path.abspath(os.fsdecode(error.filename)), os.path.abspath(path)
+    return PREFIX in name or name.startswith(target) or target.startswith(name)
 
 
 def _sync(path: Path) -> None:

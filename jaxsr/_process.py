@@ -42,6 +42,9 @@ class Run:
         Drops the work. It should not raise in a program: an exception of the handler is lost, or
         crashes, where it meets the loading of a compiled library or a callback of one.
 
+    echo : float
+        Seconds after a first request in which a Ctrl-C is the same one.
+
     Attributes
     ----------
     asked : threading.Event
@@ -52,12 +55,12 @@ class Run:
         What to say of the files when the run ends early.
     """
 
-    def __init__(self, began: float, drop: Callable[[Run], None]) -> None:
+    def __init__(self, began: float, drop: Callable[[Run], None], echo: float = 0.0) -> None:
         self.began = began
         self.asked = threading.Event()
         self.keeps = False
         self.outcome = "nothing was written"
-        self._drop = drop
+        self._drop, self._echo = drop, echo
         self._first: float | None = None  # a plain value: `Event.set` does not bear a nested call
 
     def hear(self, number: int, frame: FrameType | None) -> None:
@@ -70,7 +73,7 @@ class Run:
                 say("stopping; what was found so far will be written (Ctrl-C again to drop it)")
             else:
                 self._drop(self)
-        elif number == signal.SIGINT and now - self._first > _ECHO:
+        elif number == signal.SIGINT and now - self._first >= self._echo:
             self._drop(self)
 
 
@@ -85,7 +88,7 @@ def listen() -> Run:
     """
     global _program
     if _program is None:
-        _program = Run(_process_began(), _end)
+        _program = Run(_process_began(), _end, _ECHO)
         _install(_program)
     return _program
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 import tempfile
@@ -19,6 +20,9 @@ PREFIX = ".jaxsr-staging-"
 
 _ABANDONED = 86_400.0
 """Age in seconds at which unfinished files count as left behind where no lock can tell."""
+
+_PATIENCE = 30.0
+"""Seconds to wait for another run that puts its results in the same place."""
 
 _mine: set[Path] = set()
 _placing = 0  # how many results are being put in their place just now
@@ -58,11 +62,19 @@ def locked(folder: Path) -> Iterator[None]:
     """Hold a folder against other runs that place their results in it; wait for those that do.
 
     Nothing is held where the system has no such locks.
+
+    Raises
+    ------
+    TimeoutError
+        Another run has held it for half a minute.
     """
+    end = time.monotonic() + _PATIENCE
     while True:
         held = _open(folder)
         try:
-            if held is None or not _lock(held, wait=True) or _is_same(held, folder):
+            if held is not None:
+                _lock_until(held, end)
+            if held is None or _is_same(held, folder):
                 yield
                 return
         finally:
@@ -99,10 +111,12 @@ def _staged(parent: Path, is_folder: bool) -> Iterator[Path]:
     try:
         yield path
     finally:
-        _remove(path)
-        _mine.discard(path)
-        if held is not None:
-            os.close(held)
+        try:
+            _remove(path)
+        finally:
+            _mine.discard(path)
+            if held is not None:
+                os.close(held)
 
 
 def _made(parent: Path, is_folder: bool) -> tuple[Path, int | None]:
@@ -119,7 +133,7 @@ def _made(parent: Path, is_folder: bool) -> tuple[Path, int | None]:
         if held is None:
             return path, None
         with contextlib.suppress(BlockingIOError):
-            if not _lock(held, wait=False) or _is_same(held, path):
+            if not _lock(held) or _is_same(held, path):
                 return path, held
         # Another run swept it between its making and its lock.
         os.close(held)
@@ -136,23 +150,41 @@ def _open(path: Path) -> int | None:
         return None
 
 
-def _lock(held: int, wait: bool) -> bool:
+def _lock(held: int) -> bool:
     """Lock a descriptor and return whether the file system has such locks.
 
     Raises
     ------
     BlockingIOError
-        Another process holds it, and `wait` is false.
+        Another process holds it.
     """
     if fcntl is None:
         return False
     try:
-        fcntl.flock(held, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise
     except OSError:
         return False
     return True
+
+
+def _lock_until(held: int, end: float) -> None:
+    """Lock a descriptor, waiting until `end` for who holds it.
+
+    Raises
+    ------
+    TimeoutError
+        Somebody still holds it.
+    """
+    while True:
+        try:
+            _lock(held)
+            return
+        except BlockingIOError as error:
+            if time.monotonic() > end:
+                raise TimeoutError(errno.ETIMEDOUT, "another run is writing there") from error
+            time.sleep(0.01)
 
 
 def _is_same(held: int, path: Path) -> bool:
@@ -167,7 +199,7 @@ def _is_same(held: int, path: Path) -> bool:
 def _remove_if_dead(path: Path) -> None:
     held = _open(path)
     try:
-        if held is not None and _lock(held, wait=False):
+        if held is not None and _lock(held):
             _remove(path)
         elif time.time() - path.lstat().st_mtime > _ABANDONED:
             _remove(path)
