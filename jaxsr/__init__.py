@@ -10,9 +10,11 @@ import importlib
 import os
 import sys
 import warnings
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # for type checkers true: ``typing`` takes longer to load than all the rest
 if TYPE_CHECKING:
+    from typing import Any
+
     from jaxsr.diagnosis import diagnose, learn_simulator
     from jaxsr.discovery import SymbolicSparseRegressor, discover
     from jaxsr.evaluation import compile_terms
