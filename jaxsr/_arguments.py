@@ -193,33 +193,3 @@ def results_folder(out: str, roles: Mapping[str, Iterable[str]], written: Collec
                     "Name another --out",
                 )
     return folder
-
-
-def run_file(
-    out: str, model: str, data: str | None, duration: float | None, dt: float | None
-) -> Path:
-    """Return the file that ``simulate`` writes, its arguments checked.
-
-    Raises
-    ------
-    InputError
-        If `model` is none, not one of `data` and the pair of `duration` and `dt` (seconds) is
-        given, an input cannot be read, or `out` would overwrite one.
-    """
-    if not is_model(model):
-        raise InputError("is not a model", model, "Name a .toml or file.py:function first")
-    if data is None and (duration is None or dt is None):
-        raise InputError("no DATA to follow", "", "Give DATA, or both --duration and --dt")
-    if data is not None and not (duration is None and dt is None):
-        raise InputError("--duration and --dt are for runs without DATA", "", "Leave them out")
-    for option, value in (("--duration", duration), ("--dt", dt)):
-        if value is not None and not 0 < value < float("inf"):
-            raise InputError(f"must be positive seconds, got {value}", option)
-    inputs = ([model] if ".py:" not in model else []) + ([data] if data is not None else [])
-    check_roles({"MODEL": inputs[:1], "DATA": inputs[1:]})
-    target = Path(out)
-    if any(Path(path).resolve() == target.resolve() for path in inputs):
-        raise InputError("would overwrite an input", f"--out {out}", "Name another file")
-    if target.is_dir():
-        raise InputError("is a directory", f"--out {out}", "Name a file, such as run.csv")
-    return target

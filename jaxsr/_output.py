@@ -37,7 +37,7 @@ def close_stdout() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def save_results(found: Any, folder: Path, summary: str, more: Mapping[str, str]) -> None:
+def save_results(found: Any, folder: Path, summary: str, **options: Any) -> None:
     """Save results; where their folder does not take them after all, save what can be saved.
 
     Parameters
@@ -46,8 +46,8 @@ def save_results(found: Any, folder: Path, summary: str, more: Mapping[str, str]
     folder : Path
     summary : str
         The result in words, printed where the folder does not take it.
-    more : mapping of str to str
-        Texts of further files, by name.
+    **options
+        What `found.save` and `found.write` take besides.
 
     Raises
     ------
@@ -55,12 +55,9 @@ def save_results(found: Any, folder: Path, summary: str, more: Mapping[str, str]
         The folder cannot be written; says which temporary folder holds the results now.
     """
     try:
-        if more:
-            found.save(folder, more)
-        else:
-            found.save(folder)
+        found.save(folder, **options)
     except Exception as error:
-        where = _rescued(found, more)
+        where = _rescued(found, options)
         print_line(summary)
         if isinstance(error, InputError):
             raise InputError(error.what, error.where, where) from error
@@ -68,14 +65,14 @@ def save_results(found: Any, folder: Path, summary: str, more: Mapping[str, str]
         raise
 
 
-def _rescued(found: Any, more: Mapping[str, str]) -> str:
+def _rescued(found: Any, options: Mapping[str, Any]) -> str:
     """Write each file of a result that can be written in a temporary folder; say where."""
     try:
         folder = Path(tempfile.mkdtemp(prefix="jaxsr-results-"))
     except OSError:
         return "No temporary folder takes the results either"
     with contextlib.suppress(Exception):  # the first error is the one to tell
-        found.write(folder, more)
+        found.write(folder, **options)
     names = sorted(path.name for path in folder.iterdir())
     if not names:
         folder.rmdir()

@@ -7,38 +7,31 @@ what it needs: ``jaxsr --help`` loads no numerical library.
 from __future__ import annotations
 
 import contextlib
-import importlib
-import math
 import shlex
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextvars import ContextVar
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from jaxsr._arguments import (
     check_roles,
     expand_file_lists,
+    is_model,
     model_and_data,
     results_folder,
-    run_file,
     split_names,
 )
-from jaxsr._output import close_stdout, print_line, save_results
-from jaxsr._process import INTERRUPTED, Run, listen, listening, say
+from jaxsr._job import RUN, command_budget, loaded, save, session
+from jaxsr._output import close_stdout, print_line
+from jaxsr._process import INTERRUPTED, listen, listening, say
 from jaxsr._result import InputError
-
-if TYPE_CHECKING:
-    from jaxsr._progress import Budget, Progress
 
 OK, DEFECT, WRONG_USE = 0, 1, 2
 
 Job = Callable[[str], None]  # of the command line, for the provenance
-
-_RUN: ContextVar[Run] = ContextVar("run")
 
 app = typer.Typer(
     add_completion=False,
@@ -106,13 +99,13 @@ def discover(
         raise InputError(
             f"{len(options['derivatives'])} names for {len(names)} states", "--derivatives"
         )
-    limit = _budget(budget)
+    limit = command_budget(budget)
 
     def job(command: str) -> None:
-        with _session() as progress:
+        with session() as progress:
             import jaxsr
 
-            found = _loaded(jaxsr.discover)(
+            found = loaded(jaxsr.discover)(
                 data,
                 states=names,
                 validation=validation or [],
@@ -121,8 +114,8 @@ def discover(
                 command=command,
                 **options,
             )
-            equations = [f"d({e.state})/dt = {e.expression}" for e in found.equations]
-            _save(found, folder, "\n".join(equations))
+        equations = [f"d({e.state})/dt = {e.expression}" for e in found.equations]
+        save(found, folder, "\n".join(equations))
 
     return job
 
@@ -157,21 +150,21 @@ def diagnose(
     written = ("explained.toml", "diagnosis.json", "report.html")
     folder = results_folder(out, roles, (*written, *([] if model else ["learned.toml"])))
     named = split_names(states, "--states")
-    limit = _budget(budget)
+    limit = command_budget(budget)
 
     def job(command: str) -> None:
-        with _session() as progress:
+        with session() as progress:
             import jaxsr
             from jaxsr.models import model_text
 
             if model is None:
-                learned = _loaded(jaxsr.learn_simulator)(
+                learned = loaded(jaxsr.learn_simulator)(
                     simulated or [], data, states=named, seed=seed, budget=limit, progress=progress
                 )
                 simulator = learned.simulator
             else:
                 simulator = jaxsr.Simulator.from_file(model)
-            diagnosis = _loaded(jaxsr.diagnose)(
+            diagnosis = loaded(jaxsr.diagnose)(
                 simulator,
                 data,
                 held_out=held_out or [],
@@ -180,8 +173,8 @@ def diagnose(
                 progress=progress,
                 command=command,
             )
-            more = {"learned.toml": model_text(simulator.model)} if model is None else {}
-            _save(diagnosis, folder, _verdict(diagnosis), more)
+        learnt = {"more": {"learned.toml": model_text(simulator.model)}} if model is None else {}
+        save(diagnosis, folder, _verdict(diagnosis), **learnt)
 
     return job
 
@@ -197,7 +190,22 @@ def simulate(
     dt: Annotated[float | None, typer.Option(help="Seconds between rows, without DATA.")] = None,
 ) -> Job:
     """Run a model freely, with recorded inputs or without any."""
-    target = run_file(out, model, data, duration, dt)
+    if not is_model(model):
+        raise InputError("is not a model", model, "Name a .toml or file.py:function first")
+    if data is None and (duration is None or dt is None):
+        raise InputError("no DATA to follow", "", "Give DATA, or both --duration and --dt")
+    if data is not None and not (duration is None and dt is None):
+        raise InputError("--duration and --dt are for runs without DATA", "", "Leave them out")
+    for option, value in (("--duration", duration), ("--dt", dt)):
+        if value is not None and not 0 < value < float("inf"):
+            raise InputError(f"must be positive seconds, got {value}", option)
+    inputs = ([model] if ".py:" not in model else []) + ([data] if data is not None else [])
+    check_roles({"MODEL": inputs[:1], "DATA": inputs[1:]})
+    target = Path(out)
+    if any(Path(path).resolve() == target.resolve() for path in inputs):
+        raise InputError("would overwrite an input", f"--out {out}", "Name another file")
+    if target.is_dir():
+        raise InputError("is a directory", f"--out {out}", "Name a file, such as run.csv")
 
     def job(command: str) -> None:
         from jaxsr._files import atomic_write_text, check_writable
@@ -217,7 +225,7 @@ def simulate(
             )
         table = simulate_to_csv(simulator, recording, duration, dt)
         atomic_write_text(target, table.to_csv(index=False, lineterminator="\n"))
-        _RUN.get().outcome = f"{target} is whole"
+        RUN.get().outcome = f"{target} is whole"
         print_line(f"{len(table)} rows in {target}")
 
     return job
@@ -227,15 +235,15 @@ def simulate(
 def demo(out: Out = "jaxsr-demo") -> Job:
     """Diagnose the bundled recordings of a two-link arm, offline."""
     folder = results_folder(out, {}, ())
-    limit = _budget(DEMO_SECONDS)
+    limit = command_budget(DEMO_SECONDS)
 
     def job(command: str) -> None:
         model, train, held_out = _demo_files()
-        with _session() as progress:
+        with session() as progress:
             import jaxsr
 
             simulator = jaxsr.Simulator.from_file(model)
-            diagnosis = _loaded(jaxsr.diagnose)(
+            diagnosis = loaded(jaxsr.diagnose)(
                 simulator,
                 train,
                 held_out=held_out,
@@ -243,7 +251,7 @@ def demo(out: Out = "jaxsr-demo") -> Job:
                 progress=progress,
                 command=command,
             )
-            _save(diagnosis, folder, _verdict(diagnosis))
+        save(diagnosis, folder, _verdict(diagnosis))
 
     return job
 
@@ -295,13 +303,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         listen()  # this process is the command and nothing else
     with listening() as run:
-        token = _RUN.set(run)
+        token = RUN.set(run)
         try:
             status = _status(sys.argv[1:] if argv is None else list(argv))
         except KeyboardInterrupt:
             status = INTERRUPTED
         finally:
-            _RUN.reset(token)
+            RUN.reset(token)
     if status == INTERRUPTED or (status == OK and run.asked.is_set()):
         say(f"interrupted; {run.outcome}")
         return INTERRUPTED
@@ -346,47 +354,6 @@ def _demo_files() -> tuple[Path, list[Path], list[Path]]:
 def _wrong_use(message: str) -> int:
     say(f"error: {' '.join(message.split())}")
     return WRONG_USE
-
-
-def _budget(seconds: float | None) -> Budget:
-    """Return a budget that began with the command and ends early when a signal asks for it."""
-    from jaxsr._progress import Budget
-
-    run = _RUN.get()
-    return Budget(math.inf if seconds is None else float(seconds), run.began, run.asked)
-
-
-@contextlib.contextmanager
-def _session() -> Iterator[Progress]:
-    """Show progress, and keep what is compiled."""
-    from jaxsr._progress import progress_on
-    from jaxsr.evaluation import keep_compiled
-
-    keep_compiled()
-    with progress_on() as progress:
-        yield progress
-
-
-def _loaded(work: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function of the library, now that it is loaded: it keeps what it finds.
-
-    Drawing is loaded too, so that its time counts before the search shares out what is left.
-    """
-    importlib.import_module("jaxsr.report.page")
-    importlib.import_module("matplotlib.figure")
-    run = _RUN.get()
-    run.keeps = True
-    if run.asked.is_set():
-        raise KeyboardInterrupt
-    return work
-
-
-def _save(found: Any, folder: Path, summary: str, more: Mapping[str, str] | None = None) -> None:
-    """Save results, print their `summary` and where the report is."""
-    save_results(found, folder, summary, more or {})
-    _RUN.get().outcome = f"the best so far is in {folder}"
-    print_line(summary)
-    print_line(f"Report: {folder / 'report.html'}")
 
 
 def _verdict(diagnosis: Any) -> str:

@@ -31,6 +31,7 @@ LAYERS = {
     "discovery": 6,
     "diagnosis": 7,
     "datasets": 8,
+    "_job": 8,
     "cli": 8,
     "__main__": 9,
     "__init__": 9,

@@ -47,7 +47,7 @@ class Diagnosis:
         """The verdict in a sentence."""
         return verdict_sentence(self.verdict, self.findings)
 
-    def save(self, directory: str | Path, more: Mapping[str, str] | None = None) -> Path:
+    def save(self, directory: str | Path, *, more: Mapping[str, str] | None = None) -> Path:
         """Write diagnosis.json, explained.toml, report.html and figures, all or nothing.
 
         Parameters
@@ -58,10 +58,10 @@ class Diagnosis:
         """
         directory = Path(directory)
         with atomic_directory(directory) as out:
-            self.write(out, more)
+            self.write(out, more=more)
         return directory
 
-    def write(self, folder: Path, more: Mapping[str, str] | None = None) -> None:
+    def write(self, folder: Path, *, more: Mapping[str, str] | None = None) -> None:
         """Write the files of `save` into a folder that is there, each whole, the report last."""
         from jaxsr.report import write_diagnosis_report
 

@@ -203,7 +203,7 @@ class Discovery:
         with atomic_directory(Path(directory)) as folder:
             self.write(folder)
 
-    def write(self, folder: Path, more: Mapping[str, str] | None = None) -> None:
+    def write(self, folder: Path, *, more: Mapping[str, str] | None = None) -> None:
         """Write the files of `save`, and texts by name, into a folder: each whole, report last."""
         from jaxsr.discovery.page import write_page
 

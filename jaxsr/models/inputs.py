@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.signal
 
 from jaxsr._result import InputError
 from jaxsr.models.model import Hold
@@ -58,6 +57,8 @@ def stage_inputs(
         # Resample needs a periodic record: the trend between its ends is put back afterwards.
         trend = np.linspace(extended[0], extended[-1], size)
         factor = 2 * substeps
+        import scipy.signal  # slow to load, and few holds are band-limited
+
         dense = np.asarray(scipy.signal.resample(extended - trend, size * factor))
         grid = np.arange(size * factor) / factor
         dense = dense + np.interp(grid, np.arange(size), trend)
