@@ -98,10 +98,13 @@ def listening() -> Iterator[Run]:
     """Hear signals in the block; to drop the work raises ``KeyboardInterrupt``.
 
     In a program that listens already, and outside the main thread, where Python delivers no
-    signals, nothing is installed.
+    signals, nothing is installed. The program hears no more signals after the block: its work is
+    done, and a late one would change its exit status.
     """
     if _program is not None:
         yield _program
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
         return
     run = Run(time.monotonic(), _raise)
     if threading.current_thread() is not threading.main_thread():

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -56,7 +57,17 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     for name in ("m.toml", "a.csv", "b.csv", "v0.csv", "v1.csv", "w.csv"):
         (tmp_path / name).write_text("t,x\n0,0\n")
+    (tmp_path / "dangling").symlink_to("absent")
+    (tmp_path / "taken" / "report.html").mkdir(parents=True)
     return tmp_path
+
+
+@pytest.fixture
+def ctrl_c() -> Iterator[None]:
+    """Let Ctrl-C raise, also where the tests run under ``nohup`` or in the background."""
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, previous)
 
 
 def test_diagnose_passes_each_file_in_its_role(files: Path, library: Recorded, capsys: Any) -> None:
@@ -126,20 +137,31 @@ def test_discover_passes_its_options(files: Path, library: Recorded) -> None:
         "simulate m.toml a.csv --out .",
         "simulate m.toml a.csv --out a.csv/f.csv",
         "demo --out a.csv",
+        f"diagnose m.toml a.csv --out {'x' * 256}",
+        f"diagnose m.toml a.csv --out {'x' * 256}/d",
+        f"simulate m.toml a.csv --out {'x' * 256}.csv",
+        "diagnose m.toml a.csv --out dangling",
+        "diagnose m.toml a.csv --out dangling/d",
+        "discover a.csv --states x --out dangling/d/e",
+        "simulate m.toml a.csv --out dangling/f.csv",
+        "diagnose m.toml a.csv --out taken",
+        "diagnose m.toml a.csv --out /proc/d",
+        "diagnose m.toml a.csv --held-out /dev/null --out d",
         "datasets fetch nonsense",
     ],
 )
 def test_wrong_use_is_one_line_and_status_2(
     line: str, files: Path, library: Recorded, capsys: Any
 ) -> None:
-    before = {path.name: path.read_text() for path in files.iterdir()}
+    before = {path.name: path.read_text() for path in files.iterdir() if path.is_file()}
     assert cli.main(line.split()) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.startswith("jaxsr: error: ")
     assert captured.err.count("\n") == 1 and "Traceback" not in captured.err
     assert not library.calls
-    assert {path.name: path.read_text() for path in files.iterdir()} == before
+    after = {path.name: path.read_text() for path in files.iterdir() if path.is_file()}
+    assert after == before and not any(path.name[0] == "." for path in files.iterdir())
 
 
 def test_a_defect_of_ours_shows_its_traceback(files: Path, library: Recorded, capsys: Any) -> None:
@@ -149,6 +171,7 @@ def test_a_defect_of_ours_shows_its_traceback(files: Path, library: Recorded, ca
     assert not Path("d").exists()
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_first_interrupt_keeps_the_best_so_far(files: Path, library: Recorded, capsys: Any) -> None:
     def during(budget: Budget) -> None:
         signal.raise_signal(signal.SIGINT)
@@ -161,6 +184,7 @@ def test_first_interrupt_keeps_the_best_so_far(files: Path, library: Recorded, c
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_second_interrupt_ends_at_once(files: Path, library: Recorded, capsys: Any) -> None:
     def during(budget: Budget) -> None:
         signal.raise_signal(signal.SIGINT)
