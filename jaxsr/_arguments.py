@@ -175,7 +175,7 @@ def results_folder(out: str, roles: Mapping[str, Iterable[str]], written: Collec
         If `out` cannot be written, holds a directory in the place of a result, or a result
         would overwrite an input.
     """
-    from jaxsr._files import check_writable_directory, mend_directory
+    from jaxsr._files import check_writable_directory, last_files, mend_directory
 
     folder = Path(out)
     check_writable_directory(folder)
@@ -183,7 +183,7 @@ def results_folder(out: str, roles: Mapping[str, Iterable[str]], written: Collec
     for name in written:
         if (folder / name).is_dir():
             raise InputError(f"holds a directory named {name}", out, "Name another --out")
-    targets = {(folder / name).resolve() for name in written}
+    targets = {(folder / name).resolve() for name in {*written, *last_files(folder)}}
     for role, paths in roles.items():
         for path in paths:
             if Path(path).resolve() in targets:

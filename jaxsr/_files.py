@@ -74,6 +74,7 @@ def atomic_write_text(path: Path, text: str) -> None:
     """
     with _told_of(path):
         path.parent.mkdir(parents=True, exist_ok=True)
+        sweep(path.parent)
         with staging_file(path.parent) as temporary:
             with open(temporary, "w", encoding="utf-8", newline="\n") as stream:
                 stream.write(text)
@@ -176,7 +177,7 @@ def _is_swappable(out: Path, new: Path) -> bool:
 
 
 def _holds_results_alone(out: Path) -> bool:
-    return {entry.name for entry in out.iterdir()} <= {*_manifest(out), _MANIFEST}
+    return {entry.name for entry in out.iterdir()} <= {*last_files(out), _MANIFEST}
 
 
 def _attributes(folder: Path) -> dict[str, bytes]:
@@ -208,7 +209,7 @@ def _exchange(one: Path, other: Path) -> bool:
 
 def _replace_files(out: Path, staging: Path, names: list[str]) -> None:
     """Move `names` from `staging` into `out`, all or none, and remove files of an earlier run."""
-    stale = _manifest(out) - set(names)
+    stale = last_files(out) - set(names)
     with staging_folder(out) as held:
         for name in {*names, *stale}:
             if (out / name).exists():
@@ -246,8 +247,8 @@ def _roll_back(out: Path) -> None:
         os.rename(backup, emptied)
 
 
-def _manifest(out: Path) -> set[str]:
-    """Return the plain file names that the last run wrote into `out`."""
+def last_files(out: Path) -> set[str]:
+    """Return the names of the files that the last run wrote into `out`; the next removes them."""
     try:
         lines = (out / _MANIFEST).read_text(encoding="utf-8").splitlines()
     except FileNotFoundError:

@@ -7,6 +7,7 @@ what it needs: ``jaxsr --help`` loads no numerical library.
 from __future__ import annotations
 
 import contextlib
+import os
 import shlex
 import sys
 import traceback
@@ -155,13 +156,16 @@ def diagnose(
     def job(command: str) -> None:
         with session() as progress:
             import jaxsr
-            from jaxsr.models import model_text
 
+            learnt: dict[str, Any] = {}
             if model is None:
+                from jaxsr.models import model_text
+
                 learned = loaded(jaxsr.learn_simulator)(
                     simulated or [], data, states=named, seed=seed, budget=limit, progress=progress
                 )
                 simulator = learned.simulator
+                learnt = {"more": {"learned.toml": model_text(simulator.model)}}
             else:
                 simulator = jaxsr.Simulator.from_file(model)
             diagnosis = loaded(jaxsr.diagnose)(
@@ -173,7 +177,6 @@ def diagnose(
                 progress=progress,
                 command=command,
             )
-        learnt = {"more": {"learned.toml": model_text(simulator.model)}} if model is None else {}
         save(diagnosis, folder, _verdict(diagnosis), **learnt)
 
     return job
@@ -204,15 +207,13 @@ def simulate(
     target = Path(out)
     if any(Path(path).resolve() == target.resolve() for path in inputs):
         raise InputError("would overwrite an input", f"--out {out}", "Name another file")
-    if target.is_dir():
+    if os.path.isdir(target):
         raise InputError("is a directory", f"--out {out}", "Name a file, such as run.csv")
 
     def job(command: str) -> None:
         from jaxsr._files import atomic_write_text, check_writable
-        from jaxsr._staging import sweep
 
         check_writable(target)
-        sweep(target.parent)
         import jaxsr
         from jaxsr.models.simulation import simulate_to_csv
 

@@ -6,9 +6,10 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,6 +19,7 @@ import pytest
 import jaxsr
 from jaxsr import cli
 from jaxsr._progress import Budget
+from jaxsr.models import parse_model
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -34,12 +36,20 @@ class Recorded:
         self.during(options["budget"])
         options["progress"].stage("working")
         return SimpleNamespace(
-            verdict="nothing", sentence="No mismatch.", equations=[], save=self.save
+            verdict="nothing",
+            sentence="No mismatch.",
+            equations=[],
+            save=self.save,
+            write=self.write,
         )
 
-    def save(self, directory: Path) -> None:
+    def save(self, directory: Path, more: Mapping[str, str] | None = None) -> None:
         directory.mkdir()
-        (directory / "report.html").write_text("whole")
+        for name, text in {"report.html": "whole", **(more or {})}.items():
+            (directory / name).write_text(text)
+
+    def write(self, directory: Path) -> None:
+        (directory / "diagnosis.json").write_text("{}")
 
 
 @pytest.fixture
@@ -164,6 +174,34 @@ def test_wrong_use_is_one_line_and_status_2(
     assert after == before and not any(path.name[0] == "." for path in files.iterdir())
 
 
+def test_a_learnt_simulator_is_saved_with_the_rest(
+    files: Path, library: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (
+        '[model]\nname = "m"\ntime = "t"\nstates = ["x"]\ninputs = []\noutputs = ["y"]\n'
+        '[equations]\nx = "-x"\n[readings]\ny = "x"\n'
+    )
+    learnt = SimpleNamespace(simulator=SimpleNamespace(model=parse_model(text)))
+    monkeypatch.setitem(jaxsr.__dict__, "learn_simulator", lambda *args, **options: learnt)
+    assert cli.main("diagnose a.csv --simulated b.csv --out d".split()) == 0
+    assert 'x = "-x"' in Path("d/learned.toml").read_text()
+
+
+def test_a_report_that_breaks_leaves_the_answer(
+    files: Path, library: Recorded, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    def save(directory: Path) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(tempfile, "tempdir", str(files))
+    monkeypatch.setattr(library, "save", save)
+    assert cli.main("diagnose m.toml a.csv --out d".split()) == 1
+    captured = capsys.readouterr()
+    assert "Verdict: nothing" in captured.out and "ZeroDivisionError" in captured.err
+    (rescue,) = files.glob("jaxsr-results-*")
+    assert f"The results are in {rescue}: diagnosis.json" in captured.err
+
+
 def test_a_defect_of_ours_shows_its_traceback(files: Path, library: Recorded, capsys: Any) -> None:
     library.during = lambda budget: 1 / 0
     assert cli.main("diagnose m.toml a.csv --out d".split()) == 1
@@ -259,6 +297,14 @@ def test_namesake_is_named_once(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert done.stderr.count("another project") == 1 and "0.3.0" in done.stderr
     assert run_python("import jaxsr").stderr == ""
+
+
+def test_a_diagnosis_loads_what_it_needs_alone() -> None:
+    code = (
+        "import sys, jaxsr; jaxsr.diagnose;"
+        "print(sorted({'sklearn', 'matplotlib', 'rich', 'scipy.signal'} & set(sys.modules)))"
+    )
+    assert run_python(code).stdout == "[]\n"
 
 
 def test_importing_changes_nothing_of_jax() -> None:

@@ -199,6 +199,22 @@ def test_an_interrupt_while_libraries_load(tmp_path: Path, moment: float) -> Non
     assert interrupt(tmp_path, moment, 5.0)[0] == 130
 
 
+def test_the_run_begins_with_the_process() -> None:
+    code = (
+        "import time; now = time.monotonic(); from jaxsr._process import _process_began;"
+        "print(now - _process_began())"
+    )
+
+    def before(command: list[str]) -> float:
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+        return float(done.stdout)
+
+    assert -0.5 < before([sys.executable, "-c", code]) <= 2.0
+    # What a wrapper waited for before it became this program is not the run's time.
+    waited = ["sh", "-c", 'sleep 2.1; exec "$@"', "sh", sys.executable, "-c", code]
+    assert -0.5 < before(waited) <= 0.0
+
+
 @pytest.mark.slow
 def test_interrupts_at_fifty_moments(tmp_path: Path) -> None:
     for moment in np.geomspace(0.05, 12.0, 50):
