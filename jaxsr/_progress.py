@@ -103,7 +103,11 @@ class Budget:
     Parameters
     ----------
     seconds : float, optional
-        Wall-clock time from now, positive; unlimited by default.
+        Wall-clock time, positive; unlimited by default.
+    _start : float, optional
+        When the time began, on the clock of ``time.monotonic``; now by default.
+    _interrupt : threading.Event, optional
+        Set by whoever asks for an early end.
 
     Raises
     ------

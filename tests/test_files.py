@@ -344,6 +344,18 @@ def test_links_to_results_stay_links(tmp_path: Path) -> None:
     assert hidden(tmp_path) == hidden(tmp_path / "far") == set()
 
 
+def test_where_folders_cannot_change_places_files_are_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    write(out, OLD)
+    monkeypatch.setattr(_files, "_exchange", lambda one, other: False)
+    same = out.stat().st_ino
+    write(out, NEW)
+    assert visible(out) == NEW and out.stat().st_ino == same
+    assert hidden(out) == hidden(tmp_path) == set()
+
+
 def test_a_folder_that_somebody_is_in_stays_the_same_folder(tmp_path: Path) -> None:
     out = tmp_path / "out"
     write(out, OLD)

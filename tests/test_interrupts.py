@@ -75,6 +75,13 @@ def started(
     program: str, folder: Path, *argv: str, first: Callable[[], object] | None = None
 ) -> subprocess.Popen[str]:
     """Start a program in `folder`; `first` is what its process does before."""
+
+    def before() -> None:  # also where the tests run under `nohup` or in the background
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)
+        if first is not None:
+            first()
+
     return subprocess.Popen(
         [sys.executable, "-c", program, *argv],
         cwd=folder,
@@ -82,10 +89,7 @@ def started(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: (
-            signal.signal(signal.SIGINT, signal.default_int_handler),
-            first and first(),
-        ),
+        preexec_fn=before,
     )
 
 
