@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jaxsr._process import Run
+
 ROOT = Path(__file__).resolve().parents[1]
 ARM = ROOT / "jaxsr" / "datasets" / "demo"
 
@@ -124,24 +126,35 @@ def test_a_signal_keeps_the_best_so_far(files: Path, number: int) -> None:
     assert names(files / "d") == {"diagnosis.json", "report.html", ".jaxsr-files"}
 
 
-@pytest.mark.parametrize("place", ["d", "slow"])
-def test_a_second_interrupt_drops_the_work_without_litter(files: Path, place: str) -> None:
-    process = quick(files, place)
+def test_a_second_interrupt_drops_the_work_without_litter(files: Path) -> None:
+    process = quick(files, "slow")
     process.send_signal(signal.SIGINT)
-    if place == "slow":
-        assert process.stdout is not None and process.stdout.readline() == "saving\n"
-        assert any(name.startswith(".jaxsr-staging") for name in names(files))
-    else:
-        process.send_signal(signal.SIGSTOP)  # so that the search does not see the first one
+    assert process.stdout is not None and process.stdout.readline() == "saving\n"
+    assert any(name.startswith(".jaxsr-staging") for name in names(files))
     time.sleep(0.2)
     process.send_signal(signal.SIGINT)
-    process.send_signal(signal.SIGCONT)
-    if place == "slow":
-        status, out, err = ended(process)
-        assert status == 130 and out == "" and "nothing was written" in err
-        assert names(files) == {"m.toml", "a.csv"}
-    else:  # two at once are one request, which a wrapper passed on
-        assert ended(process)[0] == 130 and "report.html" in names(files / "d")
+    status, out, err = ended(process)
+    assert status == 130 and out == "" and "nothing was written" in err
+    assert names(files) == {"m.toml", "a.csv"}
+
+
+def test_the_echo_of_a_request_is_no_second_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, dropped = [0.0], []
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    run = Run(0.0, dropped.append, echo=0.1)
+    run.keeps = True
+    for moment, number, drops in [
+        (1.0, signal.SIGINT, 0),
+        (1.05, signal.SIGINT, 0),
+        (2.0, signal.SIGTERM, 0),
+        (2.1, signal.SIGINT, 1),
+    ]:
+        now[0] = moment
+        run.hear(number, None)
+        assert len(dropped) == drops and run.asked.is_set()
+    early = Run(0.0, dropped.append)  # nothing to keep yet
+    early.hear(signal.SIGTERM, None)
+    assert len(dropped) == 2
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
