@@ -127,6 +127,9 @@ def atomic_directory(out: Path) -> Iterator[Path]:
             _sync(path)
         with placing():
             _place_results(staging, out)
+            shutil.rmtree(
+                staging, ignore_errors=True
+            )  # the old files, where the two changed places
 
 
 def mend_directory(out: Path) -> None:
