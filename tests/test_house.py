@@ -13,6 +13,9 @@ PACKAGE = Path(__file__).resolve().parents[1] / "jaxsr"
 LAYERS = {
     "_result": 0,
     "_types": 0,
+    "_process": 0,
+    "_output": 0,
+    "_staging": 0,
     "_files": 0,
     "_progress": 0,
     "_quoting": 0,
@@ -29,6 +32,7 @@ LAYERS = {
     "discovery": 6,
     "diagnosis": 7,
     "datasets": 8,
+    "_job": 8,
     "cli": 8,
     "__main__": 9,
     "__init__": 9,

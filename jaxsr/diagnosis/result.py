@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from jaxsr._files import atomic_directory, dump_json
+from jaxsr._files import atomic_directory, atomic_write_text, dump_json
 from jaxsr.models import Model, model_text
 
 SCHEMA = "jaxsr.diagnosis/1"
@@ -46,16 +47,29 @@ class Diagnosis:
         """The verdict in a sentence."""
         return verdict_sentence(self.verdict, self.findings)
 
-    def save(self, directory: str | Path) -> Path:
-        """Write diagnosis.json, explained.toml, report.html and figures, all or nothing."""
-        from jaxsr.report import write_diagnosis_report
+    def save(self, directory: str | Path, *, more: Mapping[str, str] | None = None) -> Path:
+        """Write diagnosis.json, explained.toml, report.html and figures, all or nothing.
 
+        Parameters
+        ----------
+        directory : path
+        more : mapping of str to str, optional
+            Texts of further files of the set, by name.
+        """
         directory = Path(directory)
         with atomic_directory(directory) as out:
-            (out / "diagnosis.json").write_text(dump_json(self.document), encoding="utf-8")
-            (out / "explained.toml").write_text(model_text(self.model), encoding="utf-8")
-            write_diagnosis_report(self.document, self.evidence, out)
+            self.write(out, more=more)
         return directory
+
+    def write(self, folder: Path, *, more: Mapping[str, str] | None = None) -> None:
+        """Write the files of `save` into a folder that is there, each whole, the report last."""
+        from jaxsr.report import write_diagnosis_report
+
+        atomic_write_text(folder / "diagnosis.json", dump_json(self.document))
+        atomic_write_text(folder / "explained.toml", model_text(self.model))
+        for name, text in (more or {}).items():
+            atomic_write_text(folder / name, text)
+        write_diagnosis_report(self.document, self.evidence, folder)
 
 
 def verdict_sentence(verdict: str, findings: list[dict[str, Any]]) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import scipy.signal
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
@@ -76,6 +75,8 @@ def reaction(speed: np.ndarray, rate: float, pace: float, damping: float) -> np.
     With V the speed, qh'' is s**2*(w**2/s + 2*z*w)*V/(s**2 + 2*z*w*s + w**2). At first the mass
     goes with the motion.
     """
+    import scipy.signal  # slow to load, and only here
+
     numerator = [-2.0 * damping * pace, -(pace**2), 0.0]
     denominator = [1.0, 2.0 * damping * pace, pace**2]
     b, a = scipy.signal.bilinear(numerator, denominator, fs=rate)
