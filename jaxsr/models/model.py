@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from jaxsr.expressions import Term, parse
+
+if TYPE_CHECKING:
+    from jaxsr.models.vector_field import VectorField
 
 FREE = "free"
 DRIVEN = "driven"
@@ -47,7 +50,9 @@ class Model:
         sum_j inertia[i][j] * dx_j/dt = equations[i]        (identity where no row is given)
         output_k(t) = readings_k at time clock_k(t) - delay_k
 
-    Expressions are kept as the text of the file; `term` parses them.
+    Expressions are kept as the text of the file; `term` parses them. Where the model stands on a
+    Python function (`base`), `vector_field` holds what that function says; it is in no file, and
+    no part of what makes two models equal.
     """
 
     name: str
@@ -72,6 +77,7 @@ class Model:
     events: tuple[Event, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     columns: Mapping[str, str] = field(default_factory=dict)
+    vector_field: VectorField | None = field(default=None, compare=False, repr=False)
 
     def __hash__(self) -> int:
         return hash((self.name, self.states, tuple(self.equations.items())))
@@ -84,7 +90,8 @@ class Model:
     @cached_property
     def definition_terms(self) -> dict[str, Term]:
         """Definitions with earlier ones substituted."""
-        terms: dict[str, Term] = {}
+        given = {} if self.vector_field is None else self.vector_field.gains
+        terms = {name: term for name, term in given.items() if name not in self.definitions}
         for name, text in self.definitions.items():
             symbols = (*self.symbols, *terms)
             terms[name] = parse(text, symbols, f"[definitions] {name}").substitute(terms)
@@ -92,13 +99,26 @@ class Model:
 
     def term(self, text: str, where: str = "", extra: tuple[str, ...] = ()) -> Term:
         """Parse an expression of this model, definitions substituted."""
-        symbols = (*self.symbols, *self.definition_terms, *extra)
+        symbols = (*self.symbols, *self.definition_terms, *self._promised, *extra)
         return parse(text, symbols, where).substitute(self.definition_terms)
+
+    @property
+    def _promised(self) -> tuple[str, ...]:
+        """Symbols that a Python function gives a meaning, once it is loaded."""
+        if self.base is None or self.vector_field is not None:
+            return ()
+        return tuple(f"{s}_per_{u}" for s in self.states for u in self.inputs)
+
+    @property
+    def formulas(self) -> bool:
+        """Whether all equations are known: a Python function has to be loaded for it."""
+        return self.base is None or self.vector_field is not None
 
     @cached_property
     def equation_terms(self) -> dict[str, Term]:
         """Right-hand side by state, additions included."""
-        terms = {s: self.term(e, f"[equations] {s}") for s, e in self.equations.items()}
+        terms = {} if self.vector_field is None else dict(self.vector_field.rates)
+        terms |= {s: self.term(e, f"[equations] {s}") for s, e in self.equations.items()}
         for state, text in self.additions.items():
             added = self.term(text, f"[additions] {state}")
             terms[state] = Term.apply("add", terms[state], added) if state in terms else added

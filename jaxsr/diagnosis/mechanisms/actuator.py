@@ -25,7 +25,7 @@ def actuator(model: Model, signals: Mapping[str, np.ndarray] | None = None) -> I
     `signals` holds the samples of the inputs; without them thresholds are as for a unit input.
     Models that stand on a Python function do not say where an input enters, and get none.
     """
-    if model.base is not None:
+    if not model.formulas:
         return
     for u in model.inputs:
         columns = _columns(model, u)

@@ -43,7 +43,7 @@ def memory_candidates(
     step : float
         Sample interval in s: what is faster cannot be told.
     """
-    if model.base is not None:  # a Python vector field takes no further states
+    if not model.formulas:
         return []
     found = list(actuator_lags(model, step))
     for site in sites_of(model, scale):

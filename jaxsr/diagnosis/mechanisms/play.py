@@ -47,7 +47,7 @@ def play(site: Site) -> Iterator[Candidate]:
     in every equation in which u pulls. A spring between two bodies is play at the last of their
     equations.
     """
-    if site.model.base is not None:
+    if not site.model.formulas:
         return
     springs = springs_of(site.model)
     for deflection in dict.fromkeys(s.deflection for s in springs):
