@@ -24,6 +24,7 @@ from jaxsr._arguments import (
     model_and_data,
     results_folder,
     split_names,
+    table_of,
 )
 from jaxsr._result import InputError
 
@@ -55,6 +56,17 @@ HeldOut = Annotated[
     typer.Option(metavar="FILE...", help="Recordings opened once, at the end, to report the fit."),
 ]
 States = Annotated[str | None, typer.Option(metavar="z1,z2", help="Columns that are states.")]
+
+
+Table = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="FILE.toml",
+        help="With file.py:function, the model file that stands on it, such as an explained.toml; "
+        "file.toml by default.",
+    ),
+]
 
 
 @app.command()
@@ -140,6 +152,7 @@ def diagnose(
     ] = None,
     states: States = None,
     held_out: HeldOut = None,
+    table: Table = None,
     seed: Seed = 0,
     budget: Seconds = None,
 ) -> Job:
@@ -147,6 +160,7 @@ def diagnose(
     model, data = model_and_data(arguments, simulated, states)
     roles = {
         "MODEL": [model] if model is not None and ".py:" not in model else [],
+        **{"--model": table_of(model, table)},
         **{"DATA": data, "--simulated": simulated or [], "--held-out": held_out or []},
     }
     check_roles(roles)
@@ -166,7 +180,7 @@ def diagnose(
                 )
                 simulator = learned.simulator
             else:
-                simulator = jaxsr.Simulator.from_file(model)
+                simulator = jaxsr.Simulator.from_file(model, table)
             diagnosis = jaxsr.diagnose(
                 simulator,
                 data,
@@ -194,6 +208,7 @@ def simulate(
     ] = None,
     duration: Annotated[float | None, typer.Option(help="Seconds, without DATA.")] = None,
     dt: Annotated[float | None, typer.Option(help="Seconds between rows, without DATA.")] = None,
+    table: Table = None,
 ) -> Job:
     """Run a model freely, with recorded inputs or without any."""
     if not is_model(model):
@@ -206,7 +221,9 @@ def simulate(
         if value is not None and not 0 < value < float("inf"):
             raise InputError(f"must be positive seconds, got {value}", option)
     inputs = ([model] if ".py:" not in model else []) + ([data] if data is not None else [])
-    check_roles({"MODEL": inputs[:1], "DATA": inputs[1:]})
+    tables = table_of(model, table)
+    check_roles({"MODEL": inputs[:1], "--model": tables, "DATA": inputs[1:]})
+    inputs += tables
     target = Path(out)
     if any(Path(path).resolve() == target.resolve() for path in inputs):
         raise InputError("would overwrite an input", f"--out {out}", "Name another file")
@@ -220,16 +237,16 @@ def simulate(
         import jaxsr
         from jaxsr.models.simulation import simulate_to_csv
 
-        simulator = jaxsr.Simulator.from_file(model)
+        simulator = jaxsr.Simulator.from_file(model, table)
         recording = None
         if data is not None:
             given = simulator.model
             recording = jaxsr.read_recording(
                 data, time=given.columns.get(given.time), sample_time=given.sample_time
             )
-        table = simulate_to_csv(simulator, recording, duration, dt)
-        atomic_write_text(target, table.to_csv(index=False, lineterminator="\n"))
-        print(f"{len(table)} rows in {target}")
+        run = simulate_to_csv(simulator, recording, duration, dt)
+        atomic_write_text(target, run.to_csv(index=False, lineterminator="\n"))
+        print(f"{len(run)} rows in {target}")
         return OK
 
     return job

@@ -48,6 +48,7 @@ from jaxsr.diagnosis.search.regrouping import settled
 from jaxsr.diagnosis.search.stepwise import grow
 from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.models import Simulator
+from jaxsr.models.python_base import with_function
 from jaxsr.recordings import Recording
 
 Contest = tuple[Arena, list[Entry], float, StoppedBy]
@@ -135,6 +136,8 @@ def diagnose(
     progress = progress or Silent()
     budget = as_budget(budget)
     rng = np.random.default_rng(seed)
+    if simulator.function is not None:
+        simulator = with_function(simulator.model, simulator.function)
     prepared = prepare(simulator.model, data)
     progress.stage("screening mechanisms in the weak view")
     screened = screen_all(simulator, prepared)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -103,9 +104,9 @@ def _derivative(term: Term, name: str, known: dict[Term, Term]) -> Term:
         case "max" | "min":
             return _of_extreme(term, slopes)
     total = ZERO
-    for partial, slope in zip(_partials(term), slopes, strict=True):
+    for by, slope in zip(_partials(term), slopes, strict=True):
         if slope != ZERO:
-            total = built("add", total, built("mul", partial(), slope))
+            total = built("add", total, built("mul", by(), slope))
     return total
 
 
@@ -130,10 +131,14 @@ def _partials(term: Term) -> list[Callable[[], Term]]:
     if term.op in _PARTIALS:
         parts = _PARTIALS[term.op]
         return [lambda p=part: p(term) for part in parts]
-    partial = getattr(PRIMITIVES[term.op], "partial", None)
-    if partial is None:
+    name_of: Callable[[int], str] | None = getattr(PRIMITIVES[term.op], "partial", None)
+    if name_of is None:
         raise NoDerivativeError(term.op)
-    return [lambda k=k: Term(partial(k), term.args) for k in range(len(term.args))]
+    return [partial(_called, name_of, term, k) for k in range(len(term.args))]
+
+
+def _called(name_of: Callable[[int], str], term: Term, position: int) -> Term:
+    return Term(name_of(position), term.args)
 
 
 def _square(term: Term) -> Term:

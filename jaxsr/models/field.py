@@ -168,6 +168,12 @@ class Field:
             for j, term in row.items()
         }
 
+    def evaluated(self, terms: Mapping[Any, Term], at: Point) -> dict[Any, Valued]:
+        """Return other terms with their slopes."""
+        shared: dict[Term, Valued] = {}
+        env = self._environment(at)
+        return {key: evaluate_with_slopes(t, env, self.by, shared) for key, t in terms.items()}
+
     def readings(self, at: Point) -> tuple[list[Array], list[Row]]:
         """Return what the sensors read, with derivatives."""
         shared: dict[Term, Any] = {}

@@ -23,8 +23,16 @@ from jaxsr.models.opaque import OpaquePrimitive, opaque
 Array = Any
 VOID = 1e-10
 """Size of a gain, relative to the largest of its input, below which it is rounding."""
+LEAST = 1e-3
+"""Smallest size of a gain, relative to its largest, by which a balance of forces divides."""
 SHORT = 5
 """Nodes up to which a gain is written out where it stands."""
+LONG = 1000
+"""Nodes from which its text would be of no use to a reader."""
+
+
+Rows = tuple[tuple[str, str], ...]
+"""States, and the text of what is multiplied before it is added to their rates; empty for 1."""
 
 
 @dataclass(frozen=True)
@@ -34,19 +42,19 @@ class Entry:
     Attributes
     ----------
     rows : tuple of (state, factor)
-        Text of what the force is multiplied by in the rate of each state; empty for 1.
+        The rates that it adds to.
     beside : str or None
         The input beside which it enters.
     """
 
-    rows: tuple[tuple[str, str], ...]
+    rows: Rows
     beside: str | None = None
 
 
 def force_columns(
     model: Model, rates: Mapping[str, Term], points: Mapping[str, Array]
-) -> tuple[dict[str, Term], dict[str, Entry]]:
-    """Return the gains of the inputs by their symbols, and where a force along a state enters.
+) -> tuple[dict[str, Term], dict[str, Rows], dict[str, Entry]]:
+    """Return gains by their symbols, where inputs enter, and where a force along a state does.
 
     Parameters
     ----------
@@ -59,15 +67,21 @@ def force_columns(
     gains: dict[str, Term] = {}
     columns: dict[str, Entry] = {}
     found = {u: gain_column(rates, u, points) for u in model.inputs}
-    for u, state in _paired({u: c for u, c in found.items() if c}, points).items():
-        column = found[u] or {}
-        rows = tuple((s, _factor(model, gains, b, s, u)) for s, b in column.items())
-        columns[state] = Entry(rows, u)
+    affine = {u: column for u, column in found.items() if column}
+    inputs = {
+        u: tuple((s, _factor(model, gains, b, s, u)) for s, b in column.items())
+        for u, column in affine.items()
+    }
+    if model.inertia:  # the function returns forces, and additions are forces
+        return gains, inputs, columns
+    for u, state in _paired(affine, points).items():
+        if _invertible(affine[u][state], points):
+            columns[state] = Entry(inputs[u], u)
     for state, rate in rates.items():
         factor = common_factor(model, rate)
         if state not in columns and factor is not None:
             columns[state] = Entry(((state, to_text(factor)),))
-    return gains, columns
+    return gains, inputs, columns
 
 
 def _paired(
@@ -88,6 +102,14 @@ def _paired(
     pairs = zip(*linear_sum_assignment(sizes, maximize=True), strict=True)
     named = [(u, states[j]) for u, j in ((list(columns)[k], j) for k, j in pairs)]
     return {u: s for u, s in named if s in columns[u]}
+
+
+def _invertible(gain: Term, points: Mapping[str, Array]) -> bool:
+    """Whether a gain keeps its sign, far from zero."""
+    values = _at(gain, points)
+    return bool(
+        np.abs(values).min() > LEAST * np.abs(values).max() and abs(np.ptp(np.sign(values))) == 0
+    )
 
 
 def gain_column(
@@ -169,14 +191,21 @@ def _factor(model: Model, gains: dict[str, Term], gain: Term, state: str, u: str
     """Return the text that stands for a gain: itself where it is short, else a symbol."""
     if gain == ONE:
         return ""
-    written = not any(isinstance(PRIMITIVES.get(n.op), OpaquePrimitive) for n in gain.distinct())
-    if written and gain.size <= SHORT:
-        return to_text(gain)
+    if gain.size <= SHORT and (text := written(gain)) is not None:
+        return text
     name = gain_symbol(state, u)
     if name in (*model.symbols, *model.outputs):
         return to_text(gain)
     gains[name] = gain
     return name
+
+
+def written(gain: Term) -> str | None:
+    """Return a gain as text; None where it is a call of the function, or too long to be read."""
+    if gain.size > LONG:
+        return None
+    called = any(isinstance(PRIMITIVES.get(n.op), OpaquePrimitive) for n in gain.distinct())
+    return None if called else to_text(gain)
 
 
 def gain_symbol(state: str, u: str) -> str:

@@ -35,8 +35,23 @@ class Unreadable:
 Element = Term | Unreadable
 
 
-def read_jaxpr(closed: Any, arguments: Sequence[Array]) -> list[Array]:
-    """Return the results of a program.
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """A linear system that a program solves: matrix, right-hand side and solution, of terms."""
+
+    matrix: Array
+    right: tuple[Term, ...]
+    solution: tuple[Term, ...]
+
+    def solved(self, right: Sequence[Term]) -> tuple[Term, ...]:
+        """Return the solution for another right-hand side."""
+        return tuple(_eliminated(self.matrix, list(right)))
+
+
+def read_jaxpr(
+    closed: Any, arguments: Sequence[Array]
+) -> tuple[list[Array], tuple[LinearSystem, ...]]:
+    """Return the results of a program, and the linear systems that it solves.
 
     Parameters
     ----------
@@ -46,10 +61,13 @@ def read_jaxpr(closed: Any, arguments: Sequence[Array]) -> list[Array]:
 
     Returns
     -------
-    list of ndarray
+    results : list of ndarray
         Of terms and of `Unreadable`, in the shapes of the program's results.
+    systems : tuple of LinearSystem
     """
-    return [symbols(value) for value in _read(closed.jaxpr, closed.consts, arguments)]
+    systems: list[LinearSystem] = []
+    found = _read(closed.jaxpr, closed.consts, arguments, systems)
+    return [symbols(value) for value in found], tuple(systems)
 
 
 def symbols(value: Array) -> Array:
@@ -61,7 +79,9 @@ def symbols(value: Array) -> Array:
     return _mapped(make, value)
 
 
-def _read(jaxpr: Any, consts: Sequence[Array], arguments: Sequence[Array]) -> list[Array]:
+def _read(
+    jaxpr: Any, consts: Sequence[Array], arguments: Sequence[Array], systems: list[LinearSystem]
+) -> list[Array]:
     known: dict[Any, Array] = dict(zip(jaxpr.constvars, map(np.asarray, consts), strict=True))
     known.update(zip(jaxpr.invars, arguments, strict=True))
 
@@ -70,11 +90,11 @@ def _read(jaxpr: Any, consts: Sequence[Array], arguments: Sequence[Array]) -> li
 
     for equation in jaxpr.eqns:
         given = [value(atom) for atom in equation.invars]
-        known.update(zip(equation.outvars, _applied(equation, given), strict=True))
+        known.update(zip(equation.outvars, _applied(equation, given, systems), strict=True))
     return [value(atom) for atom in jaxpr.outvars]
 
 
-def _applied(equation: Any, given: list[Array]) -> list[Array]:
+def _applied(equation: Any, given: list[Array], systems: list[LinearSystem]) -> list[Array]:
     name, params = equation.primitive.name, equation.params
     if name not in _INNER and all(a.dtype != object for a in given) and name not in _CALLING:
         found = equation.primitive.bind(*given, **equation.params)
@@ -86,9 +106,10 @@ def _applied(equation: Any, given: list[Array]) -> list[Array]:
             if params.get("name") == "_interp" and given[0].dtype == object:
                 return [_of_table(*given)]
             closed = hasattr(inner, "consts")
-            return _read(inner.jaxpr if closed else inner, inner.consts if closed else [], given)
+            consts = inner.consts if closed else []
+            return _read(inner.jaxpr if closed else inner, consts, given, systems)
         if name in _WHOLE:
-            return _WHOLE[name](params, *given)
+            return _WHOLE[name](params, systems, *given)
         if name in _ARRANGING:
             return [_arranged(equation, given)]
         if name in _FOLDED:
@@ -171,7 +192,7 @@ def _objects(value: Any) -> Array:
     return whole
 
 
-def _dot(params: Any, a: Array, b: Array) -> list[Array]:
+def _dot(params: Any, systems: list[LinearSystem], a: Array, b: Array) -> list[Array]:
     """Product of arrays, with batches in front."""
     (ca, cb), (ba, bb) = params["dimension_numbers"]
     a, b = symbols(a), symbols(b)
@@ -191,7 +212,7 @@ def _dot(params: Any, a: Array, b: Array) -> list[Array]:
     return [_objects(whole).reshape(shape)]
 
 
-def _linear_solve(params: Any, *given: Array) -> list[Array]:
+def _linear_solve(params: Any, systems: list[LinearSystem], *given: Array) -> list[Array]:
     """Solve a linear system by elimination, its matrix read off the product with a vector."""
     lengths, jaxprs = params["const_lengths"], params["jaxprs"]
     consts, right = given[: lengths.matvec], symbols(given[sum(lengths)])
@@ -202,13 +223,15 @@ def _linear_solve(params: Any, *given: Array) -> list[Array]:
         unit = np.zeros(right.size)
         unit[k] = 1.0
         product = _read(
-            jaxprs.matvec.jaxpr, jaxprs.matvec.consts, [*consts, unit.reshape(right.shape)]
+            jaxprs.matvec.jaxpr, jaxprs.matvec.consts, [*consts, unit.reshape(right.shape)], systems
         )
         columns.append(symbols(product[0]).ravel())
     matrix = np.stack(columns, axis=1)
     if not all(isinstance(e, Term) for e in (*matrix.flat, *right.flat)):
         raise UnreadableError
-    return [_objects(_eliminated(matrix, list(right.ravel()))).reshape(right.shape)]
+    solution = _eliminated(matrix, list(right.ravel()))
+    systems.append(LinearSystem(matrix, tuple(right.ravel()), tuple(solution)))
+    return [_objects(solution).reshape(right.shape)]
 
 
 def _eliminated(matrix: Array, right: list[Term]) -> list[Term]:
@@ -236,16 +259,16 @@ def _eliminated(matrix: Array, right: list[Term]) -> list[Term]:
     return solved
 
 
-def _cond(params: Any, index: Array, *given: Array) -> list[Array]:
+def _cond(params: Any, systems: list[LinearSystem], index: Array, *given: Array) -> list[Array]:
     """Choose among branches; one that is known is taken."""
     branches = [b.jaxpr for b in params["branches"]]
     consts = [b.consts for b in params["branches"]]
     if index.dtype != object:
         k = int(np.clip(index, 0, len(branches) - 1))
-        return _read(branches[k], consts[k], given)
+        return _read(branches[k], consts[k], given, systems)
     if len(branches) != 2 or not isinstance(index.item(), Term):
         raise UnreadableError
-    first, second = (_read(b, c, given) for b, c in zip(branches, consts, strict=True))
+    first, second = (_read(b, c, given, systems) for b, c in zip(branches, consts, strict=True))
     which = condition(index.item())
     return [
         _elementwise(lambda x, y: chosen(which, y, x), pair)
@@ -253,17 +276,18 @@ def _cond(params: Any, index: Array, *given: Array) -> list[Array]:
     ]
 
 
-def _scan(params: Any, *given: Array) -> list[Array]:
+def _scan(params: Any, systems: list[LinearSystem], *parts: Array) -> list[Array]:
     """Write a short loop out."""
     consts, carry, length = params["num_consts"], params["num_carry"], params["length"]
     if length > LONGEST_LOOP:
         raise UnreadableError
-    body, held = params["jaxpr"], list(given[:consts])
-    state, rows = list(given[consts : consts + carry]), given[consts + carry :]
+    body, held = params["jaxpr"], list(parts[:consts])
+    state, rows = list(parts[consts : consts + carry]), parts[consts + carry :]
     gathered: list[list[Array]] = []
     steps = range(length)
     for k in reversed(steps) if params["reverse"] else steps:
-        found = _read(body.jaxpr, body.consts, [*held, *state, *(np.asarray(r[k]) for r in rows)])
+        given = [*held, *state, *(np.asarray(r[k]) for r in rows)]
+        found = _read(body.jaxpr, body.consts, given, systems)
         state = found[:carry]
         gathered.append([symbols(y) for y in found[carry:]])
     if params["reverse"]:
@@ -332,4 +356,4 @@ def size_of(terms: Sequence[Term]) -> int:
     return len(set(itertools.chain.from_iterable(t.distinct() for t in terms)))
 
 
-__all__ = ["Unreadable", "read_jaxpr", "size_of", "symbols", "variables_of"]
+__all__ = ["LinearSystem", "Unreadable", "read_jaxpr", "size_of", "symbols", "variables_of"]

@@ -52,7 +52,8 @@ class Model:
 
     Expressions are kept as the text of the file; `term` parses them. Where the model stands on a
     Python function (`base`), `vector_field` holds what that function says; it is in no file, and
-    no part of what makes two models equal.
+    no part of what makes two models equal. `forces` are forces on it by the state along which they
+    act, in no file either: a file says in [additions] what they add to the rates.
     """
 
     name: str
@@ -78,6 +79,7 @@ class Model:
     units: Mapping[str, str] = field(default_factory=dict)
     columns: Mapping[str, str] = field(default_factory=dict)
     vector_field: VectorField | None = field(default=None, compare=False, repr=False)
+    forces: Mapping[str, str] = field(default_factory=dict)
 
     def __hash__(self) -> int:
         return hash((self.name, self.states, tuple(self.equations.items())))
@@ -117,12 +119,20 @@ class Model:
     @cached_property
     def equation_terms(self) -> dict[str, Term]:
         """Right-hand side by state, additions included."""
-        terms = {} if self.vector_field is None else dict(self.vector_field.rates)
-        terms |= {s: self.term(e, f"[equations] {s}") for s, e in self.equations.items()}
+        terms = {s: self.term(e, f"[equations] {s}") for s, e in self.equations.items()}
+        if self.vector_field is not None:
+            forces = {s: self.term(f, f"force along {s}") for s, f in self.forces.items()}
+            terms = self.vector_field.forced(forces, self.term) | terms
         for state, text in self.additions.items():
             added = self.term(text, f"[additions] {state}")
             terms[state] = Term.apply("add", terms[state], added) if state in terms else added
         return terms
+
+    def entries(self, state: str) -> tuple[tuple[str, str], ...]:
+        """Return the rates to which a force along a state adds, with the text of its factors."""
+        if self.vector_field is None or state not in self.vector_field.columns:
+            return ((state, ""),)
+        return self.vector_field.columns[state].rows
 
     @cached_property
     def reading_terms(self) -> dict[str, Term]:

@@ -18,8 +18,9 @@ import numpy as np
 
 from jaxsr._result import InputError
 from jaxsr.expressions import PRIMITIVES, Term, evaluate
-from jaxsr.models.force_columns import Entry, force_columns
-from jaxsr.models.jaxpr import Unreadable, read_jaxpr, size_of, variables_of
+from jaxsr.expressions.derivative import built, derivative
+from jaxsr.models.force_columns import Entry, Rows, force_columns
+from jaxsr.models.jaxpr import LinearSystem, Unreadable, read_jaxpr, size_of, variables_of
 from jaxsr.models.model import Model
 from jaxsr.models.opaque import OpaquePrimitive, opaque
 
@@ -27,7 +28,7 @@ Array = Any
 Function = Callable[..., Any]
 LARGEST = 3000
 """Distinct nodes of all terms from which calling the function is cheaper than its formulas."""
-TRIALS = 8
+TRIALS = 32
 """Random points at which terms are compared with the function."""
 SAME = 1e-9
 """Difference, relative to their sizes, at which two values are the same but for rounding."""
@@ -43,13 +44,85 @@ class VectorField:
         State to its rate, in the symbols of the model.
     gains : mapping
         Symbol ``STATE_per_INPUT`` to the derivative of a rate by an input.
+    inputs : mapping
+        Input that enters linearly to the rates that it adds to.
     columns : mapping
         State to what a force along it adds to the rates.
+    solved : tuple of SolvedRates
+        Rates that the function takes from a linear system.
     """
 
     rates: Mapping[str, Term]
     gains: Mapping[str, Term] = field(default_factory=dict)
+    inputs: Mapping[str, Rows] = field(default_factory=dict)
     columns: Mapping[str, Entry] = field(default_factory=dict)
+    solved: tuple[SolvedRates, ...] = ()
+
+    def forced(self, forces: Mapping[str, Term], factor: Callable[[str], Term]) -> dict[str, Term]:
+        """Return the rates with forces along states added.
+
+        Parameters
+        ----------
+        forces : mapping
+            By state.
+        factor : callable
+            Text of a factor to its term.
+        """
+        rates, rest = dict(self.rates), dict(forces)
+        for system in self.solved:
+            own = {s: f for s, f in rest.items() if s in system.loads}
+            if own:
+                rates |= system.loaded(own)
+                rest = {s: f for s, f in rest.items() if s not in own}
+        for state, force in rest.items():
+            rows = self.columns[state].rows if state in self.columns else ((state, ""),)
+            for row, text in rows:
+                added = built("mul", factor(text), force) if text else force
+                rates[row] = built("add", rates[row], added)
+        return rates
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedRates:
+    """Rates that a function takes from a linear system, M a = F: a force is best added to F.
+
+    Attributes
+    ----------
+    states : tuple of str
+        Those whose rates are the solution.
+    loads : mapping
+        State along which a force acts to what the force is multiplied by in each row.
+    """
+
+    states: tuple[str, ...]
+    system: LinearSystem
+    loads: Mapping[str, tuple[Term, ...]]
+
+    @staticmethod
+    def of(
+        system: LinearSystem, rates: Mapping[str, Term], columns: Mapping[str, Entry]
+    ) -> SolvedRates | None:
+        """Return the rates that a system's solution is, None where it is something else."""
+        owner = {rate: state for state, rate in rates.items()}
+        states = tuple(owner.get(a, "") for a in system.solution)
+        if "" in states or len(set(states)) < len(states):
+            return None
+        loads = {}
+        for state, entry in columns.items():
+            if entry.beside is None or not {s for s, _ in entry.rows} <= set(states):
+                continue
+            if any(entry.beside in m.variables for m in system.matrix.flat):
+                continue
+            loads[state] = tuple(derivative(f, entry.beside) for f in system.right)
+        return SolvedRates(states, system, loads)
+
+    def loaded(self, forces: Mapping[str, Term]) -> dict[str, Term]:
+        """Return the rates with forces along states added."""
+        right = list(self.system.right)
+        for state, force in forces.items():
+            for i, load in enumerate(self.loads[state]):
+                right[i] = built("add", right[i], built("mul", load, force))
+        return dict(zip(self.states, self.system.solved(right), strict=True))
 
 
 def vector_field(function: Function, model: Model, where: str = "") -> VectorField:
@@ -73,7 +146,7 @@ def vector_field(function: Function, model: Model, where: str = "") -> VectorFie
     """
     with jax.enable_x64(True):
         called = _Called(function, model, where)
-        found = called.read()
+        found, systems = called.read()
         points = called.points()
         rates = {state: _rate(called, i, found[i], points) for i, state in enumerate(called.states)}
         for state, rate in rates.items():
@@ -84,8 +157,9 @@ def vector_field(function: Function, model: Model, where: str = "") -> VectorFie
                 s: r if r.size <= 1 else called.opaque(order[s], r.variables)
                 for s, r in rates.items()
             }
-        gains, columns = force_columns(model, rates, points)
-    return VectorField(rates, gains, columns)
+        gains, inputs, columns = force_columns(model, rates, points)
+    made = (SolvedRates.of(system, rates, columns) for system in systems)
+    return VectorField(rates, gains, inputs, columns, tuple(m for m in made if m is not None))
 
 
 class _Called:
@@ -130,8 +204,8 @@ class _Called:
             )
         return found
 
-    def read(self) -> Array:
-        """Trace the function, and read its program."""
+    def read(self) -> tuple[Array, tuple[LinearSystem, ...]]:
+        """Trace the function, and read its rates and the systems that it solves."""
         shapes = (
             np.float64(0.0),
             *(np.zeros(len(n)) for n in (self.states, self.model.inputs, self.model.parameters)),
@@ -148,7 +222,8 @@ class _Called:
                 raise _untraced(error, self.where) from None
         parts = (self.states, self.model.inputs, tuple(self.model.parameters))
         time = variables_of([self.model.time])[0:1].reshape(())
-        return read_jaxpr(closed, [time, *(variables_of(part) for part in parts)])[0]
+        results, systems = read_jaxpr(closed, [time, *(variables_of(part) for part in parts)])
+        return results[0], systems
 
     def component(self, i: int, names: Sequence[str]) -> Function:
         """Return rate `i` as a function of some variables; it depends on no others."""
