@@ -94,5 +94,6 @@ def add_to_equation(
     table = "equations" if own else beside
     old = getattr(model, table).get(state, "")
     if not old or old.strip() in ("0", "0.0"):
-        return f"{table}.{state}", term.removeprefix("+ ").replace("- ", "-", 1)
+        first = f"-{term[2:]}" if term.startswith("- ") else term.removeprefix("+ ")
+        return f"{table}.{state}", first
     return f"{table}.{state}", f"{old} {term}"

@@ -317,7 +317,8 @@ def times(factor: str, template: str) -> str:
     if not factor:
         return template
     factor = factor if re.fullmatch(r"[\w.]+", factor) else f"({factor})"
-    return f"+ {factor}*({template.removeprefix('+ ').replace('- ', '-', 1)})"
+    own = f"-{template[2:]}" if template.startswith("- ") else template.removeprefix("+ ")
+    return f"+ {factor}*({own})"
 
 
 def _define_gains(draft: _Draft) -> None:
