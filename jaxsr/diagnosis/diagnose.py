@@ -246,7 +246,11 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     stepping = with_smooth(stepping, case.simulator, case.prepared, base)
     deviation = np.nanstd(np.concatenate([p.outputs for p in case.prepared]), axis=0)
     scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
-    outlook = Outlook(super_model, case.prepared, stepping, scale, simulator)
+
+    def stop() -> bool:
+        return case.search.exhausted
+
+    outlook = Outlook(super_model, case.prepared, stepping, scale, simulator, stop)
     starts = outlook.usable_starts(starts)
     if beyond is None:
         leader = starts[min(1, len(starts) - 1)][0]
@@ -260,10 +264,6 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     arena = replace(arena, patience=min(PATIENCE * case.budget.seconds, MOST_PATIENCE))
     arena = with_rounded_jumps(arena)
     case.progress.stage("telling sets of mechanisms from the path of the re-calibrated model")
-
-    def stop() -> bool:
-        return case.search.exhausted
-
     arena, null = _recalibrated(arena, headline, starts[0][1], stop)
     entries = [null]
     # Where re-calibration is near the noise, larger sets grow from single ones.

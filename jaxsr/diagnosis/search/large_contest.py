@@ -193,7 +193,7 @@ def _arena(case: Case, super_model: SuperModel, starts: list[Start]) -> tuple[Ar
     stepping = rounded_explicit(stepping, simulator, case.prepared, starts[1][1])
     deviation = np.nanstd(np.concatenate([p.outputs for p in case.prepared]), axis=0)
     scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
-    outlook = Outlook(super_model, case.prepared, stepping, scale, simulator)
+    outlook = Outlook(super_model, case.prepared, stepping, scale, simulator, _stop(case))
     starts = outlook.usable_starts(starts)
     headline = outlook.headline(starts)
     return outlook.first_usable(headline, starts[0][1]), headline.seconds
