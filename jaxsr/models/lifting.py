@@ -209,7 +209,6 @@ def closed(
     """
     ground = _Ground.of(simulator, stepping, segments, theta, ())
     long, last = path.shape[1] > SHORT, path.shape[1] - 1
-    near = near and ground.jumps is None  # which step a jump falls in, no derivative tells
     most = (CLOSING_LONG if long else CLOSING) if near else 0
     with np.errstate(all="ignore"):
         first, found = ground.newton(path, most, stop)
