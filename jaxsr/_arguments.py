@@ -64,6 +64,21 @@ def is_model(argument: str) -> bool:
     return argument.lower().endswith(".toml") or ".py:" in argument
 
 
+def table_of(model: str | None, table: str | None) -> list[str]:
+    """Return the model file that ``--model`` names beside a Python function, in a list.
+
+    Raises
+    ------
+    InputError
+        If the model is no Python function.
+    """
+    if table is None:
+        return []
+    if model is None or ".py:" not in model:
+        raise InputError("--model goes with file.py:function", f"--model {table}", "Leave it out")
+    return [table]
+
+
 def check_roles(roles: Mapping[str, Iterable[str]]) -> None:
     """Raise unless every file exists and has one role.
 

@@ -24,6 +24,7 @@ from jaxsr._arguments import (
     model_and_data,
     results_folder,
     split_names,
+    table_of,
 )
 from jaxsr._job import RUN, command_budget, loaded, save, session
 from jaxsr._output import close_stdout, print_line
@@ -55,6 +56,17 @@ HeldOut = Annotated[
     typer.Option(metavar="FILE...", help="Recordings opened once, at the end, to report the fit."),
 ]
 States = Annotated[str | None, typer.Option(metavar="z1,z2", help="Columns that are states.")]
+
+
+Table = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="FILE.toml",
+        help="With file.py:function, the model file that stands on it, such as an explained.toml; "
+        "file.toml by default.",
+    ),
+]
 
 
 @app.command()
@@ -138,6 +150,7 @@ def diagnose(
     ] = None,
     states: States = None,
     held_out: HeldOut = None,
+    table: Table = None,
     seed: Seed = 0,
     budget: Seconds = None,
 ) -> Job:
@@ -145,6 +158,7 @@ def diagnose(
     model, data = model_and_data(arguments, simulated, states)
     roles = {
         "MODEL": [model] if model is not None and ".py:" not in model else [],
+        **{"--model": table_of(model, table)},
         **{"DATA": data, "--simulated": simulated or [], "--held-out": held_out or []},
     }
     check_roles(roles)
@@ -167,7 +181,7 @@ def diagnose(
                 simulator = learned.simulator
                 learnt = {"more": {"learned.toml": model_text(simulator.model)}}
             else:
-                simulator = jaxsr.Simulator.from_file(model)
+                simulator = jaxsr.Simulator.from_file(model, table)
             diagnosis = loaded(jaxsr.diagnose)(
                 simulator,
                 data,
@@ -191,6 +205,7 @@ def simulate(
     ] = None,
     duration: Annotated[float | None, typer.Option(help="Seconds, without DATA.")] = None,
     dt: Annotated[float | None, typer.Option(help="Seconds between rows, without DATA.")] = None,
+    table: Table = None,
 ) -> Job:
     """Run a model freely, with recorded inputs or without any."""
     if not is_model(model):
@@ -203,7 +218,9 @@ def simulate(
         if value is not None and not 0 < value < float("inf"):
             raise InputError(f"must be positive seconds, got {value}", option)
     inputs = ([model] if ".py:" not in model else []) + ([data] if data is not None else [])
-    check_roles({"MODEL": inputs[:1], "DATA": inputs[1:]})
+    tables = table_of(model, table)
+    check_roles({"MODEL": inputs[:1], "--model": tables, "DATA": inputs[1:]})
+    inputs += tables
     target = Path(out)
     if any(Path(path).resolve() == target.resolve() for path in inputs):
         raise InputError("would overwrite an input", f"--out {out}", "Name another file")
@@ -217,17 +234,17 @@ def simulate(
         import jaxsr
         from jaxsr.models.simulation import simulate_to_csv
 
-        simulator = jaxsr.Simulator.from_file(model)
+        simulator = jaxsr.Simulator.from_file(model, table)
         recording = None
         if data is not None:
             given = simulator.model
             recording = jaxsr.read_recording(
                 data, time=given.columns.get(given.time), sample_time=given.sample_time
             )
-        table = simulate_to_csv(simulator, recording, duration, dt)
-        atomic_write_text(target, table.to_csv(index=False, lineterminator="\n"))
+        run = simulate_to_csv(simulator, recording, duration, dt)
+        atomic_write_text(target, run.to_csv(index=False, lineterminator="\n"))
         RUN.get().outcome = f"{target} is whole"
-        print_line(f"{len(table)} rows in {target}")
+        print_line(f"{len(run)} rows in {target}")
 
     return job
 

@@ -104,7 +104,7 @@ def _chained(op: str, args: list[Array], slopes: list[Slopes], value: Array) -> 
             return _summed([slopes[0], _scaled(slopes[1], -1.0)])
         case "max" | "min" | "piecewise":
             return _selected(op, args, slopes)
-    partials = _PARTIALS.get(op)
+    partials = _PARTIALS.get(op) or getattr(PRIMITIVES[op], "partials", None)
     if partials is None:
         if op in _FLAT:
             return {}

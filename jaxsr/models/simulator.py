@@ -31,7 +31,8 @@ class Simulator(eqx.Module):
     function : callable, optional
         A Python vector field ``f(t, x, u, p) -> dx`` with x and u arrays in the order of the
         model's states and inputs and p a mapping from parameter names to values; replaces the
-        model's [equations].
+        model's [equations]. It is called as it is; `from_file` reads it as formulas where it can
+        (`vector_field`), which runs faster.
 
     Notes
     -----
@@ -44,8 +45,15 @@ class Simulator(eqx.Module):
     function: Callable[..., Any] | None = eqx.field(static=True, default=None)
 
     @staticmethod
-    def from_file(path: str | Path) -> Simulator:
+    def from_file(path: str | Path, model: str | Path | None = None) -> Simulator:
         """Read a simulator from ``model.toml`` or from ``path/file.py:function``.
+
+        Parameters
+        ----------
+        path : path
+        model : path, optional
+            For a Python function: the model file that stands on it, such as the explained.toml
+            of a diagnosis; by default ``path/file.toml``.
 
         Raises
         ------
@@ -57,15 +65,18 @@ class Simulator(eqx.Module):
 
         text = str(path)
         if ".py:" in text or text.endswith(".py"):
-            return read_python_simulator(text)
-        model = read_model(path)
-        if model.base is not None:
+            return read_python_simulator(text, model)
+        if model is not None:
+            raise InputError("two model files", f"{text} and {model}", "Name one of them")
+        found = read_model(path)
+        if found.base is not None:
             raise InputError(
-                f"the model stands on Python ({model.base})",
+                f"the model stands on Python ({found.base})",
                 text,
-                f"Name it in the call: {Path(text).parent / model.base}",
+                f"Name it in the call: {Path(text).parent / found.base}"
+                + (f" --model {text}" if Path(text).stem != Path(found.base).stem else ""),
             )
-        return Simulator(model)
+        return Simulator(found)
 
     # Compiled runs are kept by simulator: properties already computed must not tell two apart,
     # and parameters in another order must, since they are passed by position.
@@ -76,6 +87,7 @@ class Simulator(eqx.Module):
         if not isinstance(other, Simulator):
             return False
         same = self.model == other.model and self.function is other.function
+        same = same and self.model.vector_field is other.model.vector_field
         return same and tuple(self.model.parameters) == tuple(other.model.parameters)
 
     @cached_property
