@@ -36,12 +36,12 @@ def _run(first: int, last: int, folder: Path) -> list[dict]:
 
 
 def test_hostile_recordings_are_refused_in_one_line(tmp_path):
-    assert _run(0, 250, tmp_path) == []
+    assert _run(0, 200, tmp_path) == []
 
 
 @pytest.mark.slow
 def test_many_hostile_recordings_are_refused_in_one_line(tmp_path):
-    for first in range(250, LONG, BATCH):
+    for first in range(200, LONG, BATCH):
         assert _run(first, min(first + BATCH, LONG), tmp_path) == []
 
 

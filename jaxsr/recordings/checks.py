@@ -15,6 +15,7 @@ GAP = 1.5  # medians of the sample time
 _UNEVEN = 0.01  # of the median interval
 _VISIBLE = 1e-6  # of a channel's range: below it neither noise nor step is worth a word
 _OUTLIER = 8.0  # standard deviations of the prediction from four neighbours
+_LARGEST = 1e100  # no sensor reads it, and squares of larger values overflow
 _RUN = 3  # equal samples that can be a clipped stretch
 
 
@@ -45,7 +46,12 @@ def check_recording(
     values = {name: recording.channel(name) for name in channels}
     found = [r for r in recording.remarks if r.channel in (*channels, "time", "file")]
     found += _time(recording)
-    for name, y in values.items():
+    for name, y in list(values.items()):
+        if np.nanmax(np.abs(y)) > _LARGEST:
+            text = f"{name} reaches {y[np.nanargmax(np.abs(y))]:.3g}, which no sensor reads"
+            found.append(DataCheck(recording.name, name, "outliers", text))
+            del values[name]
+            continue
         found += _channel(recording, name, y, name in inputs)
     moving = {name: y for name, y in values.items() if name not in inputs}
     found += [_lag(recording.name, lag) for lag in find_lags(recording.time, moving)]

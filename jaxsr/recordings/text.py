@@ -56,7 +56,7 @@ def read_text(text: str, file: str, said: tuple[str, ...] = ()) -> Table:
 
     def exact(name: str) -> pd.Series:
         i = layout.names.index(name)
-        return _frame(body, layout, file, only=i).iloc[:, 0]
+        return _frame(body, layout, file, only=i).iloc[: len(frame), 0]
 
     units = dict(zip(layout.names, layout.units, strict=False))
     return Table(numbers, texts, nameless, units, said=notes, exact=exact)
@@ -101,7 +101,10 @@ def _frame(body: bytes, layout: Layout, file: str, only: int | None = None) -> p
             )
     except pd.errors.EmptyDataError:
         raise InputError("a header but no samples", file, "Give at least 3 samples") from None
-    except (pd.errors.ParserError, pd.errors.ParserWarning, ValueError, OverflowError) as error:
+    except pd.errors.ParserWarning as error:
+        what = f"a line has more values than the {layout.width} columns of the table"
+        raise InputError(what, file, "Give every column a name, or check the lines") from error
+    except (pd.errors.ParserError, ValueError, OverflowError) as error:
         text = re.sub(
             r"(?<=line )\d+", lambda m: str(int(m.group()) + layout.line), str(error).strip()
         )
