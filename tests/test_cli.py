@@ -55,7 +55,7 @@ class Recorded:
 @pytest.fixture
 def library(monkeypatch: pytest.MonkeyPatch) -> Recorded:
     recorded = Recorded()
-    reader = SimpleNamespace(from_file=lambda path: ("simulator", path))
+    reader = SimpleNamespace(from_file=lambda path, table=None: ("simulator", path))
     monkeypatch.setitem(jaxsr.__dict__, "Simulator", reader)
     monkeypatch.setitem(jaxsr.__dict__, "diagnose", recorded)
     monkeypatch.setitem(jaxsr.__dict__, "discover", recorded)
