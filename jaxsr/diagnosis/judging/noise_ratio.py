@@ -75,7 +75,7 @@ def colour(residual: np.ndarray) -> float:
     products = [
         float(np.mean(residual[: residual.shape[0] - lag] * residual[lag:])) for lag in (0, 2, 4)
     ]
-    if residual.shape[0] < 3 * 4 or products[1] < 0.1 * products[0]:
-        return 0.0
+    if residual.shape[0] < 3 * 4 or products[1] <= 0.1 * products[0]:
+        return 0.0  # also where nothing at all is left
     rho = np.sqrt(max(products[2] / products[1], 0.0))
     return float(rho) if rho < SMOOTH else 0.0
