@@ -336,6 +336,6 @@ class _Reader:
 
     def unknown_function(self, name: str) -> InputError:
         if name == "d":
-            remedy = "Write the right-hand side of the state's equation"
+            remedy = "Write d(STATE) in [readings], with the name of a state"
             return self.fail("d(...), the rate of a state, cannot be read here", remedy)
         return self.fail(f"unknown function {_short(name)!r}", hint(name, FUNCTIONS_BY_TEXT))

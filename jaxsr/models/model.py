@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from jaxsr._result import InputError
 from jaxsr.expressions import Term, parse
 from jaxsr.expressions.parsing import MAX_CHARACTERS
+from jaxsr.models.rates import rate_symbols, rate_terms
 
 if TYPE_CHECKING:
     from jaxsr.models.vector_field import VectorField
@@ -160,8 +161,18 @@ class Model:
 
     @cached_property
     def reading_terms(self) -> dict[str, Term]:
-        """Reading by output."""
-        return {y: self.term(e, f"[readings] {y}") for y, e in self.readings.items()}
+        """Reading by output, d(STATE) replaced by what the equations say."""
+        return {y: self._reading(e, f"[readings] {y}") for y, e in self.readings.items()}
+
+    def _reading(self, text: str, where: str) -> Term:
+        plain, symbols = rate_symbols(text, self.states)
+        term = self.term(plain, where, tuple(symbols))
+        return term.substitute({name: self.rate_terms[s] for name, s in symbols.items()})
+
+    @cached_property
+    def rate_terms(self) -> dict[str, Term]:
+        """Rate of every state as a formula, the mass matrix solved."""
+        return rate_terms(self)
 
     @cached_property
     def inertia_terms(self) -> dict[str, dict[str, Term]]:

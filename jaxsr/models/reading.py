@@ -10,6 +10,7 @@ from jaxsr._quoting import quoted
 from jaxsr._result import InputError
 from jaxsr.models.document import parse_document, read_document
 from jaxsr.models.model import FREE, Model
+from jaxsr.models.rates import with_named_rates
 from jaxsr.models.solvability import check_solvable
 from jaxsr.models.symbols import check_expressions, check_names
 from jaxsr.models.tables import Tables
@@ -68,6 +69,8 @@ def build_model(document: Mapping[str, Any], source: str = "model") -> Model:
     check_names(model, tables)
     try:
         check_expressions(model, tables)
+        if model.base is None:
+            model = with_named_rates(model)
         check_units(model, source)
         check_solvable(model)
     except InputError as error:
