@@ -73,7 +73,7 @@ BROKEN = [
     ('stretch = "q - z"', 'stretch = "stretch"', ["[definitions] stretch", "by itself"]),
     ('stretch = "q - z"', "stretch = 5", ["[definitions] stretch", "in quotes"]),
     ('z = "(q - z)/tau"', 'z = ""', ["[equations] z", "empty"]),
-    ('z = "(q - z)/tau"', 'z = "d(q)"', ["[equations] z", "d(...)", "right-hand side"]),
+    ('z = "(q - z)/tau"', 'z = "d(q)"', ["[equations] z", "d(...)", "in [readings]"]),
     ('z = "(q - z)/tau"', 'z = "q/(tau - 0.1)"', ["[equations] z", "tau = 0.1", "finite"]),
     ('w = "v"\n', 'w = "log(-1.0)"\n', ["[readings] w", "log(-1", "finite"]),
     ('v = { v = "M" }', "v = {}", ["[inertia] v", "empty"]),

@@ -167,6 +167,8 @@ class Model:
     def _reading(self, text: str, where: str) -> Term:
         plain, symbols = rate_symbols(text, self.states)
         term = self.term(plain, where, tuple(symbols))
+        if not symbols:
+            return term
         return term.substitute({name: self.rate_terms[s] for name, s in symbols.items()})
 
     @cached_property

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from jaxsr.models.model import Model
 
 _RATE = re.compile(r"\bd\(\s*([A-Za-z_]\w*)\s*\)", re.ASCII)
+_NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 _PREFIX = "rate__"  # of the symbol that stands for a rate while a reading is parsed
 
 
@@ -63,19 +64,26 @@ def rate_terms(model: Model) -> dict[str, Term]:
 def with_named_rates(model: Model) -> Model:
     """Return a model whose readings say d(v) where they repeat the right-hand side of v's equation.
 
-    An equation that says no more than a number or another symbol is not looked for.
+    An equation that says no more than a number or another symbol is not looked for. A part of a
+    reading is looked at as it is written: definitions written out may be beyond all measure.
     """
     rates = {
         term: state
         for state, term in model.rate_terms.items()
         if state in model.dynamic_states and term.args
     }
-    readings = dict(model.readings)
+    readings, defined = dict(model.readings), set(model.definitions)
+    symbols = {rate: Term.variable(_PREFIX + state) for rate, state in rates.items()}
     for output, term in model.reading_terms.items():
-        symbols = {r: Term.variable(_PREFIX + s) for r, s in rates.items()}
-        named = _replaced(term, symbols)
-        if named is not term and not rate_symbols(readings[output], model.states)[1]:
-            readings[output] = re.sub(rf"\b{_PREFIX}(\w+)", r"d(\1)", to_text(named))
+        text = readings[output]
+        if rate_symbols(text, model.states)[1]:
+            continue
+        if term in rates:
+            readings[output] = f"d({rates[term]})"
+        elif rates and not defined & set(_NAME.findall(text)):
+            named = _replaced(term, symbols)
+            if named is not term:
+                readings[output] = re.sub(rf"\b{_PREFIX}(\w+)", r"d(\1)", to_text(named))
     return replace(model, readings=readings) if readings != model.readings else model
 
 
