@@ -24,6 +24,7 @@ from jaxsr._arguments import (
     model_and_data,
     results_folder,
     split_names,
+    split_pairs,
 )
 from jaxsr._result import InputError
 
@@ -68,6 +69,10 @@ def discover(
     order: Annotated[int, typer.Option(min=1, max=2, help="2: the states are displacements.")] = 1,
     inputs: Annotated[str | None, typer.Option(metavar="u1", help="Columns of inputs.")] = None,
     time: Annotated[str | None, typer.Option(metavar="t", help="Column of time.")] = None,
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(metavar='z1="Angle/rad"', help="Names in the equations, and their columns."),
+    ] = None,
     units: Annotated[
         str | None, typer.Option(metavar="FILE", help="TOML with a [units] table.")
     ] = None,
@@ -94,7 +99,7 @@ def discover(
         "derivatives": split_names(derivatives, "--derivatives") or None,
         "inputs": split_names(inputs, "--inputs"),
         **{"order": order, "time": time, "units": units, "known": known, "modes": modes},
-        **{"seed": seed, "held_out": held_out or []},
+        **{"seed": seed, "held_out": held_out or [], "columns": split_pairs(columns, "--columns")},
     }
     if options["derivatives"] and len(options["derivatives"]) != len(names):
         raise InputError(
@@ -105,17 +110,20 @@ def discover(
     def job(command: str) -> int:
         with _session(limit) as progress:
             import jaxsr
+            from jaxsr.discovery.page import reserve
 
             found = jaxsr.discover(
                 data,
                 states=names,
                 validation=validation or [],
-                budget=limit,
+                budget=reserve(limit, len(names)),
                 progress=progress,
                 command=command,
                 **options,
             )
-            found.save(folder)
+            found.save(folder, limit)
+        for symbol, column in found.columns.items():
+            print(f"{symbol} is column {column}")
         for equation in found.equations:
             print(f"d({equation.state})/dt = {equation.expression}")
         return _finish(limit, folder)
@@ -350,9 +358,16 @@ def _wrong_use(message: str) -> int:
 
 
 def _budget(seconds: float | None) -> Budget:
-    from jaxsr._progress import as_budget
+    """Return the budget of the whole command, which began when the process did."""
+    import time
 
-    return as_budget(seconds)
+    from jaxsr._progress import Budget, as_budget
+
+    if seconds is None:
+        return Budget()
+    limit = as_budget(seconds)
+    started = time.monotonic() - time.process_time()
+    return Budget(limit.seconds, started)
 
 
 @contextlib.contextmanager

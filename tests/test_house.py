@@ -13,6 +13,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "jaxsr"
 LAYERS = {
     "_result": 0,
     "_types": 0,
+    "_deadline": 0,
     "_files": 0,
     "_progress": 0,
     "_arguments": 0,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime, bounded
 from jaxsr._progress import Budget
 from jaxsr.discovery.choose import choose, predict
 from jaxsr.discovery.equation import Equation, FittedTerm
@@ -57,6 +59,10 @@ class Task:
         Whether a term may be used.
     checkpoint : Checkpoint or None
         Where the search is kept.
+    limit : Budget
+        Of the whole discovery: once it is exhausted, what only betters a law is left out.
+    strict : bool
+        Whether everything asked of the regressions ends with the limit, by ``OutOfTime``.
     """
 
     state: str
@@ -68,6 +74,12 @@ class Task:
     signs: Mapping[Term, int] = field(default_factory=dict)
     admits: Callable[[Term], bool] | None = None
     checkpoint: Checkpoint | None = None
+    limit: Budget = field(default_factory=Budget)
+    strict: bool = False
+
+    def expired(self) -> bool:
+        """Tell whether the time of the whole discovery is over."""
+        return self.limit.exhausted
 
     def keeper(self, problem: RegressionProblem) -> Keeper | None:
         """Return what keeps the search, if it is to be kept."""
@@ -104,7 +116,7 @@ class Task:
         weights = 1.0 / rows.error
         weights /= np.sqrt(np.mean(weights**2))
         scale = float(np.sum((rows.target / rows.error) ** 2)) or 1.0
-        return RegressionProblem(
+        problem = RegressionProblem(
             weights * rows.target,
             {n: v for n, v in samples.variables.items() if n != self.time or not self.autonomous},
             view=lambda columns: weights[:, None] * rows.seen(columns),
@@ -118,6 +130,9 @@ class Task:
             admits=self.admits,
             instants=samples.variables.get(self.time),
         )
+        if self.strict:
+            problem.expired = self.expired
+        return problem
 
     def _judge(self, samples: Samples) -> Judge:
         problem = self.problem(samples)
@@ -208,7 +223,8 @@ def find_equation(
     whole = task.problem(judged)
     sets = [(), *(member.terms for member in found.front.members)]
     if not found.front.best_loss <= 4.0 * problem.floor:
-        sets += best_subsets(problem, task.config)
+        with contextlib.suppress(OutOfTime), bounded(problem, task.expired):
+            sets += best_subsets(problem, task.config)
     sets = list({frozenset(terms): terms for terms in reversed(sets)}.values())
     usable = [s for s in sets if -1 not in whole.index(s)]
     return replace(chosen_of(task, usable, whole, validation, every), stopped_by=reason)
@@ -251,7 +267,9 @@ def chosen_of(
 def final_estimate(task: Task, terms: Sequence[Term], samples: Samples) -> Equation:
     """Estimate the chosen terms on all rows, with intervals."""
     problem = task.problem(samples)
-    terms = edit(rounded(problem, terms)) if terms else ()
+    with contextlib.suppress(OutOfTime), bounded(problem, task.expired):
+        terms = rounded(problem, terms) if terms else ()
+    terms = edit(terms)
     fit = problem.fit(terms)
     theta = problem.projected(terms)
     residual = problem.y - theta @ fit.coefficients

@@ -13,6 +13,7 @@ import sympy
 
 import jaxsr
 from jaxsr._files import atomic_directory, dump_json
+from jaxsr._progress import Budget
 from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation, weighted_sum
 from jaxsr.discovery.hybrid import Hybrid, Mode, RareMode
@@ -47,6 +48,8 @@ class Discovery:
         Modes, guards and switching, where the system has several modes.
     rare : RareMode or None
         Where few samples follow another law than all others, and too few to tell it.
+    columns : dict of str to str
+        Symbol to column, where a column's name could not stand in an expression.
     """
 
     equations: tuple[Equation, ...]
@@ -55,6 +58,7 @@ class Discovery:
     samples: Samples = field(repr=False)
     hybrid: Hybrid | None = field(default=None, repr=False)
     rare: RareMode | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -162,6 +166,7 @@ class Discovery:
             "schema": "jaxsr.discovery/1",
             "equations": [_equation_dict(equation) for equation in self.equations],
             "pareto": fronts,
+            **({"columns": dict(self.columns)} if self.columns else {}),
             **self._hybrid_dict(),
             **self._reset_dict(),
             "provenance": {"version": jaxsr.__version__, **self.provenance},
@@ -198,14 +203,21 @@ class Discovery:
         ]
         return {"resets": rows} if rows else {}
 
-    def save(self, directory: str | Path) -> None:
-        """Write ``discovery.json``, ``model.toml``, ``report.html`` and figures, all or none."""
+    def save(self, directory: str | Path, budget: Budget | None = None) -> None:
+        """Write ``discovery.json``, ``model.toml``, ``report.html`` and figures, all or none.
+
+        Parameters
+        ----------
+        directory : path
+        budget : Budget, optional
+            Figures are drawn as long as it lasts.
+        """
         from jaxsr.discovery.page import write_page
 
         with atomic_directory(Path(directory)) as folder:
             (folder / "discovery.json").write_text(dump_json(self.to_dict()), encoding="utf-8")
             (folder / "model.toml").write_text(model_text(self.model), encoding="utf-8")
-            write_page(self, folder)
+            write_page(self, folder, budget)
 
 
 def term_at(equation: Equation, index: int | None = None) -> Term:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -51,6 +51,16 @@ class Roles:
     time: str
     autonomous: bool = False
     treatment: Treatment = field(default_factory=Treatment)
+
+    def needed(self, columns: Collection[str]) -> list[str]:
+        """Return the columns without which a recording that has ``columns`` serves nothing.
+
+        Rates are computed where they are absent, and what has a derivative is integrated.
+        """
+        told = {s for s, column in self.derivatives.items() if column in columns}
+        told |= {q for q, rate in self.rate_of.items() if rate in told}
+        states = [s for s in self.states if s not in told and s not in self.rate_of.values()]
+        return [*states, *self.derivatives.values(), *self.inputs]
 
 
 @dataclass(frozen=True, slots=True)

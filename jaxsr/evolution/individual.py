@@ -85,6 +85,7 @@ class Problem(Protocol):
     floor: float
     judged_rows: int
     noise: float
+    expired: Callable[[], bool]
 
     def solve(self, individuals: Sequence[Sequence[Term]]) -> tuple[list[Any], np.ndarray]:
         """Return coefficients of unit-norm columns, and relative losses (inf if unusable)."""

@@ -36,6 +36,7 @@ class Dictionary:
         kept: list[Term] = []
         columns = [np.zeros((0, problem.rows), np.float32)]
         for start in range(0, len(terms), _CHUNK):
+            problem.check()
             part = list(terms[start : start + _CHUNK])
             with np.errstate(all="ignore"):
                 found = problem.projected(part)

@@ -11,6 +11,7 @@ from jaxsr.report.evidence import EquationFit
 from jaxsr.report.formatting import estimate, is_number, listing, number, percent
 from jaxsr.report.mode_plane import ModePlane, plane_figures
 from jaxsr.report.page import write_page
+from jaxsr.report.style import Pace
 
 
 def write_discovery_report(
@@ -18,6 +19,7 @@ def write_discovery_report(
     fits: Sequence[EquationFit],
     directory: Path,
     plane: ModePlane | None = None,
+    pace: Pace | None = None,
 ) -> None:
     """Write ``report.html``, one file with its figures inside, and the figures as PNG.
 
@@ -31,6 +33,8 @@ def write_discovery_report(
         Where to write; made when absent.
     plane : ModePlane, optional
         The modes in the plane of two states.
+    pace : Pace, optional
+        What figures there is time for; all by default.
 
     Raises
     ------
@@ -38,8 +42,10 @@ def write_discovery_report(
         If `directory` cannot be written.
     """
     equations = document.get("equations") or []
-    fronts, fitted = pareto_figure(document), fit_figures(fits)
-    switching = [*mode_figure(document), *plane_figures(plane)]
+    pace = pace or Pace()
+    fitted = fit_figures(fits, pace)
+    fronts = pace.drawn(lambda: pareto_figure(document))
+    switching = pace.drawn(lambda: [*mode_figure(document), *plane_figures(plane)])
     context = {
         "title": "Discovered equations",
         "sentence": _sentence(document),
@@ -60,6 +66,7 @@ def write_discovery_report(
         "pareto": _fronts(document),
         "fits": fitted,
         "undrawn": len({fit.state for fit in fits}) - len(fitted),
+        "hurried": pace.left_out,
         "provenance": document.get("provenance") or {},
     }
     drawings = [*fronts, *fitted, *switching]

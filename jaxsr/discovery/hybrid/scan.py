@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from jaxsr._deadline import ensure, never
 
 _POSITIONS = 100  # thresholds tried on each guard, evenly spaced in rank, then once finer
 _RIDGE = 1e-11  # damping of columns of mean square one
@@ -42,7 +44,11 @@ class Split:
 
 
 def best_splits(
-    columns: np.ndarray, targets: np.ndarray, guards: Sequence[np.ndarray], least: int
+    columns: np.ndarray,
+    targets: np.ndarray,
+    guards: Sequence[np.ndarray],
+    least: int,
+    expired: Callable[[], bool] = never,
 ) -> list[Split]:
     r"""Return the best threshold of every guard variable, the largest gain first.
 
@@ -63,11 +69,19 @@ def best_splits(
     guards : sequence of ndarray, (samples,)
     least : int
         Samples that a side must have.
+    expired : callable
+        Whether the time is over.
+
+    Raises
+    ------
+    OutOfTime
+        Once it is.
     """
     total = np.sum(targets**2, axis=0)
     everywhere = _left(columns.T @ columns, columns.T @ targets, total, total)
     splits = []
     for number, values in enumerate(guards):
+        ensure(expired)
         order = np.argsort(values, kind="stable")
         found = _of_guard(columns[order], targets[order], values[order], least, total)
         if found is None:
