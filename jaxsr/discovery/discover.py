@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import InputError, StoppedBy
+from jaxsr.discovery.affordable import affordable
 from jaxsr.discovery.equation import cut_short
 from jaxsr.discovery.experiments import Source, opened, read_experiments
 from jaxsr.discovery.find import Checkpoint
@@ -172,11 +173,10 @@ def discover(
     read = opened(recordings, part, naming, time)
     resets = find_resets(read, part) if count != 1 and not integrals else []
     pieces = cut_at(read, resets) if resets else read
-    data = thin(pieces, part, limit.seconds, joined=integrals)
-    judged = thin(
-        opened(validation, part, naming, time), part, limit.seconds, joined=integrals
-    ).searched
-    experiments = read_experiments(data.searched, judged, part, whole=integrals)
+    unjudged = opened(validation, part, naming, time)
+    data, hurried = affordable(pieces, part, limit, joined=integrals)
+    judged, _ = affordable(unjudged, part, limit, joined=integrals)
+    experiments = read_experiments(data.searched, judged.searched, part, whole=integrals)
     finder = None
     if count != 1 and not integrals:
         rng = np.random.default_rng([seed, len(part.states)])
@@ -195,13 +195,16 @@ def discover(
     model = replace(model, events=tuple(reset.event for reset in resets))
     if held_out:
         unread = opened(held_out, part, naming, time)
-        unseen = thin(cut_at(unread, resets) if resets else unread, part, joined=integrals)
+        unread = cut_at(unread, resets) if resets else unread
+        unseen = thin(unread, part, limit.seconds, joined=integrals)
         equations = with_errors(equations, unseen.whole, part, limit)
+    reasons = [*(e.stopped_by for e in equations), ended]
+    reason = cut_short([*reasons, StoppedBy.BUDGET] if hurried else reasons)
     provenance: dict[str, Any] = {
         "seed": seed,
         "command": command,
         "seconds": clock.monotonic() - began,
-        "stopped_by": cut_short([*(e.stopped_by for e in equations), ended]) or StoppedBy.CONVERGED,
+        "stopped_by": reason or StoppedBy.CONVERGED,
         "estimated_derivatives": sorted(experiments.rows.estimated),
         "data_sha256": {r.name: r.sha256 for r in read if r.sha256},
     }

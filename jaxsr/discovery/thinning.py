@@ -15,9 +15,9 @@ from jaxsr.recordings import Recording, noise_level
 MOST_ROWS = 12_000
 """Rows of all recordings together that a search begins with."""
 _MOST_CELLS = 96_000  # rows times signals
-_CELLS_A_SECOND = 6_000  # of the budget: smoothing and weighing takes a fifth of it then
+_CELLS_A_SECOND = 4_000  # of the budget: smoothing takes a fifth of it then
 _MOST_SIGNALS = 600  # signals over all recordings: each is smoothed by itself,
-_SIGNALS_A_SECOND = 3  # of the budget
+_SIGNALS_A_SECOND = 2  # of the budget
 _STRETCHES = 12  # of a recording of which nothing may be left out in between
 _SHORTEST = 250  # rows of a stretch
 _WINDOWS = 200  # windows in which it is told what a local fit leaves
@@ -102,7 +102,7 @@ def thin(
     count = min(max(signals, 4), max(4, most // max(1, rows // len(pieces))), len(pieces))
     places = np.unique(np.linspace(0, len(pieces) - 1, count).round().astype(int))
     searched = tuple(pieces[k] for k in places.tolist())
-    whole = tuple(piece for r in whole for piece in _cut(r, MOST_ROWS))
+    whole = tuple(piece for r in whole for piece in _cut(r, most))
     return Thinned(searched, whole, factor, sum(len(r) for r in searched), recorded)
 
 

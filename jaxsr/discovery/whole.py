@@ -83,7 +83,7 @@ def with_errors(
 ) -> list[Equation]:
     """Return equations with their mean squares on recordings held out, ``held_out_mse``."""
     squares = {e.state: [0.0, 0.0] for e in equations}
-    for rows in _treated(pieces, part, limit):
+    for rows in _treated(pieces, part, limit, least=1):
         _add_squares(squares, equations, rows)
     return [
         replace(e, held_out_mse=total / count if count and np.isfinite(total) else None)
@@ -91,25 +91,29 @@ def with_errors(
     ]
 
 
-def _treated(pieces: Sequence[Recording], part: Roles, limit: Budget) -> Iterator[Samples]:
+def _treated(
+    pieces: Sequence[Recording], part: Roles, limit: Budget, *, least: int = 0
+) -> Iterator[Samples]:
     """Yield the rows of pieces, spread ones first, as long as there is time for one more.
+
+    ``least`` pieces are treated whatever the time.
 
     Raises
     ------
     InputError
         No piece has a row.
     """
-    longest, error, some = 0.0, None, False
+    longest, error, some = 0.0, None, 0
     for place in _spread(len(pieces)):
         began = clock.monotonic()
-        if some and limit.remaining <= _AHEAD * longest:
+        if some >= least and limit.remaining <= _AHEAD * longest:
             return
         try:
             rows = samples([pieces[place]], part)
         except InputError as told:
             error = told
             continue
-        some = True
+        some += 1
         yield rows
         longest = max(longest, clock.monotonic() - began)
     if error is not None and not some:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from jaxsr._deadline import OutOfTime, never
 from jaxsr.discovery.rollout.segments import Segments
@@ -47,7 +47,7 @@ class RolloutFit:
     def ci95(self) -> np.ndarray:
         """Return 95 % intervals (constants, 2)."""
         free = max(self.count - len(self.constants) - self.starts.size, 1)
-        half = stats.t.ppf(0.975, free) * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        half = stdtrit(free, 0.975) * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         return np.column_stack([self.constants - half, self.constants + half])
 
 
