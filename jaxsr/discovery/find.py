@@ -199,8 +199,9 @@ def find_equation(
     every : Samples
         Rows of the final estimate: both, where both come from DATA.
     """
-    weak = task.state in train.weak
-    if weak and len(validation.weak[task.state].target) < _FEWEST:
+    weak = task.state in every.weak
+    parts = (train, validation) if weak else ()
+    if any(task.state not in p.weak or len(p.weak[task.state].target) < _FEWEST for p in parts):
         train = validation = every  # blocks shorter than test functions hold none
     few = train if weak else train.take(thinned(np.arange(len(train)), MOST_ROWS))
     by_validation = task.config.fitness.data == "validation"

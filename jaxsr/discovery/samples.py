@@ -14,11 +14,13 @@ from jaxsr.discovery.weak_rows import WeakRows, weak_rows
 from jaxsr.expressions import is_identifier
 from jaxsr.recordings import Recording, noise_level
 from jaxsr.views import choose_method, integrate
+from jaxsr.views.gaps import reachable
 
 Trace = dict[str, dict[str, np.ndarray]]
 """Of one recording: "time"; "values" of all states and inputs and, of smooth ones, their "slopes";
 "measured" states and their "noise"."""
 _CUBIC = 8  # samples
+_FEWEST_WEAK = 12  # test functions; with fewer, derivatives at samples tell more
 _TOLD = 100  # samples of which noise can be told
 _FINEST = 1e-3  # noise of a state relative to its spread, at least: no model is truer
 
@@ -170,7 +172,10 @@ def samples(recordings: Sequence[Recording], roles: Roles) -> Samples:
     if not np.any(complete):
         names = ", ".join(recording.name for recording in recordings)
         raise InputError("no sample has every state, input and derivative", names)
-    return whole if np.all(complete) else whole.take(np.flatnonzero(complete))
+    if not np.all(complete):
+        whole = whole.take(np.flatnonzero(complete))
+    enough = {n: rows for n, rows in whole.weak.items() if len(rows.target) >= _FEWEST_WEAK}
+    return replace(whole, weak=enough)
 
 
 def _levelled(traces: Sequence[Trace]) -> tuple[Trace, ...]:
@@ -204,7 +209,7 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
     states = {name: signal.values for name, signal in treated.items()}
     states |= {rate: treated[displacement[rate]].derivative(1)[0] for rate in computed}
     values = {roles.time: t} | {name: states[name] for name in roles.states}
-    values |= {name: recording.channel(name) for name in roles.inputs}
+    values |= {name: _bridged(t, recording.channel(name)) for name in roles.inputs}
     targets, errors, noise, weak = {}, {}, {}, {}
     for state in roles.states:
         if state in roles.rate_of:
@@ -218,7 +223,7 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
             signal = treated[displacement[state] if order == 2 else state]
             targets[state], errors[state] = signal.derivative(order)
             if signal.weak:
-                weak[state] = weak_rows(t, signal.recorded, signal.noise, order)
+                weak[state] = weak_rows(t, signal.filled, signal.noise, order)
     known = {n: e for n, e in errors.items() if e is not None}
     # beside given derivatives states stay as recorded, but what drives a roll-out must be smooth
     smooth = {n: treat(t, recording.channel(n)).values for n in treated if n in roles.derivatives}
@@ -261,6 +266,13 @@ def _is_smooth(t: np.ndarray, values: np.ndarray) -> bool:
     """Tell whether a cubic between samples is nearer than a straight line."""
     enough = len(t) > _CUBIC and np.ptp(values) > 0.0 and np.all(np.isfinite(values))
     return bool(enough) and choose_method(t, values) == "finite_difference"
+
+
+def _bridged(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return an input with straight lines over what is missing between near neighbours."""
+    known = np.isfinite(values)
+    near = reachable(t, known)
+    return np.where(near, _filled(t, values), np.nan) if np.any(near & ~known) else values
 
 
 def _filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:
