@@ -151,11 +151,13 @@ class Task:
             known = 0.0
             if self.known is not None:
                 known = weak.matrix @ self._given(samples)
-            return Rows(weak.target - known, weak.error, lambda c: weak.matrix @ c, False)
+            return Rows(
+                weak.target - known, _positive(weak.error), lambda c: weak.matrix @ c, False
+            )
         y = self.remainder(samples)
         error = samples.errors.get(self.state)
         if error is not None:
-            return Rows(y, error, lambda columns: columns, True)
+            return Rows(y, _positive(error), lambda columns: columns, True)
         noise = samples.noise.get(self.state, 0.0)
         rounding = np.sqrt(_ROUNDING * np.mean(y**2)) or 1.0
         return Rows(y, np.full(len(y), max(noise, rounding)), lambda columns: columns, False)
@@ -178,6 +180,11 @@ class Rows:
     error: np.ndarray
     seen: Callable[[np.ndarray], np.ndarray]
     exact: bool
+
+
+def _positive(error: np.ndarray) -> np.ndarray:
+    """Return errors of which none is zero: a signal at rest seems to have none."""
+    return np.maximum(error, _ROUNDING * float(np.max(error, initial=0.0)) or 1.0)
 
 
 def find_equation(

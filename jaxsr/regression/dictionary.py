@@ -55,9 +55,11 @@ class Dictionary:
             return []
         problem = self._problem
         theta = problem.projected(terms, keep=True)
-        basis = np.linalg.qr(theta / np.linalg.norm(theta, axis=0))[0] if len(terms) else theta
-        if not np.all(np.isfinite(basis)):
+        if not np.all(np.isfinite(theta)):
             return []
+        norms = np.linalg.norm(theta, axis=0)
+        theta = theta[:, norms > 0.0] / norms[norms > 0.0]  # a column of zeros explains nothing
+        basis = np.linalg.qr(theta)[0] if theta.shape[1] else theta
         residual = problem.target - basis @ (basis.T @ problem.target)
         size = float(np.linalg.norm(residual)) or 1.0
         shares = self.columns @ (residual / size).astype(np.float32)

@@ -6,7 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxsr.report.equation_figures import fit_figures, is_pick, mode_figure, pareto_figure
+from jaxsr.report.equation_figures import (
+    MOST_FRONTS,
+    fit_figures,
+    is_pick,
+    mode_figure,
+    pareto_figure,
+)
 from jaxsr.report.evidence import EquationFit
 from jaxsr.report.formatting import estimate, is_number, listing, number, percent
 from jaxsr.report.mode_plane import ModePlane, plane_figures
@@ -44,8 +50,11 @@ def write_discovery_report(
     equations = document.get("equations") or []
     pace = pace or Pace()
     fitted = fit_figures(fits, pace)
-    fronts = pace.drawn(lambda: pareto_figure(document))
-    switching = pace.drawn(lambda: [*mode_figure(document), *plane_figures(plane)])
+    panels = max(1.0, 0.5 * min(len(equations), MOST_FRONTS))
+    fronts = pace.drawn(lambda: pareto_figure(document), panels)
+    switching = []
+    if plane is not None or document.get("switching"):
+        switching = pace.drawn(lambda: [*mode_figure(document), *plane_figures(plane)], 3.0)
     context = {
         "title": "Discovered equations",
         "sentence": _sentence(document),

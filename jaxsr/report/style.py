@@ -95,15 +95,15 @@ class Pace:
         self._budget, self._longest = budget or Budget(), self._FIRST
         self.left_out = False
 
-    def drawn(self, make: Callable[[], list[Drawing]]) -> list[Drawing]:
+    def drawn(self, make: Callable[[], list[Drawing]], panels: float = 1.0) -> list[Drawing]:
         """Return the figures that ``make`` draws, or none where there is no time for them."""
         began = self._budget.elapsed
-        if self._budget.remaining <= self._longest:
+        if self._budget.remaining <= panels * self._longest:
             self.left_out = True
             return []
         drawings = make()
         if drawings:
-            spent = (self._budget.elapsed - began) / len(drawings)
+            spent = (self._budget.elapsed - began) / panels
             self._longest = max(0.7 * self._longest, spent)
         return drawings
 
