@@ -14,7 +14,13 @@ class OutOfTime(Exception):
 class Limited(Protocol):
     """What may be stopped in the middle of a step."""
 
-    expired: Callable[[], bool]
+    @property
+    def expired(self) -> Callable[[], bool]:
+        """Whether the time is over."""
+        ...
+
+    @expired.setter
+    def expired(self, value: Callable[[], bool]) -> None: ...
 
 
 def never() -> bool:

@@ -50,7 +50,8 @@ def affordable(
     allowed = _SHARE * limit.remaining
     if cost <= allowed:
         return data, False
-    return thin(recordings, part, limit.seconds * allowed / cost, joined=joined), True
+    seconds = min(limit.seconds, data.seconds) * allowed / cost
+    return thin(recordings, part, seconds, joined=joined), True
 
 
 def _pace() -> float:

@@ -88,8 +88,8 @@ class Naming:
         aside = {s: c for s, c in self.columns.items() if c in recording.set_aside}
         if not found and not aside:
             return recording
-        channels = recording.channels | {s: recording.channels[c] for s, c in found.items()}
-        told = recording.set_aside | {s: recording.set_aside[c] for s, c in aside.items()}
+        channels = {**recording.channels, **{s: recording.channels[c] for s, c in found.items()}}
+        told = {**recording.set_aside, **{s: recording.set_aside[c] for s, c in aside.items()}}
         return replace(recording, channels=channels, set_aside=told)
 
     def missing(self, recording: Recording, symbols: Sequence[str]) -> InputError | None:

@@ -14,12 +14,13 @@ from jaxsr.discovery.weak_rows import WeakRows, weak_rows
 from jaxsr.expressions import is_identifier
 from jaxsr.recordings import Recording, noise_level
 from jaxsr.views import choose_method, integrate
-from jaxsr.views.gaps import reachable
+from jaxsr.views.gaps import fill, reachable
 
 Trace = dict[str, dict[str, np.ndarray]]
 """Of one recording: "time"; "values" of all states and inputs and, of smooth ones, their "slopes";
 "measured" states and their "noise"."""
 _CUBIC = 8  # samples
+_COMPLETE = 0.3  # share of the instants of the least known channel
 _FEWEST_WEAK = 12  # test functions; with fewer, derivatives at samples tell more
 _TOLD = 100  # samples of which noise can be told
 _FINEST = 1e-3  # noise of a state relative to its spread, at least: no model is truer
@@ -206,7 +207,11 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
         for name in roles.states
         if name not in computed
     }
+    channels = [*treated, *roles.derivatives.values(), *roles.inputs]
+    sparse = _is_sparse([recording.channels[n] for n in channels])
     states = {name: signal.values for name, signal in treated.items()}
+    if sparse:  # sensors take turns: few instants are known of all of them
+        states = {name: fill(t, values) for name, values in states.items()}
     states |= {rate: treated[displacement[rate]].derivative(1)[0] for rate in computed}
     values = {roles.time: t} | {name: states[name] for name in roles.states}
     values |= {name: _bridged(t, recording.channel(name)) for name in roles.inputs}
@@ -222,6 +227,8 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
             order = 2 if state in computed else 1
             signal = treated[displacement[state] if order == 2 else state]
             targets[state], errors[state] = signal.derivative(order)
+            if sparse and errors[state] is not None:
+                targets[state], errors[state] = fill(t, targets[state]), None
             if signal.weak:
                 weak[state] = weak_rows(t, signal.filled, signal.noise, order)
     known = {n: e for n, e in errors.items() if e is not None}
@@ -260,6 +267,13 @@ def _integrated(recording: Recording, roles: Roles) -> Recording:
         if len(channels) > len(recording.channels)
         else recording
     )
+
+
+def _is_sparse(channels: Sequence[np.ndarray]) -> bool:
+    """Tell whether far fewer instants are known of all channels than of the least known one."""
+    known = np.array([np.isfinite(values) for values in channels])
+    least = int(np.min(np.count_nonzero(known, axis=1)))
+    return bool(np.count_nonzero(np.all(known, axis=0)) < _COMPLETE * least)
 
 
 def _is_smooth(t: np.ndarray, values: np.ndarray) -> bool:

@@ -21,7 +21,7 @@ _SIGNALS_A_SECOND = 2  # of the budget
 _STRETCHES = 12  # of a recording of which nothing may be left out in between
 _SHORTEST = 250  # rows of a stretch
 _WINDOWS = 200  # windows in which it is told what a local fit leaves
-_QUADRATIC = 5  # samples of a block from which a parabola is fitted, and not their mean
+_QUADRATIC = 5  # samples of a block from which a parabola is fitted, and not a line
 _NOISE = 1.21  # mean square over the noise's that a local fit may leave,
 _FINEST = 2e-3  # and the rms of the signal's, besides
 _CLEAN = 1e-6  # noise over the signal's spread up to which samples are picked and not averaged
@@ -42,6 +42,8 @@ class Thinned:
         Samples that became one row.
     rows, recorded : int
         Rows searched, and samples recorded.
+    seconds : float
+        Budget that a search of so many rows and signals is for.
     """
 
     searched: tuple[Recording, ...]
@@ -49,6 +51,7 @@ class Thinned:
     factor: int
     rows: int
     recorded: int
+    seconds: float
 
     @property
     def is_partial(self) -> bool:
@@ -96,14 +99,21 @@ def thin(
     signals = max(1, int(min(_MOST_SIGNALS, _SIGNALS_A_SECOND * seconds) / width))
     rows = sum(len(r) for r in whole)
     if joined or (rows <= 1.2 * most and len(whole) <= max(signals, 4)):
-        return Thinned(whole, whole, factor, rows, recorded)
+        return Thinned(whole, whole, factor, rows, recorded, _seconds(whole, width))
     longest = max(most // min(_STRETCHES, max(signals, 4)), _SHORTEST)
     pieces = [piece for r in whole for piece in _cut(r, longest)]
     count = min(max(signals, 4), max(4, most // max(1, rows // len(pieces))), len(pieces))
     places = np.unique(np.linspace(0, len(pieces) - 1, count).round().astype(int))
     searched = tuple(pieces[k] for k in places.tolist())
     whole = tuple(piece for r in whole for piece in _cut(r, most))
-    return Thinned(searched, whole, factor, sum(len(r) for r in searched), recorded)
+    rows = sum(len(r) for r in searched)
+    return Thinned(searched, whole, factor, rows, recorded, _seconds(searched, width))
+
+
+def _seconds(recordings: Sequence[Recording], width: int) -> float:
+    """Return the budget that a search of recordings with so many signals each is for."""
+    cells = width * sum(len(r) for r in recordings)
+    return max(cells / _CELLS_A_SECOND, width * len(recordings) / _SIGNALS_A_SECOND)
 
 
 def _named(recordings: Sequence[Recording], part: Roles) -> list[str]:
@@ -150,7 +160,7 @@ def _is_smooth(recording: Recording, name: str, width: int, driving: bool) -> bo
     chosen = np.unique(np.linspace(0, count - 1, min(count, _WINDOWS)).astype(int))
     rows = chosen[:, None] * width + np.arange(width)
     t, y = recording.time[rows], values[rows]
-    fit, present = _parabolas(t, y)
+    fit, present = _polynomials(t, y, 2)
     s = _places(t)
     shape = fit[:, :1] + fit[:, 1:2] * s + fit[:, 2:] * s**2
     error = np.where(np.isfinite(y), y - shape, 0.0) ** 2
@@ -189,14 +199,11 @@ def _reduced(recording: Recording, names: Sequence[str], factor: int, picked: bo
 
 def _at_middle(t: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return local fits at the blocks' mean times (blocks,); NaN where most samples are missing."""
-    known = np.isfinite(y)
-    present = np.count_nonzero(known, axis=1)
-    enough = 2 * present >= y.shape[1]
-    if y.shape[1] < _QUADRATIC:
-        total = np.sum(np.where(known, y, 0.0), axis=1)
-        return np.where(enough, total / np.maximum(present, 1), np.nan)
-    fit, _ = _parabolas(t, y)
-    return np.where(enough & (present >= _QUADRATIC), fit[:, 0], np.nan)
+    lines, present = _polynomials(t, y, 1)
+    middle = lines[:, 0]
+    if y.shape[1] >= _QUADRATIC:
+        middle = np.where(present >= _QUADRATIC, _polynomials(t, y, 2)[0][:, 0], middle)
+    return np.where((2 * present >= y.shape[1]) & (present >= 1), middle, np.nan)
 
 
 def _places(t: np.ndarray) -> np.ndarray:
@@ -205,8 +212,8 @@ def _places(t: np.ndarray) -> np.ndarray:
     return 2.0 * (t - np.mean(t, axis=1, keepdims=True)) / span
 
 
-def _parabolas(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the parabola through the samples of each block (blocks, 3), and how many there are.
+def _polynomials(t: np.ndarray, y: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the polynomial through the samples of each block, and how many those are.
 
     The mean is taken off first: a large offset must not cost digits.
     """
@@ -216,10 +223,11 @@ def _parabolas(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     mean = np.sum(filled, axis=1) / np.maximum(present, 1)
     centred = np.where(known, filled - mean[:, None], 0.0)
     s = _places(t)
-    moments = np.stack([np.sum(known * s**k, axis=1) for k in range(5)], axis=1)
-    gram = moments[:, np.arange(3)[:, None] + np.arange(3)]
-    gram = gram + 1e-9 * np.maximum(present, 1)[:, None, None] * np.eye(3)
-    right = np.stack([np.sum(centred * s**k, axis=1) for k in range(3)], axis=1)
+    powers = np.arange(degree + 1)
+    moments = np.stack([np.sum(known * s**k, axis=1) for k in range(2 * degree + 1)], axis=1)
+    gram = moments[:, powers[:, None] + powers]
+    gram = gram + 1e-9 * np.maximum(present, 1)[:, None, None] * np.eye(degree + 1)
+    right = np.stack([np.sum(centred * s**k, axis=1) for k in powers], axis=1)
     fit = np.linalg.solve(gram, right[:, :, None])[:, :, 0]
     fit[:, 0] += mean
     return fit, present

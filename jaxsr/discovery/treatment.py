@@ -21,7 +21,7 @@ from jaxsr.views import (
 )
 from jaxsr.views.derivative import choose_method
 from jaxsr.views.finite_difference import finite_difference
-from jaxsr.views.gaps import fill, reachable
+from jaxsr.views.gaps import reachable
 
 _NEIGHBOURS = 9  # samples that one stencil joins
 _DIGITS = 3e-9  # of the derivative's rms: no recording, or solver, is truer
@@ -96,13 +96,13 @@ class Treated:
     def values(self) -> np.ndarray:
         """Samples where they are clean, else smoothed at their times.
 
-        Missing ones are filled between near neighbours, and NaN in long gaps.
+        Missing ones among noisy ones are filled between near neighbours, and NaN in long gaps.
         """
         way = self.treatment.smoothing
         if way not in ("auto", "none"):
             return smooth(self.time, self.recorded, way)
         if self.clean or way == "none":
-            return fill(self.time, self.recorded)
+            return self.recorded
         return np.where(self.near, self.spline(self.time), np.nan)
 
     @functools.cached_property

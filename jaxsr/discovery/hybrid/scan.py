@@ -12,6 +12,7 @@ from jaxsr._deadline import ensure, never
 
 _POSITIONS = 100  # thresholds tried on each guard, evenly spaced in rank, then once finer
 _RIDGE = 1e-11  # damping of columns of mean square one
+_LEAST = 1e-200  # sum of squares of a target at rest, whose logarithm is taken
 _EXACT = 1e-13  # share of a target's sum of squares below which fits differ by rounding alone
 
 
@@ -77,7 +78,7 @@ def best_splits(
     OutOfTime
         Once it is.
     """
-    total = np.sum(targets**2, axis=0)
+    total = np.maximum(np.sum(targets**2, axis=0), _LEAST)
     everywhere = _left(columns.T @ columns, columns.T @ targets, total, total)
     splits = []
     for number, values in enumerate(guards):
