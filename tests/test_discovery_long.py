@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import jaxsr
 from jaxsr._deadline import OutOfTime, bounded, never
@@ -162,3 +165,25 @@ def test_a_search_without_time_gives_a_linear_law():
     state, reason = search(np.random.default_rng(0), problem, QUICK, budget=1e-6)
     assert reason == "budget" and state.front.best_loss < 1e-20
     assert state.front.members[-1].size <= 8
+
+
+@pytest.mark.slow
+def test_a_million_rows_give_the_law_of_every_fiftieth():
+    rng = np.random.default_rng(11)
+    t = np.linspace(0.0, 200.0, 1_000_001)
+
+    def rates(t, x):
+        return [x[1], -9.81 * np.sin(x[0]) - 0.05 * x[1] + 1.5 * np.sin(1.3 * t)]
+
+    path = solve_ivp(rates, (0.0, 200.0), [1.0, 0.0], dense_output=True, rtol=1e-9, atol=1e-10)
+    q, w = path.sol(t)
+    q, w = q + 1e-4 * rng.normal(size=t.size), w + 1e-3 * rng.normal(size=t.size)
+    began = time.thread_time()
+    record = Recording("a", t, {"q": q, "w": w})
+    found = jaxsr.discover([record], states=["q", "w"], budget=120.0)
+    assert time.thread_time() - began < 120.0
+    assert found["q"].expression == "w"
+    law = {term.expression: term.coefficient for term in found["w"].terms}
+    assert len(law) == 3 and any(name.startswith("sin(1.") for name in law)
+    assert law["sin(q)"] == pytest.approx(-9.81, rel=1e-3)
+    assert law["w"] == pytest.approx(-0.05, rel=0.02)
