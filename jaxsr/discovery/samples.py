@@ -20,6 +20,7 @@ Trace = dict[str, dict[str, np.ndarray]]
 """Of one recording: "time"; "values" of all states and inputs and, of smooth ones, their "slopes";
 "measured" states and their "noise"."""
 _CUBIC = 8  # samples
+_FEWEST_TWICE = 4  # samples of which there is a second derivative
 _COMPLETE = 0.3  # share of the instants of the least known channel
 _FEWEST_WEAK = 12  # test functions; with fewer, derivatives at samples tell more
 _TOLD = 100  # samples of which noise can be told
@@ -202,6 +203,12 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
     displacement = {rate: q for q, rate in roles.rate_of.items()}
     recording = _integrated(recording, roles)
     computed = {r for r in displacement if r not in recording.channels}
+    if computed and len(t) < _FEWEST_TWICE:
+        raise InputError(
+            f"{len(t)} samples are too few to differentiate twice",
+            recording.name,
+            f"Give at least {_FEWEST_TWICE}, or a column d_STATE of the rate",
+        )
     treated = {
         name: treat(t, recording.channel(name), roles.treatment, given=name in roles.derivatives)
         for name in roles.states
