@@ -12,6 +12,7 @@ import pytest
 from discovery_forms import FORMS, form, pendulum
 
 import jaxsr
+from jaxsr._progress import Budget
 from jaxsr._result import InputError
 from jaxsr.evolution import SearchConfig
 from jaxsr.models.reading import read_model
@@ -111,7 +112,9 @@ def test_the_budget_holds_whatever_the_number_of_states(monkeypatch):
     t = np.linspace(0.0, 10.0, 1500)
     waves = {f"x{k}": np.sin((1.0 + 0.3 * k) * t) + 0.01 * rng.normal(size=1500) for k in range(8)}
     began = time.thread_time()
-    found = jaxsr.discover([Recording("a", t, waves)], states=list(waves), budget=8.0)
+    found = jaxsr.discover(
+        [Recording("a", t, waves)], states=list(waves), budget=Budget(8.0, began)
+    )
     assert time.thread_time() - began < 1.1 * 8.0
     assert len(found.equations) == 8
     assert found.provenance["stopped_by"] == "budget"
