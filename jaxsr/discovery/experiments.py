@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from jaxsr._result import InputError
-from jaxsr.discovery.naming import Naming
+from jaxsr.discovery.naming import Naming, quoted
 from jaxsr.discovery.samples import Roles, Samples, Trace, hold_back, samples
 from jaxsr.recordings import Recording, read_recording
+
+_LARGEST = 1e30  # of a signal: higher powers of it are terms
 
 Source = Recording | str | Path
 
@@ -92,8 +94,22 @@ def opened(
         error = naming.missing(recording, part.needed(recording.channels))
         if error is not None:
             raise error
+        _check_sizes(recording, naming, [*part.states, *part.derivatives.values(), *part.inputs])
         out.append(recording)
     return out
+
+
+def _check_sizes(recording: Recording, naming: Naming, symbols: Sequence[str]) -> None:
+    """Raise where values are so large that their powers are no numbers."""
+    for symbol in symbols:
+        values = recording.channels.get(symbol, np.zeros(1))
+        largest = float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+        if largest > _LARGEST:
+            raise InputError(
+                f"column {quoted(naming.column(symbol))} reaches {largest:.1e}",
+                recording.name,
+                f"Give it in a unit in which it stays below {_LARGEST:.0e}",
+            )
 
 
 def _read(source: Source, time: str | None) -> Recording:
