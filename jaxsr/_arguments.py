@@ -119,7 +119,7 @@ def check_roles(roles: Mapping[str, Iterable[str]]) -> None:
 
 
 def split_names(text: str | None, option: str) -> tuple[str, ...]:
-    """Return the names in ``a,b,c``.
+    """Return the names in ``a,b,c``; a name in double quotes may hold commas.
 
     Raises
     ------
@@ -128,12 +128,52 @@ def split_names(text: str | None, option: str) -> tuple[str, ...]:
     """
     if text is None:
         return ()
-    names = tuple(name.strip() for name in text.split(","))
+    names = tuple(_unquoted(name) for name in _split_outside_quotes(text))
     if not all(names):
         raise InputError(f"an empty name in {text!r}", option, "Write names as a,b,c")
     if len(set(names)) < len(names):
         raise InputError(f"a name stands twice in {text!r}", option)
     return names
+
+
+def split_pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
+    """Return the columns by name in ``z1=Angle,z2="Speed, rpm"``, given once or several times.
+
+    Raises
+    ------
+    InputError
+        If a part is no such pair, or a name stands twice.
+    """
+    out: dict[str, str] = {}
+    for part in (part for text in texts or () for part in _split_outside_quotes(text)):
+        name, equals, column = part.partition("=")
+        name, column = _unquoted(name), _unquoted(column)
+        if not (equals and name and column):
+            raise InputError(
+                f"{part[:80]!r} names no column", option, 'Write NAME="Name of the column"'
+            )
+        if name in out:
+            raise InputError(f"{name!r} stands twice", option)
+        out[name] = column
+    return out
+
+
+def _split_outside_quotes(text: str) -> list[str]:
+    """Split at commas that stand outside of double quotes."""
+    parts, inside = [""], False
+    for letter in text:
+        inside ^= letter == '"'
+        if letter == "," and not inside:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts
+
+
+def _unquoted(text: str) -> str:
+    text = text.strip()
+    quoted = len(text) > 1 and text[0] == text[-1] == '"'
+    return text[1:-1].strip() if quoted else text
 
 
 def model_and_data(

@@ -24,6 +24,7 @@ from jaxsr._arguments import (
     model_and_data,
     results_folder,
     split_names,
+    split_pairs,
     table_of,
 )
 from jaxsr._job import RUN, command_budget, loaded, save, session
@@ -80,6 +81,10 @@ def discover(
     order: Annotated[int, typer.Option(min=1, max=2, help="2: the states are displacements.")] = 1,
     inputs: Annotated[str | None, typer.Option(metavar="u1", help="Columns of inputs.")] = None,
     time: Annotated[str | None, typer.Option(metavar="t", help="Column of time.")] = None,
+    columns: Annotated[
+        list[str] | None,
+        typer.Option(metavar='z1="Angle/rad"', help="Names in the equations, and their columns."),
+    ] = None,
     units: Annotated[
         str | None, typer.Option(metavar="FILE", help="TOML with a [units] table.")
     ] = None,
@@ -106,7 +111,7 @@ def discover(
         "derivatives": split_names(derivatives, "--derivatives") or None,
         "inputs": split_names(inputs, "--inputs"),
         **{"order": order, "time": time, "units": units, "known": known, "modes": modes},
-        **{"seed": seed, "held_out": held_out or []},
+        **{"seed": seed, "held_out": held_out or [], "columns": split_pairs(columns, "--columns")},
     }
     if options["derivatives"] and len(options["derivatives"]) != len(names):
         raise InputError(
@@ -117,18 +122,20 @@ def discover(
     def job(command: str) -> None:
         with session() as progress:
             import jaxsr
+            from jaxsr.discovery.page import reserve
 
             found = loaded(jaxsr.discover)(
                 data,
                 states=names,
                 validation=validation or [],
-                budget=limit,
+                budget=reserve(limit, len(names)),
                 progress=progress,
                 command=command,
                 **options,
             )
-        equations = [f"d({e.state})/dt = {e.expression}" for e in found.equations]
-        save(found, folder, "\n".join(equations))
+        told = [f"{symbol} is column {column}" for symbol, column in found.columns.items()]
+        told += [f"d({e.state})/dt = {e.expression}" for e in found.equations]
+        save(found, folder, "\n".join(told), budget=limit)
 
     return job
 

@@ -181,7 +181,7 @@ def test_paths_are_read_and_missing_samples_left_out(tmp_path):
         ({"states": ["q"], "inputs": ["q"]}, "two roles"),
         ({"states": ["q"], "modes": "many"}, "modes"),
         ({"states": ["q"], "modes": 0}, "modes"),
-        ({"states": ["q q"]}, "identifier"),
+        ({"states": ["q q"]}, "no column"),
     ],
 )
 def test_wrong_calls_are_refused_in_one_line(options, match):

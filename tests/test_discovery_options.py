@@ -78,7 +78,10 @@ def test_a_discovery_broken_off_ends_as_if_it_never_was(tmp_path, seed):
 
 
 def test_a_checkpoint_of_other_data_or_settings_is_refused(tmp_path):
-    jaxsr.discover([_oscillator()], **ROLES, config=QUICK, budget=1e-6, checkpoint=tmp_path)
+    with pytest.raises(_Stop):
+        jaxsr.discover(
+            [_oscillator()], **ROLES, config=QUICK, checkpoint=tmp_path, progress=_BrokenOff(1)
+        )
     with pytest.raises(InputError, match="other data"):
         jaxsr.discover([_oscillator(1)], **ROLES, config=QUICK, checkpoint=tmp_path)
     other = dataclasses.replace(QUICK, population=50)

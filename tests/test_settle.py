@@ -108,7 +108,7 @@ def test_an_equation_turned_back_for_its_signs_still_tells(
     def late() -> None:
         clock.now += 100.0
 
-    home = importlib.import_module("jaxsr.discovery.discover")
+    home = importlib.import_module("jaxsr.discovery.laws")
     monkeypatch.setattr(home, "obeys", lambda equation, signs: False)
     assert _discovered(Budget(50.0, 0.0), late).provenance["stopped_by"] == "budget"
 

@@ -12,34 +12,34 @@ import numpy as np
 
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import InputError, StoppedBy
-from jaxsr.discovery.equation import Equation, cut_short
-from jaxsr.discovery.experiments import Experiments, Source, read_experiments, read_source
-from jaxsr.discovery.find import Checkpoint, Task, find_equation
+from jaxsr.discovery.affordable import affordable
+from jaxsr.discovery.equation import cut_short
+from jaxsr.discovery.experiments import Source, opened, read_experiments
+from jaxsr.discovery.find import Checkpoint
 from jaxsr.discovery.found import found_model
-from jaxsr.discovery.hybrid import Hybrid, ModeFinder, RareMode, cut_at, find_resets
+from jaxsr.discovery.hybrid import ModeFinder, cut_at, find_resets
 from jaxsr.discovery.known import (
     Prior,
     admission,
     binding_units,
     guessed_terms,
     known_terms,
-    obeys,
     signed_terms,
     unit_table,
 )
-from jaxsr.discovery.recognise import kinematic, recognised
+from jaxsr.discovery.laws import laws, settled, tasks_of
+from jaxsr.discovery.naming import Naming
 from jaxsr.discovery.result import Discovery
-from jaxsr.discovery.samples import Roles, Samples, roles, samples
-from jaxsr.discovery.settle import settle
+from jaxsr.discovery.samples import roles
+from jaxsr.discovery.thinning import thin
 from jaxsr.discovery.treatment import Treatment
-from jaxsr.evolution import SearchConfig, SearchInfo
+from jaxsr.discovery.whole import estimated_on_whole, with_errors
+from jaxsr.evolution import SearchConfig
 from jaxsr.expressions.primitives import INTEGRALS
 from jaxsr.models.model import Model
 
-_SEARCH = 0.6  # share of the time for the search; the rest is for modes and roll-outs
-_LOOK = 0.3  # share of the time for a first look at modes
-_MODES = 0.6  # share of that rest for modes
 _MOST_MODES = 9
+_ROLLED = 0.6  # share of what is left for roll-outs, where estimates on the whole follow
 
 
 def discover(
@@ -51,6 +51,7 @@ def discover(
     inputs: Sequence[str] = (),
     time: str | None = None,
     autonomous: bool = False,
+    columns: Mapping[str, str] | None = None,
     treatment: Treatment | None = None,
     units: str | Path | Mapping[str, str] | None = None,
     known: str | Path | Model | None = None,
@@ -75,7 +76,8 @@ def discover(
     recordings : sequence of Recording or path
         Experiments that obey one law.
     states : sequence of str
-        Columns that are states.
+        Columns that are states. A name that cannot stand in an expression, ``Angle/rad``, gets a
+        symbol that can, ``Angle_rad``.
     derivatives : sequence of str, optional
         Columns of their time derivatives (of their second ones with ``order=2``), in the same
         order; estimated from the states where absent.
@@ -88,6 +90,8 @@ def discover(
         Column of time, seconds.
     autonomous : bool
         True: time itself is not offered to the equations.
+    columns : mapping of str to str, optional
+        Name used here, and in the equations, to column: ``{"z1": "Angle/rad"}``.
     treatment : Treatment, optional
         How states are smoothed and differentiated, and the view; chosen from the data by default.
     units : path or mapping, optional
@@ -149,45 +153,65 @@ def discover(
         raise InputError("no recordings given", "discover")
     began, limit, show = clock.monotonic(), as_budget(budget), progress or Silent()
     config = config or SearchConfig()
+    naming = Naming.of([*states, *inputs], columns)
+    states, inputs = naming.symbols(states), naming.symbols(inputs)
+    derivatives = naming.symbols(derivatives) if derivatives else None
     part = roles(states, derivatives, order, inputs, time)
+    naming = naming.with_rates(states) if order == 2 else naming
+    time = time or naming.columns.get(part.time)
     part = replace(part, autonomous=autonomous, treatment=treatment or Treatment())
     integrals = bool(INTEGRALS.keys() & set(config.primitives.functions))
     names = (part.time, *part.states, *part.inputs)
-    given, table = known_terms(known, part.time, names[1:]), unit_table(units)
+    given = known_terms(known, part.time, names[1:])
+    table = {naming.symbol(n): unit for n, unit in unit_table(units).items()}
     signed = signed_terms(signs, part.states, names)
     bound = binding_units(table, bind_units, part.time, (*states, *inputs))
     guessed = {state: guessed_terms(guesses, state, names) for state in part.states}
     admits = admission(bound, part) if bound or integrals else None
     kept = Checkpoint(Path(checkpoint), every) if checkpoint is not None else None
-    tasks = _tasks(part, Prior(given, guessed, signed, admits), config, kept)
-    opened = [read_source(source, time) for source in recordings]
-    resets = find_resets(opened, part) if count != 1 and not integrals else []
-    pieces = cut_at(opened, resets) if resets else opened
-    experiments = read_experiments(pieces, validation, part, time=time, whole=integrals)
+    tasks = tasks_of(part, Prior(given, guessed, signed, admits), config, kept, limit)
+    read = opened(recordings, part, naming, time)
+    resets = find_resets(read, part) if count != 1 and not integrals else []
+    pieces = cut_at(read, resets) if resets else read
+    unjudged = opened(validation, part, naming, time)
+    data, hurried = affordable(pieces, part, limit, joined=integrals)
+    judged, _ = affordable(unjudged, part, limit, joined=integrals)
+    experiments = read_experiments(data.searched, judged.searched, part, whole=integrals)
     finder = None
     if count != 1 and not integrals:
         rng = np.random.default_rng([seed, len(part.states)])
         finder = ModeFinder(rng, tasks, experiments, count)
-    equations, hybrid, rare, ended = _laws(tasks, experiments, finder, seed, limit, show)
+    equations, hybrid, rare, ended = laws(tasks, experiments, finder, seed, limit, show)
     if hybrid is None and not integrals:
         show.stage("roll-outs")
-        equations = _settled(equations, tasks, experiments, limit)
+        rest = limit.share(_ROLLED) if data.is_partial else limit
+        equations = settled(equations, tasks, experiments, rest)
+    used = data.rows
+    if data.is_partial and hybrid is None:
+        show.stage("estimates on the whole recordings")
+        equations, used = estimated_on_whole(equations, tasks, data.whole, part, limit)
     equations = [equation.trimmed() for equation in equations]
-    model = found_model(equations, part, time, table)
+    model = found_model(equations, part, naming, time, table)
     model = replace(model, events=tuple(reset.event for reset in resets))
     if held_out:
-        unread = [read_source(source, time) for source in held_out]
-        unseen = samples(cut_at(unread, resets) if resets else unread, part)
-        equations = [_with_held_out(equation, unseen) for equation in equations]
+        unread = opened(held_out, part, naming, time)
+        unread = cut_at(unread, resets) if resets else unread
+        unseen = thin(unread, part, limit.seconds, joined=integrals)
+        equations = with_errors(equations, unseen.whole, part, limit)
+    reasons = [*(e.stopped_by for e in equations), ended]
+    reason = cut_short([*reasons, StoppedBy.BUDGET] if hurried else reasons)
     provenance: dict[str, Any] = {
         "seed": seed,
         "command": command,
         "seconds": clock.monotonic() - began,
-        "stopped_by": cut_short([*(e.stopped_by for e in equations), ended]) or StoppedBy.CONVERGED,
+        "stopped_by": reason or StoppedBy.CONVERGED,
         "estimated_derivatives": sorted(experiments.rows.estimated),
-        "data_sha256": {r.name: r.sha256 for r in opened if r.sha256},
+        "data_sha256": {r.name: r.sha256 for r in read if r.sha256},
     }
-    return Discovery(tuple(equations), model, provenance, experiments.rows, hybrid, rare)
+    if str(data):
+        provenance["thinned"] = f"{data}; estimated on {used} rows"
+    named = {s: c for s, c in naming.columns.items() if s in names}
+    return Discovery(tuple(equations), model, provenance, experiments.rows, hybrid, rare, named)
 
 
 def number_of_modes(modes: str | int) -> int | None:
@@ -206,109 +230,3 @@ def number_of_modes(modes: str | int) -> int | None:
             f"modes must be 'auto' or a number from 1 to {_MOST_MODES}, got {modes}", "modes"
         )
     return int(text)
-
-
-def _tasks(
-    part: Roles, prior: Prior, config: SearchConfig, checkpoint: Checkpoint | None
-) -> dict[str, Task]:
-    """Return what is to be found, by state."""
-    return {
-        state: Task(
-            state,
-            part.time,
-            part.autonomous,
-            prior.given.get(state),
-            config,
-            prior.guesses.get(state, ()),
-            prior.signs.get(state, {}),
-            prior.admits,
-            checkpoint,
-        )
-        for state in part.states
-    }
-
-
-def _laws(
-    tasks: Mapping[str, Task],
-    experiments: Experiments,
-    finder: ModeFinder | None,
-    seed: int,
-    limit: Budget,
-    show: Progress,
-) -> tuple[list[Equation], Hybrid | None, RareMode | None, StoppedBy]:
-    """Return the equations, the modes where one law is not enough, or a mode too rare to tell.
-
-    Last, why the search for modes ended.
-    """
-    if finder is None:
-        return _searched(tasks, experiments, seed, limit, show), None, None, StoppedBy.CONVERGED
-    show.stage("modes")
-    looked = finder.look(limit.share(_LOOK))
-    others = {s: task for s, task in tasks.items() if not looked.sure or s not in looked.laws}
-    searched = {e.state: e for e in _searched(others, experiments, seed, limit, show)}
-    equations = [searched.get(s) or looked.laws[s] for s in tasks]
-    show.stage("modes")
-    rest = limit.share(_MODES)
-    found = finder.modes(looked, equations) if looked.sure else finder.find(looked, equations, rest)
-    ended = StoppedBy.CONVERGED if looked.sure else rest.stopped_by
-    if isinstance(found, Hybrid):
-        return list(found.equations), found, None, ended
-    return equations, None, found, ended
-
-
-def _searched(
-    tasks: Mapping[str, Task], experiments: Experiments, seed: int, limit: Budget, show: Progress
-) -> list[Equation]:
-    """Return the equations by regression, one state after the other."""
-    equations = []
-    for place, (state, task) in enumerate(tasks.items()):
-        show.stage(f"equation of {state}")
-        rng = np.random.default_rng([seed, place])
-        share = limit.share(_SEARCH / (len(tasks) - place * _SEARCH))
-        equations.append(_equation(rng, task, experiments, share, show))
-    return equations
-
-
-def _equation(
-    rng: np.random.Generator, task: Task, experiments: Experiments, budget: Budget, show: Progress
-) -> Equation:
-    """Return one state's equation: its rate is another state, or it is searched."""
-    part, train, judge = experiments.roles, experiments.train, experiments.judge
-    rate = part.rate_of.get(task.state)
-    if rate is None and task.known is None:
-        rate = recognised(experiments.rows, task.state, part.states)
-    if rate is not None:
-        return kinematic(task.state, rate, train, judge)
-    report = _reporter(show, task.config)
-    return find_equation(rng, task, train, judge, experiments.rows, budget=budget, progress=report)
-
-
-def _settled(
-    equations: Sequence[Equation],
-    tasks: Mapping[str, Task],
-    experiments: Experiments,
-    limit: Budget,
-) -> list[Equation]:
-    """Return the equations as roll-outs choose and estimate them, where signs allow it."""
-    given = experiments.roles.derivatives
-    settled = settle(equations, tasks, experiments.rows.traces, limit, experiments.unseen, given)
-    # roll-outs know no signs: what they turned round stays as it was
-    return [
-        after
-        if obeys(after, tasks[after.state].signs)
-        else replace(before, stopped_by=after.stopped_by)
-        for before, after in zip(equations, settled, strict=True)
-    ]
-
-
-def _with_held_out(equation: Equation, unseen: Samples) -> Equation:
-    error = unseen.targets[equation.state] - equation.predict(unseen)
-    return replace(equation, held_out_mse=float(np.mean(error**2)))
-
-
-def _reporter(show: Progress, config: SearchConfig) -> Any:
-    def report(info: SearchInfo) -> None:
-        text = f"generation {info.generation}, relative error {info.best_loss**0.5:.2g}"
-        show.update(min(info.generation / config.generations, 1.0), text)
-
-    return report

@@ -8,8 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxsr._result import InputError
+from jaxsr.discovery.naming import Naming, quoted
 from jaxsr.discovery.samples import Roles, Samples, Trace, hold_back, samples
 from jaxsr.recordings import Recording, check_time_units, read_recording, unwrap
+
+_LARGEST = 1e30  # of a signal: higher powers of it are terms
 
 Source = Recording | str | Path
 
@@ -39,38 +43,87 @@ class Experiments:
 
 
 def read_experiments(
-    recordings: Sequence[Source],
-    validation: Sequence[Source],
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
     roles: Roles,
     *,
-    time: str | None = None,
     whole: bool = False,
 ) -> Experiments:
-    """Read recordings, and hold some of their rows back where no others are to choose by.
+    """Treat recordings, and hold some of their rows back where no others are to choose by.
 
     Parameters
     ----------
-    recordings, validation : sequence of Recording or path
+    recordings, validation : sequence of Recording
     roles : Roles
-    time : str, optional
-        Column of time.
     whole : bool
         Whether every fourth recording is held back, and not blocks of rows.
     """
-    opened = tuple(read_source(source, time) for source in recordings)
-    others = [read_source(source, time) for source in validation]
-    check_time_units([*opened, *others])
-    rows = samples(opened, roles)
+    rows = samples(recordings, roles)
+    known = tuple(recordings)
     if validation:
-        judge = samples(others, roles)
-        return Experiments(roles, opened, rows, rows, judge, judge.traces)
+        judge = samples(validation, roles)
+        return Experiments(roles, known, rows, rows, judge, judge.traces)
     held = rows.group % 4 == 3 if whole else hold_back(rows.group)
-    if not np.any(held):
-        return Experiments(roles, opened, rows, rows, rows)
+    if not np.any(held) or np.all(held):
+        return Experiments(roles, known, rows, rows, rows)
     train, judge = rows.take(np.flatnonzero(~held)), rows.take(np.flatnonzero(held))
-    return Experiments(roles, opened, rows, train, judge)
+    return Experiments(roles, known, rows, train, judge)
 
 
-def read_source(source: Source, time: str | None) -> Recording:
+def opened(
+    sources: Sequence[Source], part: Roles, naming: Naming, time: str | None
+) -> list[Recording]:
+    """Return recordings, read where they are paths, their channels named by symbols.
+
+    Parameters
+    ----------
+    sources : sequence of Recording or path
+    part : Roles
+    naming : Naming
+    time : str, optional
+        Column of time.
+
+    Raises
+    ------
+    InputError
+        A recording cannot be read, or lacks a column that is needed.
+    """
+    out = []
+    for source in sources:
+        recording = naming.renamed(_read(source, time))
+        error = naming.missing(recording, part.needed(recording.channels))
+        if error is not None:
+            raise error
+        _check_sizes(recording, naming, [*part.states, *part.derivatives.values(), *part.inputs])
+        out.append(recording)
+    check_time_units(out)
+    return out
+
+
+def _check_sizes(recording: Recording, naming: Naming, symbols: Sequence[str]) -> None:
+    """Raise where values are so large that their powers are no numbers."""
+    for symbol in symbols:
+        values = recording.channels.get(symbol, np.zeros(1))
+        largest = float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+        if largest > _LARGEST:
+            raise InputError(
+                f"column {quoted(naming.column(symbol))} reaches {largest:.1e}",
+                recording.name,
+                f"Give it in a unit in which it stays below {_LARGEST:.0e}",
+            )
+
+
+def _read(source: Source, time: str | None) -> Recording:
     """Return a recording, read from its file where it is a path; wrapped angles are counted on."""
-    return unwrap(source if isinstance(source, Recording) else read_recording(source, time=time))
+    if isinstance(source, Recording):
+        return unwrap(source)
+    try:
+        return unwrap(read_recording(source, time=time))
+    except InputError as error:
+        if "sample_time" not in error.remedy:
+            raise
+        # a model file may state the interval; here there is none
+        remedy = (
+            "Name the column of time, in seconds, with --time NAME; add one where there is none"
+        )
+        raise InputError(error.what, error.where, remedy) from error

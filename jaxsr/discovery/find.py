@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime, bounded
 from jaxsr._progress import Budget
 from jaxsr.discovery.choose import choose, predict
 from jaxsr.discovery.equation import Equation, FittedTerm
@@ -57,6 +59,10 @@ class Task:
         Whether a term may be used.
     checkpoint : Checkpoint or None
         Where the search is kept.
+    limit : Budget
+        Of the whole discovery: once it is exhausted, what only betters a law is left out.
+    strict : bool
+        Whether everything asked of the regressions ends with the limit, by ``OutOfTime``.
     """
 
     state: str
@@ -68,6 +74,12 @@ class Task:
     signs: Mapping[Term, int] = field(default_factory=dict)
     admits: Callable[[Term], bool] | None = None
     checkpoint: Checkpoint | None = None
+    limit: Budget = field(default_factory=Budget)
+    strict: bool = False
+
+    def expired(self) -> bool:
+        """Tell whether the time of the whole discovery is over."""
+        return self.limit.exhausted
 
     def keeper(self, problem: RegressionProblem) -> Keeper | None:
         """Return what keeps the search, if it is to be kept."""
@@ -104,7 +116,7 @@ class Task:
         weights = 1.0 / rows.error
         weights /= np.sqrt(np.mean(weights**2))
         scale = float(np.sum((rows.target / rows.error) ** 2)) or 1.0
-        return RegressionProblem(
+        problem = RegressionProblem(
             weights * rows.target,
             {n: v for n, v in samples.variables.items() if n != self.time or not self.autonomous},
             view=lambda columns: weights[:, None] * rows.seen(columns),
@@ -118,6 +130,9 @@ class Task:
             admits=self.admits,
             instants=samples.variables.get(self.time),
         )
+        if self.strict:
+            problem.expired = self.expired
+        return problem
 
     def _judge(self, samples: Samples) -> Judge:
         problem = self.problem(samples)
@@ -136,11 +151,13 @@ class Task:
             known = 0.0
             if self.known is not None:
                 known = weak.matrix @ self._given(samples)
-            return Rows(weak.target - known, weak.error, lambda c: weak.matrix @ c, False)
+            return Rows(
+                weak.target - known, _positive(weak.error), lambda c: weak.matrix @ c, False
+            )
         y = self.remainder(samples)
         error = samples.errors.get(self.state)
         if error is not None:
-            return Rows(y, error, lambda columns: columns, True)
+            return Rows(y, _positive(error), lambda columns: columns, True)
         noise = samples.noise.get(self.state, 0.0)
         rounding = np.sqrt(_ROUNDING * np.mean(y**2)) or 1.0
         return Rows(y, np.full(len(y), max(noise, rounding)), lambda columns: columns, False)
@@ -165,6 +182,11 @@ class Rows:
     exact: bool
 
 
+def _positive(error: np.ndarray) -> np.ndarray:
+    """Return errors of which none is zero: a signal at rest seems to have none."""
+    return np.maximum(error, _ROUNDING * float(np.max(error, initial=0.0)) or 1.0)
+
+
 def find_equation(
     rng: np.random.Generator,
     task: Task,
@@ -184,8 +206,9 @@ def find_equation(
     every : Samples
         Rows of the final estimate: both, where both come from DATA.
     """
-    weak = task.state in train.weak
-    if weak and len(validation.weak[task.state].target) < _FEWEST:
+    weak = task.state in every.weak
+    parts = (train, validation) if weak else ()
+    if any(task.state not in p.weak or len(p.weak[task.state].target) < _FEWEST for p in parts):
         train = validation = every  # blocks shorter than test functions hold none
     few = train if weak else train.take(thinned(np.arange(len(train)), MOST_ROWS))
     by_validation = task.config.fitness.data == "validation"
@@ -208,7 +231,8 @@ def find_equation(
     whole = task.problem(judged)
     sets = [(), *(member.terms for member in found.front.members)]
     if not found.front.best_loss <= 4.0 * problem.floor:
-        sets += best_subsets(problem, task.config)
+        with contextlib.suppress(OutOfTime), bounded(problem, task.expired):
+            sets += best_subsets(problem, task.config)
     sets = list({frozenset(terms): terms for terms in reversed(sets)}.values())
     usable = [s for s in sets if -1 not in whole.index(s)]
     return replace(chosen_of(task, usable, whole, validation, every), stopped_by=reason)
@@ -251,7 +275,9 @@ def chosen_of(
 def final_estimate(task: Task, terms: Sequence[Term], samples: Samples) -> Equation:
     """Estimate the chosen terms on all rows, with intervals."""
     problem = task.problem(samples)
-    terms = edit(rounded(problem, terms)) if terms else ()
+    with contextlib.suppress(OutOfTime), bounded(problem, task.expired):
+        terms = rounded(problem, terms) if terms else ()
+    terms = edit(terms)
     fit = problem.fit(terms)
     theta = problem.projected(terms)
     residual = problem.y - theta @ fit.coefficients

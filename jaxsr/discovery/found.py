@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation
+from jaxsr.discovery.naming import Naming
 from jaxsr.discovery.samples import Roles
 from jaxsr.expressions import to_text
 from jaxsr.expressions.editing import ONE, simplify
@@ -16,7 +17,11 @@ from jaxsr.models.model import Model
 
 
 def found_model(
-    equations: Sequence[Equation], part: Roles, time: str | None, units: Mapping[str, str]
+    equations: Sequence[Equation],
+    part: Roles,
+    naming: Naming,
+    time: str | None,
+    units: Mapping[str, str],
 ) -> Model:
     """Return the equations as a model: every state that has a column is an output.
 
@@ -25,7 +30,8 @@ def found_model(
     hidden = set(part.rate_of.values())
     recorded = [s for s in part.states if s not in hidden]
     outputs = tuple(f"{s}_meas" for s in recorded)
-    columns = dict(zip(outputs, recorded, strict=True))
+    columns = {f"{s}_meas": naming.column(s) for s in recorded}
+    columns |= {u: naming.column(u) for u in part.inputs if u in naming.columns}
     if time and time != part.time:
         columns = {part.time: time, **columns}
     names = {part.time, *part.states, *part.inputs}

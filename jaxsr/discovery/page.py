@@ -7,16 +7,32 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr._progress import Budget
 from jaxsr.discovery.hybrid.picture import mode_plane
 from jaxsr.discovery.result import Discovery, relative_error
 from jaxsr.report import EquationFit, write_discovery_report
+from jaxsr.report.equation_figures import MOST_FITS
+from jaxsr.report.style import Pace
+
+_SHARE = 0.2  # of the budget, at most, for the report
+_WRITING, _FIGURE = 0.6, 0.4  # seconds for the page and for a figure
 
 
-def write_page(discovery: Discovery, folder: Path) -> None:
-    """Write ``report.html``, one self-contained file, and its figures as PNG into ``folder``."""
+def reserve(limit: Budget, states: int) -> Budget:
+    """Return a budget that leaves time for the report of so many states."""
+    figures = 1 + min(states, MOST_FITS)
+    return limit.keeping(min(_SHARE * limit.seconds, _WRITING + _FIGURE * figures))
+
+
+def write_page(discovery: Discovery, folder: Path, budget: Budget | None = None) -> None:
+    """Write ``report.html``, one self-contained file, and its figures as PNG into ``folder``.
+
+    Figures that the budget has no time for are left out.
+    """
     hybrid = discovery.hybrid
     plane = None if hybrid is None else mode_plane(hybrid, discovery.samples)
-    write_discovery_report(shown(discovery), fits_of(discovery), folder, plane)
+    fits = fits_of(discovery)
+    write_discovery_report(shown(discovery), fits, folder, plane, Pace(budget or Budget()))
 
 
 def shown(discovery: Discovery) -> dict[str, Any]:
@@ -40,6 +56,9 @@ def shown(discovery: Discovery) -> dict[str, Any]:
     for state, front in document["pareto"].items():
         front[:] = _undominated([point for point in points if point["state"] == state])
     computed = document["provenance"].pop("estimated_derivatives", ())
+    if discovery.columns:
+        told = (f"{symbol} is {column}" for symbol, column in discovery.columns.items())
+        document["provenance"]["Columns"] = ", ".join(told)
     if computed:
         document["provenance"]["Rates computed for"] = ", ".join(computed)
     return document

@@ -13,6 +13,7 @@ import sympy
 
 import jaxsr
 from jaxsr._files import atomic_directory, atomic_write_text, dump_json
+from jaxsr._progress import Budget
 from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation, weighted_sum
 from jaxsr.discovery.hybrid import Hybrid, Mode, RareMode
@@ -47,6 +48,8 @@ class Discovery:
         Modes, guards and switching, where the system has several modes.
     rare : RareMode or None
         Where few samples follow another law than all others, and too few to tell it.
+    columns : dict of str to str
+        Symbol to column, where a column's name could not stand in an expression.
     """
 
     equations: tuple[Equation, ...]
@@ -55,6 +58,7 @@ class Discovery:
     samples: Samples = field(repr=False)
     hybrid: Hybrid | None = field(default=None, repr=False)
     rare: RareMode | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -162,6 +166,7 @@ class Discovery:
             "schema": "jaxsr.discovery/1",
             "equations": [_equation_dict(equation) for equation in self.equations],
             "pareto": fronts,
+            **({"columns": dict(self.columns)} if self.columns else {}),
             **self._hybrid_dict(),
             **self._reset_dict(),
             "provenance": {"version": jaxsr.__version__, **self.provenance},
@@ -198,12 +203,21 @@ class Discovery:
         ]
         return {"resets": rows} if rows else {}
 
-    def save(self, directory: str | Path) -> None:
-        """Write ``discovery.json``, ``model.toml``, ``report.html`` and figures, all or none."""
-        with atomic_directory(Path(directory)) as folder:
-            self.write(folder)
+    def save(self, directory: str | Path, budget: Budget | None = None) -> None:
+        """Write ``discovery.json``, ``model.toml``, ``report.html`` and figures, all or none.
 
-    def write(self, folder: Path, *, more: Mapping[str, str] | None = None) -> None:
+        Parameters
+        ----------
+        directory : path
+        budget : Budget, optional
+            Figures are drawn as long as it lasts.
+        """
+        with atomic_directory(Path(directory)) as folder:
+            self.write(folder, budget)
+
+    def write(
+        self, folder: Path, budget: Budget | None = None, *, more: Mapping[str, str] | None = None
+    ) -> None:
         """Write the files of `save`, and texts by name, into a folder: each whole, report last."""
         from jaxsr.discovery.page import write_page
 
@@ -211,7 +225,7 @@ class Discovery:
         atomic_write_text(folder / "model.toml", model_text(self.model))
         for name, text in (more or {}).items():
             atomic_write_text(folder / name, text)
-        write_page(self, folder)
+        write_page(self, folder, budget)
 
 
 def term_at(equation: Equation, index: int | None = None) -> Term:

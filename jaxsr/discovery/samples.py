@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,11 +14,15 @@ from jaxsr.discovery.weak_rows import WeakRows, weak_rows
 from jaxsr.expressions import is_identifier
 from jaxsr.recordings import Recording, noise_level
 from jaxsr.views import choose_method, integrate
+from jaxsr.views.gaps import fill, reachable
 
 Trace = dict[str, dict[str, np.ndarray]]
 """Of one recording: "time"; "values" of all states and inputs and, of smooth ones, their "slopes";
 "measured" states and their "noise"."""
 _CUBIC = 8  # samples
+_FEWEST_TWICE = 4  # samples of which there is a second derivative
+_COMPLETE = 0.3  # share of the instants of the least known channel
+_FEWEST_WEAK = 12  # test functions; with fewer, derivatives at samples tell more
 _TOLD = 100  # samples of which noise can be told
 _FINEST = 1e-3  # noise of a state relative to its spread, at least: no model is truer
 
@@ -51,6 +55,16 @@ class Roles:
     time: str
     autonomous: bool = False
     treatment: Treatment = field(default_factory=Treatment)
+
+    def needed(self, columns: Collection[str]) -> list[str]:
+        """Return the columns without which a recording that has ``columns`` serves nothing.
+
+        Rates are computed where they are absent, and what has a derivative is integrated.
+        """
+        told = {s for s, column in self.derivatives.items() if column in columns}
+        told |= {q for q, rate in self.rate_of.items() if rate in told}
+        states = [s for s in self.states if s not in told and s not in self.rate_of.values()]
+        return [*states, *self.derivatives.values(), *self.inputs]
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +174,10 @@ def samples(recordings: Sequence[Recording], roles: Roles) -> Samples:
     if not np.any(complete):
         names = ", ".join(recording.name for recording in recordings)
         raise InputError("no sample has every state, input and derivative", names)
-    return whole if np.all(complete) else whole.take(np.flatnonzero(complete))
+    if not np.all(complete):
+        whole = whole.take(np.flatnonzero(complete))
+    enough = {n: rows for n, rows in whole.weak.items() if len(rows.target) >= _FEWEST_WEAK}
+    return replace(whole, weak=enough)
 
 
 def _levelled(traces: Sequence[Trace]) -> tuple[Trace, ...]:
@@ -186,15 +203,25 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
     displacement = {rate: q for q, rate in roles.rate_of.items()}
     recording = _integrated(recording, roles)
     computed = {r for r in displacement if r not in recording.channels}
+    if computed and len(t) < _FEWEST_TWICE:
+        raise InputError(
+            f"{len(t)} samples are too few to differentiate twice",
+            recording.name,
+            f"Give at least {_FEWEST_TWICE}, or a column d_STATE of the rate",
+        )
     treated = {
         name: treat(t, recording.channel(name), roles.treatment, given=name in roles.derivatives)
         for name in roles.states
         if name not in computed
     }
+    channels = [*treated, *roles.derivatives.values(), *roles.inputs]
+    sparse = _is_sparse([recording.channels[n] for n in channels])
     states = {name: signal.values for name, signal in treated.items()}
+    if sparse:  # sensors take turns: few instants are known of all of them
+        states = {name: fill(t, values) for name, values in states.items()}
     states |= {rate: treated[displacement[rate]].derivative(1)[0] for rate in computed}
     values = {roles.time: t} | {name: states[name] for name in roles.states}
-    values |= {name: recording.channel(name) for name in roles.inputs}
+    values |= {name: _bridged(t, recording.channel(name)) for name in roles.inputs}
     targets, errors, noise, weak = {}, {}, {}, {}
     for state in roles.states:
         if state in roles.rate_of:
@@ -207,8 +234,10 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
             order = 2 if state in computed else 1
             signal = treated[displacement[state] if order == 2 else state]
             targets[state], errors[state] = signal.derivative(order)
+            if sparse and errors[state] is not None:
+                targets[state], errors[state] = fill(t, targets[state]), None
             if signal.weak:
-                weak[state] = weak_rows(t, signal.recorded, signal.noise, order)
+                weak[state] = weak_rows(t, signal.filled, signal.noise, order)
     known = {n: e for n, e in errors.items() if e is not None}
     # beside given derivatives states stay as recorded, but what drives a roll-out must be smooth
     smooth = {n: treat(t, recording.channel(n)).values for n in treated if n in roles.derivatives}
@@ -247,10 +276,24 @@ def _integrated(recording: Recording, roles: Roles) -> Recording:
     )
 
 
+def _is_sparse(channels: Sequence[np.ndarray]) -> bool:
+    """Tell whether far fewer instants are known of all channels than of the least known one."""
+    known = np.array([np.isfinite(values) for values in channels])
+    least = int(np.min(np.count_nonzero(known, axis=1)))
+    return bool(np.count_nonzero(np.all(known, axis=0)) < _COMPLETE * least)
+
+
 def _is_smooth(t: np.ndarray, values: np.ndarray) -> bool:
     """Tell whether a cubic between samples is nearer than a straight line."""
     enough = len(t) > _CUBIC and np.ptp(values) > 0.0 and np.all(np.isfinite(values))
     return bool(enough) and choose_method(t, values) == "finite_difference"
+
+
+def _bridged(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return an input with straight lines over what is missing between near neighbours."""
+    known = np.isfinite(values)
+    near = reachable(t, known)
+    return np.where(near, _filled(t, values), np.nan) if np.any(near & ~known) else values
 
 
 def _filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:

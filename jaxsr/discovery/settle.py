@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime
 from jaxsr._progress import Budget
 from jaxsr._result import StoppedBy
 from jaxsr.discovery.equation import Equation, FittedTerm, cut_short
@@ -104,7 +105,12 @@ def _estimated(
         return list(found.values())
     longest = max(len(trace["time"]["t"]) for trace in traces)
     while not trial.budget.exhausted:
-        steps = fine_enough(result[0], trial.segments, result[1], time=trial.time)
+        try:
+            steps = fine_enough(
+                result[0], trial.segments, result[1], time=trial.time, expired=trial.expired
+            )
+        except OutOfTime:
+            break
         if steps > trial.substeps:  # the misfit must not be the method's
             trial = replace(trial, substeps=steps)
         elif length < min(longest, 2 * _LONGEST):

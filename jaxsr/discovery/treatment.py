@@ -21,6 +21,7 @@ from jaxsr.views import (
 )
 from jaxsr.views.derivative import choose_method
 from jaxsr.views.finite_difference import finite_difference
+from jaxsr.views.gaps import reachable
 
 _NEIGHBOURS = 9  # samples that one stencil joins
 _DIGITS = 3e-9  # of the derivative's rms: no recording, or solver, is truer
@@ -93,14 +94,26 @@ class Treated:
 
     @property
     def values(self) -> np.ndarray:
-        """Samples where they are clean, else smoothed at their times."""
+        """Samples where they are clean, else smoothed at their times.
+
+        Missing ones among noisy ones are filled between near neighbours, and NaN in long gaps.
+        """
         way = self.treatment.smoothing
         if way not in ("auto", "none"):
             return smooth(self.time, self.recorded, way)
         if self.clean or way == "none":
             return self.recorded
-        spline = self.spline(self.time)
-        return np.where(np.isfinite(self.recorded), spline, np.nan)
+        return np.where(self.near, self.spline(self.time), np.nan)
+
+    @functools.cached_property
+    def near(self) -> np.ndarray:
+        """Whether a sample is there, or missing between near neighbours (samples,)."""
+        return reachable(self.time, np.isfinite(self.recorded))
+
+    @property
+    def filled(self) -> np.ndarray:
+        """Samples as recorded; missing ones between near neighbours smoothed."""
+        return np.where(np.isfinite(self.recorded), self.recorded, self.values)
 
     def derivative(self, order: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Return the derivative and, where it is known, its error at every sample.
@@ -116,7 +129,7 @@ class Treated:
         if not self.clean:
             if len(t) < _LEAST:
                 return derivative(t, x, order=order), None
-            return np.where(np.isfinite(x), self.spline(t, order), np.nan), None
+            return np.where(self.near, self.spline(t, order), np.nan), None
         if np.count_nonzero(np.isfinite(x)) < _LEAST:
             return derivative(t, x, order=order), None
         fine = finite_difference(t, x, derivative=order, accuracy=8)

@@ -56,7 +56,7 @@ class Trial:
             time=self.time,
             substeps=self.substeps,
             iterations=iterations,
-            expired=lambda: self.budget.exhausted,
+            expired=self.expired,
         )
         return None if fitted is None else (system, fitted)
 
@@ -74,7 +74,13 @@ class Trial:
         fixed = System({s: () for s in terms}, known)
         none = np.zeros(0)
         steps = self.substeps
-        return fit_rollout(fixed, self.judge, none, time=self.time, substeps=steps)
+        return fit_rollout(
+            fixed, self.judge, none, time=self.time, substeps=steps, expired=self.expired
+        )
+
+    def expired(self) -> bool:
+        """Tell whether the time is over."""
+        return self.budget.exhausted
 
 
 def moved(result: Result) -> tuple[dict[str, tuple[Term, ...]], dict[str, list[float]]]:

@@ -86,6 +86,14 @@ class Problem(Protocol):
     judged_rows: int
     noise: float
 
+    @property
+    def expired(self) -> Callable[[], bool]:
+        """Whether a step must be left in the middle, by ``OutOfTime``."""
+        ...
+
+    @expired.setter
+    def expired(self, value: Callable[[], bool]) -> None: ...
+
     def solve(self, individuals: Sequence[Sequence[Term]]) -> tuple[list[Any], np.ndarray]:
         """Return coefficients of unit-norm columns, and relative losses (inf if unusable)."""
         ...

@@ -14,6 +14,7 @@ from jaxsr.expressions.term import Term
 
 _MONOMIALS = 130  # the degree of monomials is the highest, up to 5, that gives no more
 _FEW = 4  # variables up to which every combination is offered
+_LARGEST = 1e50  # of a variable whose powers shapes hold
 _SPREAD = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 
 
@@ -94,6 +95,8 @@ def _shapes(name: str, values: np.ndarray, functions: set[str], shift: float) ->
     low, high = float(np.min(values)), float(np.max(values))
     span = high - low
     scale = float(np.sqrt(np.mean(values**2)))
+    if max(abs(low), abs(high)) > _LARGEST:
+        return  # its powers are no numbers
     spread = [s * 3.0**shift for s in _SPREAD]
     shifts = [span * s - low for s in spread] + [-high - span * s for s in spread]
     if "div" in functions:

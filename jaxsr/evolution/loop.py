@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime, bounded
 from jaxsr._progress import Budget, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.evolution.breed import breed
@@ -25,7 +26,7 @@ from jaxsr.evolution.library import small_terms
 from jaxsr.evolution.offers import Offer, with_beam, with_frequencies, with_quotients, with_shapes
 from jaxsr.evolution.polish import polish, promising, settled
 from jaxsr.evolution.seeds import thinned_bases
-from jaxsr.expressions.editing import edit
+from jaxsr.expressions.editing import ONE, edit
 from jaxsr.expressions.term import Term
 
 if TYPE_CHECKING:
@@ -100,7 +101,21 @@ def init(
     """Create the first population: small terms, random ones of ramped size, and guesses."""
     config = config.suited(problem.timed)
     sets = [*map(edit, guesses), *thinned_bases(problem, config)]
-    population = _drawn(rng, problem, config, sets)
+    return _begun(_drawn(rng, problem, config, sets), problem, config)
+
+
+def plainest(
+    problem: Problem, config: SearchConfig, guesses: Iterable[Sequence[Term]] = ()
+) -> SearchState:
+    """Return a state of guesses and linear laws, for a search that had no time to begin."""
+    config = config.suited(problem.timed)
+    linear = [ONE, *map(Term.variable, problem.variables)]
+    chain = problem.eliminate(linear, config.sizes.terms)
+    sets = [*map(edit, guesses), *(terms for terms, _ in chain)]
+    return _begun(weigh(problem, sets, config), problem, config)
+
+
+def _begun(population: list[Individual], problem: Problem, config: SearchConfig) -> SearchState:
     rule = FitnessState(increment=config.fitness.increment)
     ranked = _ranked(population, rule, config, problem)[: config.population]
     front = Front(floor=max(problem.floor, ROUNDING)).with_(ranked)
@@ -268,8 +283,13 @@ def search(
     """
     limit = as_budget(budget)
     config = config or SearchConfig()
-    resumed = keeper.resume(rng) if keeper is not None else None
-    state = resumed if resumed is not None else init(rng, problem, config, guesses)
+    state = keeper.resume(rng) if keeper is not None else None
+    if state is None:
+        try:
+            with bounded(problem, lambda: limit.exhausted):
+                state = init(rng, problem, config, guesses)
+        except OutOfTime:
+            return plainest(problem, config, guesses), limit.stopped_by
 
     def kept(state: SearchState) -> SearchState:
         if keeper is not None:
@@ -283,13 +303,17 @@ def search(
             if reason is not None:
                 if not _worth_restarting(state):
                     return state, reason
-                state = kept(restart(rng, state, problem))
+                with bounded(problem, lambda: limit.exhausted):
+                    state = kept(restart(rng, state, problem))
             if limit.exhausted:
                 return state, limit.stopped_by
-            state, info = step(rng, state, problem)
+            with bounded(problem, lambda: limit.exhausted):
+                state, info = step(rng, state, problem)
             kept(state)
             if progress is not None:
                 progress(info)
+    except OutOfTime:  # in the middle of a generation, which is left out
+        return state, limit.stopped_by
     except KeyboardInterrupt:
         return state, StoppedBy.INTERRUPTED
     finally:

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 Places = tuple[int, ...]
 _ROWS = 600  # rows looked at: evenly spaced ones, an order of merit needs no more
-_MOST = 2000  # columns
+_MOST = 2000  # columns,
+_TOGETHER = 256  # and those made at once
 _DEPENDENT = 1e-7  # share of a column's square that must be new beside the others
 _SPREAD = 20  # pairs ranked for each set kept, so that different forms are among them
 
@@ -40,7 +41,8 @@ def beam(
     rows = np.linspace(0, problem.rows - 1, min(problem.rows, _ROWS)).astype(int)
     terms = [t for t in terms[:_MOST] if problem.admitted([t])]
     with np.errstate(all="ignore"):
-        columns = problem.projected(terms)[rows].T
+        parts = [terms[k : k + _TOGETHER] for k in range(0, len(terms), _TOGETHER)]
+        columns = np.vstack([problem.projected(part)[rows].T for part in parts or [[]]])
         norms = np.linalg.norm(columns, axis=1)
     good = np.isfinite(norms) & (norms > 1e-100) & (norms < 1e100)
     kept = [term for term, ok in zip(terms, good, strict=True) if ok]
@@ -54,6 +56,7 @@ def beam(
     sets = _different(_pairs(unit, y, width * _SPREAD), kinds, width)
     out += sets
     for _ in range(depth - 2):
+        problem.check()
         sets = _different(_joined(unit, y, sets, width * _SPREAD), kinds, width)
         out += sets
     return [tuple(kept[k] for k in places) for places in out]

@@ -36,6 +36,7 @@ class Dictionary:
         kept: list[Term] = []
         columns = [np.zeros((0, problem.rows), np.float32)]
         for start in range(0, len(terms), _CHUNK):
+            problem.check()
             part = list(terms[start : start + _CHUNK])
             with np.errstate(all="ignore"):
                 found = problem.projected(part)
@@ -54,9 +55,11 @@ class Dictionary:
             return []
         problem = self._problem
         theta = problem.projected(terms, keep=True)
-        basis = np.linalg.qr(theta / np.linalg.norm(theta, axis=0))[0] if len(terms) else theta
-        if not np.all(np.isfinite(basis)):
+        if not np.all(np.isfinite(theta)):
             return []
+        norms = np.linalg.norm(theta, axis=0)
+        theta = theta[:, norms > 0.0] / norms[norms > 0.0]  # a column of zeros explains nothing
+        basis = np.linalg.qr(theta)[0] if theta.shape[1] else theta
         residual = problem.target - basis @ (basis.T @ problem.target)
         size = float(np.linalg.norm(residual)) or 1.0
         shares = self.columns @ (residual / size).astype(np.float32)

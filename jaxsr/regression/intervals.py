@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from jaxsr.regression.gram import Array
 
@@ -63,7 +63,7 @@ def coefficient_ci95(theta: Array, residual: Array, xi: Array, *, lags: int | No
     widened = 1.0 + (2.9694 * share + 0.4160 * share**2 - 0.5324 * share**3) / 1.9600
     half = (
         widened
-        * stats.t.ppf(0.975, rows - terms)
+        * stdtrit(rows - terms, 0.975)
         * np.sqrt(np.maximum(np.diag(covariance), 0.0))
         / norms
     )

@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxsr._deadline import ensure, never
 from jaxsr._result import InputError
 from jaxsr.evaluation.cache import ColumnCache
 from jaxsr.expressions.editing import edit
@@ -80,6 +81,11 @@ class RegressionProblem:
     evaluator : callable, optional
         What evaluates terms: terms and variables to columns (samples, terms). A cache that keeps
         every subtree's column when None.
+
+    Attributes
+    ----------
+    expired : callable
+        Whether a step must be left in the middle; see :func:`jaxsr._deadline.bounded`.
     """
 
     def __init__(
@@ -110,6 +116,7 @@ class RegressionProblem:
             raise InputError("y holds values that are not finite", "y", "Drop those rows.")
         self.variables = {k: np.asarray(v, dtype=np.float64) for k, v in variables.items()}
         self.view = view
+        self.expired: Callable[[], bool] = never
         self.ridge = ridge
         self.time = time
         self.floor = floor
@@ -167,6 +174,14 @@ class RegressionProblem:
         self._weighing.forget()
         self.cache = self._empty_cache()
 
+    def check(self) -> None:
+        """Raise ``OutOfTime`` where the time for the step at hand is over."""
+        ensure(self.expired)
+
+    def _seen_in_time(self, samples: Array) -> Array:
+        self.check()
+        return samples if self.view is None else self.view(samples)
+
     def _project(self, columns: Array) -> Array:
         if not self._basis.shape[1]:
             return columns
@@ -174,6 +189,7 @@ class RegressionProblem:
 
     def columns(self, terms: Sequence[Term], *, keep: bool = True) -> Array:
         """Return the viewed columns (rows, terms); what is not finite stays so."""
+        self.check()
         if self._evaluator is not None:
             return self._viewed(self._evaluator(terms, self.variables))
         return self._viewed(np.column_stack([self.cache.column(term, keep=keep) for term in terms]))
@@ -192,6 +208,7 @@ class RegressionProblem:
 
         A column that the fixed ones explain whole comes back as NaN.
         """
+        self.check()
         viewed = self._viewed(samples)
         if not self._basis.shape[1]:
             return viewed
@@ -228,6 +245,7 @@ class RegressionProblem:
         losses : ndarray, (individuals,)
             Residual sum of squares relative to that of the target; inf where a term is unusable.
         """
+        self.check()
         gram, xi, losses = self._weighing.solve(individuals, self.ridge)
         shares = [xi[row, : len(terms)] for row, terms in enumerate(individuals)]
         if self.signs:
@@ -331,7 +349,7 @@ class RegressionProblem:
         if variable not in self._waves:
             values = self.variables[variable]
             is_time = variable == self.time
-            self._waves[variable] = make_waves(values, self.view, is_time=is_time)
+            self._waves[variable] = make_waves(values, self._seen_in_time, is_time=is_time)
         return self._waves[variable]
 
     def fit(

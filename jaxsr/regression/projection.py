@@ -124,6 +124,7 @@ def batches(
     step = max(1, _CHUNK_BYTES // (8 * problem.rows * (3 * widest + 10)))
     for members in buckets.values():
         for first in range(0, len(members), step):
+            problem.check()
             part = members[first : first + step]
             moving = [
                 [j for j, term in enumerate(sets[k]) if counts[k] and constants_of(term)]

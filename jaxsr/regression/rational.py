@@ -47,7 +47,7 @@ def quotients(problem: RegressionProblem, frequencies: Sequence[float], count: i
     basis, below = _basis(problem, frequencies)
     if weights is None or problem.fixed.shape[1] or not basis:
         return []
-    found = _pairs(*_gram(problem, basis, problem.y / weights), len(basis), below)
+    found = _pairs(problem, *_gram(problem, basis, problem.y / weights), len(basis), below)
     sets: list[Terms] = []
     for _, j, k, above, d in found[:_WEIGHED]:
         bottom = basis[j]
@@ -109,7 +109,7 @@ def _gram(
 
 
 def _pairs(
-    gram: np.ndarray, size: np.ndarray, n: int, below: int
+    problem: RegressionProblem, gram: np.ndarray, size: np.ndarray, n: int, below: int
 ) -> list[tuple[float, int, int, tuple[int, int], float]]:
     """Return (loss, j, k, (m, l), d), best first."""
     above = [(m, -1) for m in range(n)] + list(itertools.combinations(range(n), 2))
@@ -118,6 +118,7 @@ def _pairs(
     pairs += [(j, k) for j in range(1, below) for k in range(j)]
     found = []
     for j, k in pairs:
+        problem.check()
         index = np.column_stack([np.full(len(up), k), up])
         absent = index < 0
         A = gram[index[:, :, None], index[:, None, :]]

@@ -67,7 +67,7 @@ class Waves:
         return np.where(valid, share, 0.0)
 
 
-def make_waves(values: Array, view: View | None, *, is_time: bool) -> Waves | None:
+def make_waves(values: Array, view: View, *, is_time: bool) -> Waves | None:
     """Return the waves of a variable's samples; None for a variable that does not move."""
     span = float(np.ptp(values))
     if not span > 0.0:
@@ -77,7 +77,7 @@ def make_waves(values: Array, view: View | None, *, is_time: bool) -> Waves | No
     for part in np.array_split(grid, 1 + len(grid) // 100):
         angle = np.outer(values, part)
         for wave, kept in ((np.sin(angle), sines), (np.cos(angle), cosines)):
-            kept.append((wave if view is None else view(wave)).astype(np.float32))
+            kept.append(view(wave).astype(np.float32))
     s, c = np.hstack(sines), np.hstack(cosines)
     pairs = ((s, s), (c, c), (s, c))
     ss, cc, sc = (np.einsum("ij,ij->j", a, b).astype(float) for a, b in pairs)

@@ -175,11 +175,11 @@ class ColumnStore:
         return [self._index[term] for term in terms]
 
     def _add(self, terms: list[Term]) -> None:
+        asked = terms
         if self._admits is not None:
-            admitted = [term for term in terms if self._admits(term)]
-            self._index.update(dict.fromkeys(terms, -1))
-            terms = admitted
+            terms = [term for term in terms if self._admits(term)]
         if not terms:
+            self._index.update(dict.fromkeys(asked, -1))
             return
         viewed = self._columns_of(terms)
         usable = usable_sizes(np.max(np.abs(viewed), axis=0, initial=0.0))
@@ -189,7 +189,7 @@ class ColumnStore:
             rows = np.array([self._project(row) for row in rows])
             usable &= np.linalg.norm(rows, axis=1) > DEPENDENT * before
         scaled, norms = scale_columns(rows[usable])
-        self._index.update(dict.fromkeys(terms, -1))
+        self._index.update(dict.fromkeys(asked, -1))
         places = range(len(self._columns), len(self._columns) + len(scaled))
         kept = (term for term, ok in zip(terms, usable, strict=True) if ok)
         self._index.update(zip(kept, places, strict=True))

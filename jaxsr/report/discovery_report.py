@@ -6,11 +6,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxsr.report.equation_figures import fit_figures, is_pick, mode_figure, pareto_figure
+from jaxsr.report.equation_figures import (
+    MOST_FRONTS,
+    fit_figures,
+    is_pick,
+    mode_figure,
+    pareto_figure,
+)
 from jaxsr.report.evidence import EquationFit
 from jaxsr.report.formatting import estimate, is_number, listing, number, percent
 from jaxsr.report.mode_plane import ModePlane, plane_figures
 from jaxsr.report.page import write_page
+from jaxsr.report.style import Pace
 
 
 def write_discovery_report(
@@ -18,6 +25,7 @@ def write_discovery_report(
     fits: Sequence[EquationFit],
     directory: Path,
     plane: ModePlane | None = None,
+    pace: Pace | None = None,
 ) -> None:
     """Write ``report.html``, one file with its figures inside, and the figures as PNG.
 
@@ -31,6 +39,8 @@ def write_discovery_report(
         Where to write; made when absent.
     plane : ModePlane, optional
         The modes in the plane of two states.
+    pace : Pace, optional
+        What figures there is time for; all by default.
 
     Raises
     ------
@@ -38,8 +48,13 @@ def write_discovery_report(
         If `directory` cannot be written.
     """
     equations = document.get("equations") or []
-    fronts, fitted = pareto_figure(document), fit_figures(fits)
-    switching = [*mode_figure(document), *plane_figures(plane)]
+    pace = pace or Pace()
+    fitted = fit_figures(fits, pace)
+    panels = max(1.0, 0.5 * min(len(equations), MOST_FRONTS))
+    fronts = pace.drawn(lambda: pareto_figure(document), panels)
+    switching = []
+    if plane is not None or document.get("switching"):
+        switching = pace.drawn(lambda: [*mode_figure(document), *plane_figures(plane)], 3.0)
     context = {
         "title": "Discovered equations",
         "sentence": _sentence(document),
@@ -60,6 +75,7 @@ def write_discovery_report(
         "pareto": _fronts(document),
         "fits": fitted,
         "undrawn": len({fit.state for fit in fits}) - len(fitted),
+        "hurried": pace.left_out,
         "provenance": document.get("provenance") or {},
     }
     drawings = [*fronts, *fitted, *switching]

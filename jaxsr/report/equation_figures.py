@@ -20,6 +20,7 @@ from jaxsr.report.style import (
     MEASURED,
     MODES,
     Drawing,
+    Pace,
     draw,
     limits,
     line,
@@ -94,8 +95,14 @@ def _front(
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def fit_figures(fits: Sequence[EquationFit]) -> list[Drawing]:
+def fit_figures(fits: Sequence[EquationFit], pace: Pace | None = None) -> list[Drawing]:
     """Draw derivative and residual of each state, in the recording with the largest residual.
+
+    Parameters
+    ----------
+    fits : sequence of EquationFit
+    pace : Pace, optional
+        What figures there is time for; all by default.
 
     Returns
     -------
@@ -106,16 +113,21 @@ def fit_figures(fits: Sequence[EquationFit]) -> list[Drawing]:
     for fit in fits:
         if len(fit.time) > 1:
             states.setdefault(fit.state, []).append(fit)
-    drawings = []
+    drawings: list[Drawing] = []
+    pace = pace or Pace()
     wide = len(states) <= 2
     for number, (state, group) in enumerate(list(states.items())[:MOST_FITS], start=1):
-        fit = max(group, key=lambda f: rms(f.target - f.predicted))
-        note = f"The recording with the largest residual of {len(group)}." if len(group) > 1 else ""
-        png = draw((10.0, 4.2) if wide else (5.4, 3.7), lambda figure, f=fit: _fit(figure, f))
-        caption = f"Rate of {shorten(fit.state)}, {shorten(fit.recording, 32)}"
         name = f"fit_{state if _PLAIN.fullmatch(state) else number}.png"
-        drawings.append(Drawing(name, png, caption, note, wide))
+        drawings += pace.drawn(lambda group=group, name=name: [_fit_drawing(group, name, wide)])
     return drawings
+
+
+def _fit_drawing(group: Sequence[EquationFit], name: str, wide: bool) -> Drawing:
+    fit = max(group, key=lambda f: rms(f.target - f.predicted))
+    note = f"The recording with the largest residual of {len(group)}." if len(group) > 1 else ""
+    png = draw((10.0, 4.2) if wide else (5.4, 3.7), lambda figure: _fit(figure, fit))
+    caption = f"Rate of {shorten(fit.state)}, {shorten(fit.recording, 32)}"
+    return Drawing(name, png, caption, note, wide)
 
 
 def _fit(figure: Figure, fit: EquationFit) -> None:

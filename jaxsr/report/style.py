@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
+from jaxsr._progress import Budget
 from jaxsr.report.formatting import shorten
 
 # Okabe and Ito's palette, told apart by colour-blind readers; the same colours stand in style.css.
@@ -78,6 +79,33 @@ class Drawing:
     caption: str
     note: str = ""
     wide: bool = True
+
+
+class Pace:
+    """Draw figures as long as there is time, by what those before took.
+
+    Parameters
+    ----------
+    budget : Budget, optional
+    """
+
+    _FIRST = 0.6  # seconds that the first figure of a process may take
+
+    def __init__(self, budget: Budget | None = None) -> None:
+        self._budget, self._longest = budget or Budget(), self._FIRST
+        self.left_out = False
+
+    def drawn(self, make: Callable[[], list[Drawing]], panels: float = 1.0) -> list[Drawing]:
+        """Return the figures that ``make`` draws, or none where there is no time for them."""
+        began = self._budget.elapsed
+        if self._budget.remaining <= panels * self._longest:
+            self.left_out = True
+            return []
+        drawings = make()
+        if drawings:
+            spent = (self._budget.elapsed - began) / panels
+            self._longest = max(0.7 * self._longest, spent)
+        return drawings
 
 
 def draw(size: tuple[float, float], paint: Callable[[Figure], None]) -> bytes:

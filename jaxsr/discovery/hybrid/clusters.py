@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from sklearn.neighbors import NearestNeighbors
+from scipy.spatial import KDTree
 
 from jaxsr._result import InputError
 
@@ -42,8 +42,7 @@ class Clusters:
         """Return the samples of other recordings nearest to the same centroids (clusters, K)."""
         points = np.column_stack([variables[name] for name in self.coordinates]) / self.scale
         count = min(self.members.shape[1], len(points))
-        search = NearestNeighbors(n_neighbors=count).fit(points)
-        return search.kneighbors(self.centroids / self.scale, return_distance=False)
+        return _neighbours(points, self.centroids / self.scale, count)[1]
 
 
 def build_clusters(
@@ -78,11 +77,19 @@ def build_clusters(
     points = np.column_stack([variables[name] for name in coordinates])
     scale = np.std(points, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
-    search = NearestNeighbors(n_neighbors=count).fit(points / scale)
-    near, _ = search.kneighbors(points / scale)
+    near, _ = _neighbours(points / scale, points / scale, count)
     centroids = _centroids(points / scale, group, near[:, -1])
-    members = search.kneighbors(centroids, return_distance=False)
+    _, members = _neighbours(points / scale, centroids, count)
     return Clusters(tuple(coordinates), scale, centroids * scale, members)
+
+
+def _neighbours(
+    points: np.ndarray, centres: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return distances and numbers of the points nearest to each centre (centres, count)."""
+    distances, members = KDTree(points).query(centres, k=count)
+    shape = len(centres), count
+    return np.reshape(distances, shape), np.reshape(members, shape)
 
 
 def _centroids(points: np.ndarray, group: np.ndarray, radius: np.ndarray) -> np.ndarray:

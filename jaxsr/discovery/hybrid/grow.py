@@ -28,6 +28,7 @@ from jaxsr.expressions.editing import ONE
 from jaxsr.expressions.term import Term
 
 _SCANNED = 3000  # samples on which thresholds are tried
+_CLUSTERED = 3000  # samples among which neighbours are sought
 _SOFT = 1e-4  # error relative to the rms below which samples count alike when scanned
 _TERMS = 40  # columns of a scan
 _SIDE = 0.3  # share of the samples that a side must have to be looked at for a second guard
@@ -154,7 +155,7 @@ class Grower:
                 continue
             scaled = columns * self._weights(rows)[:, None]
             least = max(self.config.least, 2 * len(kept))
-            for split in best_splits(scaled, targets, values, least):
+            for split in best_splits(scaled, targets, values, least, self._expired):
                 if split.gain < np.log(self.config.gain) and self.count is None:
                     continue
                 price = 2.0 * len(kept) * np.log(len(rows)) / len(rows)
@@ -194,12 +195,16 @@ class Grower:
         kept, columns = independent_columns(self._terms(), rows.variables, _TERMS)
         if not kept:
             return None
-        tail = rare_tail(columns * self._weights(rows)[:, None], targets, values)
+        weighed = columns * self._weights(rows)[:, None]
+        tail = rare_tail(weighed, targets, values, self._expired)
         return None if tail is None else Guard(variables[tail.guard], tail.threshold, tail.above)
 
     def parted(self, guard: Guard, laws: Mapping[str, Equation]) -> Node | None:
         """Return two leaves on either side of a guard; None where one has hardly a sample."""
         return self._parted(Node((), laws, False, rows=len(self.train)), replace(guard, above=True))
+
+    def _expired(self) -> bool:
+        return self.budget.exhausted
 
     def _names(self) -> tuple[str, ...]:
         return (*self.part.states, *self.part.inputs)
@@ -261,9 +266,11 @@ class Grower:
         Coordinates are those in which local fits leave least. Clusters in which every state that
         changes sign in the region keeps it come first: laws of sizes and signs are plainest there.
         """
+        few = thinned(np.arange(len(part)), _CLUSTERED)
+        whole, part = part, part.take(few)
         count = int(np.clip(len(part) // 4, 30, 150))
         if count >= len(part):
-            return [np.arange(len(part))]
+            return [np.arange(len(whole))]
         _, columns = independent_columns(self._terms(), part.variables, min(15, count // 4))
         target = self._target(state, part)[:, None]
         clusters, _errors = choose_coordinates(
@@ -278,7 +285,7 @@ class Grower:
         order = np.lexsort((-spread, -signed))
         chosen: list[np.ndarray] = []
         for k in order.tolist():
-            rows = np.sort(clusters.members[k])
+            rows = few[np.sort(clusters.members[k])]
             if all(len(np.intersect1d(rows, old)) < 0.5 * count for old in chosen):
                 chosen.append(rows)
             if len(chosen) == self.config.limits.clusters:

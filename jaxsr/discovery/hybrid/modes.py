@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime
 from jaxsr._progress import Budget
 from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.experiments import Experiments
@@ -74,8 +75,15 @@ class ModeFinder:
         """Search modes before any law, where linear fits speak for them.
 
         States seen in the weak view for noise wait for their law: their derivatives at single
-        samples are noise, which linear fits take for switches.
+        samples are noise, which linear fits take for switches. Nothing is found where the budget
+        ends before.
         """
+        try:
+            return self._look(budget)
+        except OutOfTime:
+            return Looked(None, {}, False)
+
+    def _look(self, budget: Budget) -> Looked:
         part = self.experiments.roles
         rates = rates_of(part, self.experiments.rows)
         kinds = kinds_of(part, rates)
@@ -112,7 +120,8 @@ class ModeFinder:
     ) -> Hybrid | RareMode | None:
         """Return the modes of a system, or None where one law is enough.
 
-        A mode hardly visited is told as such, where its law cannot be told.
+        A mode hardly visited is told as such, where its law cannot be told. One law stays where
+        the budget ends before modes are found.
 
         Parameters
         ----------
@@ -122,6 +131,14 @@ class ModeFinder:
             One law for each state, as a discovery of one mode found it.
         budget : Budget
         """
+        try:
+            return self._find(looked, equations, budget)
+        except OutOfTime:
+            return None
+
+    def _find(
+        self, looked: Looked, equations: Sequence[Equation], budget: Budget
+    ) -> Hybrid | RareMode | None:
         laws = {e.state: e for e in equations}
         root, auto = looked.root, self.count is None
         open_ = [e.state for e in equations if is_open(e)]
@@ -172,14 +189,14 @@ class ModeFinder:
         memory.add(harmonics(remembered, part.time))
         memory.add(remembered)
         train, judge = pointwise(self.experiments.train), pointwise(self.experiments.judge)
-        tasks = {s: self.tasks[s] for s in states}
+        tasks = {s: replace(self.tasks[s], limit=budget, strict=True) for s in states}
         return Grower(
             self.rng, tasks, part, kinds, memory, train, judge, budget, self.config, self.count
         )
 
     def _is_sharp(self, grower: Grower, state: str) -> bool:
         """Tell whether a state's law breaks at some guard; time enters by its main frequencies."""
-        task, part = self.tasks[state], self.experiments.roles
+        task, part = grower.tasks[state], self.experiments.roles
         alone = replace(grower, tasks={state: task}, timed=False)
         if not part.autonomous:
             problem = task.problem(grower.train)
@@ -194,7 +211,7 @@ class ModeFinder:
 
     def _short(self, state: str, grower: Grower, budget: Budget) -> Equation:
         """Return one law from a short search."""
-        task = self.tasks[state]
+        task = grower.tasks[state]
         short = replace(task, config=self.config.limits.of(task.config), checkpoint=None)
         rows = grower.train
         return find_equation(self.rng, short, rows, grower.judge, rows, budget=budget)

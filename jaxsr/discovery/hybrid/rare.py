@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from jaxsr._deadline import ensure, never
 from jaxsr.discovery.hybrid.guards import Guard
 
 _SHARES = (0.005, 0.01, 0.02, 0.03, 0.045, 0.06, 0.08)
@@ -64,7 +65,10 @@ class RareMode:
 
 
 def rare_tail(
-    columns: np.ndarray, targets: np.ndarray, guards: Sequence[np.ndarray]
+    columns: np.ndarray,
+    targets: np.ndarray,
+    guards: Sequence[np.ndarray],
+    expired: Callable[[], bool] = never,
 ) -> Tail | None:
     """Return the few samples at an end of a guard variable that spoil a linear fit of the others.
 
@@ -75,6 +79,13 @@ def rare_tail(
     targets : ndarray, (samples, states)
         Weighted like the columns.
     guards : sequence of ndarray, (samples,)
+    expired : callable
+        Whether the time is over.
+
+    Raises
+    ------
+    OutOfTime
+        Once it is.
     """
     everything = np.log(_mean_squares(columns, targets)[0])
     best: tuple[float, int, bool, int] | None = None
@@ -82,6 +93,7 @@ def rare_tail(
         for above in (False, True):
             order = np.argsort(-values if above else values, kind="stable")
             for count in sorted({round(share * len(values)) for share in _SHARES}):
+                ensure(expired)
                 rest = order[count:]
                 if count < _FEWEST or len(rest) < 3 * columns.shape[1]:
                     continue

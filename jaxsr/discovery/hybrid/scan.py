@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from jaxsr._deadline import ensure, never
+
 _POSITIONS = 100  # thresholds tried on each guard, evenly spaced in rank, then once finer
 _RIDGE = 1e-11  # damping of columns of mean square one
+_LEAST = 1e-200  # sum of squares of a target at rest, whose logarithm is taken
 _EXACT = 1e-13  # share of a target's sum of squares below which fits differ by rounding alone
 
 
@@ -42,7 +45,11 @@ class Split:
 
 
 def best_splits(
-    columns: np.ndarray, targets: np.ndarray, guards: Sequence[np.ndarray], least: int
+    columns: np.ndarray,
+    targets: np.ndarray,
+    guards: Sequence[np.ndarray],
+    least: int,
+    expired: Callable[[], bool] = never,
 ) -> list[Split]:
     r"""Return the best threshold of every guard variable, the largest gain first.
 
@@ -63,11 +70,19 @@ def best_splits(
     guards : sequence of ndarray, (samples,)
     least : int
         Samples that a side must have.
+    expired : callable
+        Whether the time is over.
+
+    Raises
+    ------
+    OutOfTime
+        Once it is.
     """
-    total = np.sum(targets**2, axis=0)
+    total = np.maximum(np.sum(targets**2, axis=0), _LEAST)
     everywhere = _left(columns.T @ columns, columns.T @ targets, total, total)
     splits = []
     for number, values in enumerate(guards):
+        ensure(expired)
         order = np.argsort(values, kind="stable")
         found = _of_guard(columns[order], targets[order], values[order], least, total)
         if found is None:

@@ -10,8 +10,9 @@ import numpy as np
 from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.hybrid.clusters import Clusters, choose_coordinates, split_place
 from jaxsr.discovery.hybrid.piecewise import Mode
-from jaxsr.discovery.samples import Samples
+from jaxsr.discovery.samples import Samples, thinned
 
+_LOOKED_AT = 3000  # samples that get a cluster each
 _SHARE, _FEWEST, _MOST = 7, 20, 150  # K: a seventh of the samples, within bounds
 
 
@@ -84,6 +85,8 @@ def cluster_table(
         Data-driven coordinates to choose from.
     train, judge : Samples
     """
+    few, seen = (thinned(np.arange(len(part)), _LOOKED_AT) for part in (train, judge))
+    train, judge, labels = train.take(few), judge.take(seen), (labels[0][few], labels[1][seen])
     count = int(np.clip(len(train) // _SHARE, min(_FEWEST, len(train)), _MOST))
     errors = _errors(modes, states, train), _errors(modes, states, judge)
     # purest: a cluster of one mode is fitted exactly by it, so its label tells as much as a fit

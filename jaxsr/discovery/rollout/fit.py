@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
+from jaxsr._deadline import OutOfTime, never
 from jaxsr.discovery.rollout.segments import Segments
 from jaxsr.discovery.rollout.simulate import simulate
 from jaxsr.discovery.rollout.system import System
@@ -45,7 +47,7 @@ class RolloutFit:
     def ci95(self) -> np.ndarray:
         """Return 95 % intervals (constants, 2)."""
         free = max(self.count - len(self.constants) - self.starts.size, 1)
-        half = stats.t.ppf(0.975, free) * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        half = stdtrit(free, 0.975) * np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         return np.column_stack([self.constants - half, self.constants + half])
 
 
@@ -71,7 +73,7 @@ def fit_rollout(
     starts: np.ndarray | None = None,
     substeps: int = 1,
     iterations: int = _ITERATIONS,
-    expired: Callable[[], bool] = lambda: False,
+    expired: Callable[[], bool] = never,
 ) -> RolloutFit | None:
     """Estimate constants and every segment's start; None where the system cannot be followed.
 
@@ -83,7 +85,11 @@ def fit_rollout(
         starts = np.stack([segments.values[s][0] for s in system.states])
 
     def at(constants: np.ndarray, starts: np.ndarray) -> _Point | None:
-        return _point(rates, system.states, time, segments, constants, starts, substeps)
+        way = partial(simulate, rates, system.states, time, segments, expired=expired)
+        try:
+            return _point(way, system.states, segments, constants, starts, substeps)
+        except OutOfTime:
+            return None
 
     point = at(np.asarray(constants, dtype=np.float64), starts)
     if point is None:
@@ -107,18 +113,32 @@ def fit_rollout(
 
 
 def fine_enough(
-    system: System, segments: Segments, fitted: RolloutFit, *, time: str, most: int = 16
+    system: System,
+    segments: Segments,
+    fitted: RolloutFit,
+    *,
+    time: str,
+    most: int = 16,
+    expired: Callable[[], bool] = never,
 ) -> int:
     """Return the steps between samples at which the method's error is no part of the misfit.
 
     Steps are doubled until halving them once more changes the path by less than a tenth of the
     fit's own error.
+
+    Raises
+    ------
+    OutOfTime
+        Once ``expired()``.
     """
     rates = system.function()
     constants, starts = fitted.constants[None], fitted.starts[:, None, :]
 
     def path(steps: int) -> np.ndarray:
-        return simulate(rates, system.states, time, segments, constants, starts, steps)[:, :, 0]
+        whole = simulate(
+            rates, system.states, time, segments, constants, starts, steps, expired=expired
+        )
+        return whole[:, :, 0]
 
     steps, coarse = 1, path(1)
     while steps < most:
@@ -135,9 +155,8 @@ def fine_enough(
 
 
 def _point(
-    rates: Callable,
+    simulated: Callable[..., np.ndarray],
     states: Sequence[str],
-    time: str,
     segments: Segments,
     constants: np.ndarray,
     starts: np.ndarray,
@@ -152,7 +171,7 @@ def _point(
     begin = np.repeat(starts[:, None, :], copies, axis=1)
     shifts = _STEP * np.maximum(np.max(np.abs(starts), axis=1), 1e-6)
     begin[np.arange(width), 1 + count + np.arange(width)] += shifts[:, None]
-    out = simulate(rates, states, time, segments, moved, begin, substeps)
+    out = simulated(moved, begin, substeps)
     rows, slopes = [], []
     for place, state in enumerate(states):
         if state not in segments.measured:

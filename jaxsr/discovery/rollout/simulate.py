@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr._deadline import ensure, never
 from jaxsr.discovery.rollout.segments import Segments
 
 _FAR = 1e8  # a state that large has left the region in which the law was found
@@ -20,6 +21,7 @@ def simulate(
     constants: np.ndarray,
     starts: np.ndarray,
     substeps: int = 1,
+    expired: Callable[[], bool] = never,
 ) -> np.ndarray:
     """Integrate by the classical method of order four.
 
@@ -35,11 +37,18 @@ def simulate(
     starts : ndarray, (states, copies, segments)
     substeps : int
         Steps between samples.
+    expired : callable
+        Whether the time is over.
 
     Returns
     -------
     ndarray, (samples, states, copies, segments)
         Not finite from where a copy has diverged.
+
+    Raises
+    ------
+    OutOfTime
+        Once the time is over.
     """
     samples = len(segments.time)
     c = list(constants.T[:, :, None])
@@ -59,6 +68,7 @@ def simulate(
 
     with np.errstate(all="ignore"):
         for place in range(samples - 1):
+            ensure(expired)
             h = (segments.time[place + 1] - segments.time[place]) / substeps
             for step in range(substeps):
                 at, half, end = (np.array([0.0, 0.5, 1.0]) + step) / substeps
