@@ -52,7 +52,7 @@ def push_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
     # Where more than noise is left, windows usually gain more than chi-squared's median.
     usual = float(np.median(every)) * independent / entry.fit.cost
     sure = surely(entry.fit.cost, independent / max(usual / 0.455, 1.0), every.size)
-    single = len(arena.prepared) == 1
+    single = len({p.recording.name for p in arena.prepared}) == 1
     least = max(sure, CONCENTRATED * entry.fit.cost if single else 0.0)
     best = sorted((p for p in found if p.gain > least), key=lambda p: -p.gain)
     names = [p.recording.name for p in arena.prepared]
