@@ -31,7 +31,15 @@ def system(states: list[int], size: float) -> WeakSystem:
     rows = np.repeat(np.array(states, dtype=int), 3)
     one = np.ones(rows.size)
     return WeakSystem(
-        size * one, np.ones((rows.size, 1)), 2.0 * one, rows, 0 * rows, one, np.zeros(1), 0.1
+        size * one,
+        np.ones((rows.size, 1)),
+        2.0 * one,
+        rows,
+        0 * rows,
+        one,
+        0 * rows,
+        np.zeros(1),
+        0.1,
     )
 
 

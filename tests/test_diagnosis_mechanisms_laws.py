@@ -19,6 +19,7 @@ from jaxsr.diagnosis.mechanisms.actuator import actuator
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.screening.columns import WeakColumns, with_candidates
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.diagnosis.screening.weak_system import weak_system
 from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.models import Model, Simulator, apply_edit, model_text, parse_model, read_model
@@ -223,10 +224,11 @@ def test_columns_evaluated_alone_are_those_of_the_differentiated_model():
     built = SuperModel.build(model, chosen)
     theta = np.array([p.value for p in model.parameters.values()])
     width = 0.2
-    given = weak_system(Simulator(model), prepared, theta, width)
-    quick = with_candidates(WeakColumns(model, prepared, width), given, built)
+    grid = WeakGrid.build(model, prepared, width)
+    given = weak_system(Simulator(model), grid, theta)
+    quick = with_candidates(WeakColumns(grid), given, built)
     full = np.array([p.value for p in built.model.parameters.values()])
-    exact = weak_system(Simulator(built.model), prepared, full, width)
+    exact = weak_system(Simulator(built.model), grid, full)
     size = np.abs(exact.jacobian).max(axis=0)
     assert (size > 0).sum() > 30
     np.testing.assert_allclose(quick.jacobian, exact.jacobian, rtol=0, atol=1e-9 * size.max())
@@ -239,8 +241,9 @@ def test_a_thresholds_column_is_the_secant_to_its_seed():
     found = [c for c in force_candidates(model, SCALE) if c.family == "actuator"]
     built = SuperModel.build(model, found)
     theta = np.array([p.value for p in model.parameters.values()])
-    given = weak_system(Simulator(model), prepared, theta, 0.2)
-    quick = with_candidates(WeakColumns(model, prepared, 0.2), given, built)
+    grid = WeakGrid.build(model, prepared, 0.2)
+    given = weak_system(Simulator(model), grid, theta)
+    quick = with_candidates(WeakColumns(grid), given, built)
     order = list(built.model.parameters)
     for candidate, names in zip(found, built.names, strict=True):
         spec = candidate.parameters[0]
@@ -250,7 +253,7 @@ def test_a_thresholds_column_is_the_secant_to_its_seed():
         values[order.index(names[spec.name])] = spec.seed
         edited = apply_edit(model, candidate.edit(model, names, {spec.name: spec.seed}))
         at = np.array([p.value for p in edited.parameters.values()])
-        exact = weak_system(Simulator(edited), prepared, at, 0.2)
+        exact = weak_system(Simulator(edited), grid, at)
         np.testing.assert_allclose(quick.at(values), exact.residual, atol=1e-3)
 
 

@@ -9,6 +9,7 @@ from memory_plants import GIVEN, PLANTS, STEP
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.screening.memory_columns import with_memory
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.diagnosis.screening.weak_system import weak_system
 from jaxsr.diagnosis.setup import state_scale
 from jaxsr.models import Simulator
@@ -21,11 +22,12 @@ def test_the_planted_memory_explains_most_of_what_the_weak_view_leaves(mechanism
     candidates = memory_candidates(GIVEN, state_scale(GIVEN, [item]), STEP)
     super_model = SuperModel.build(GIVEN, candidates)
     theta = np.array([p.value for p in super_model.model.parameters.values()])
-    given = weak_system(Simulator(GIVEN), [item], theta[: len(GIVEN.parameters)], 0.25)
+    grid = WeakGrid.build(GIVEN, [item], 0.25)
+    given = weak_system(Simulator(GIVEN), grid, theta[: len(GIVEN.parameters)])
     wide = np.zeros((given.residual.size, theta.size))
     wide[:, : given.jacobian.shape[1]] = given.jacobian
     system = with_memory(
-        type(given)(**{**vars(given), "jacobian": wide, "theta": theta}), super_model, [item]
+        type(given)(**{**vars(given), "jacobian": wide, "theta": theta}), super_model, grid
     )
     base = super_model.base_index()
 

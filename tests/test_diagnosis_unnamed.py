@@ -168,6 +168,7 @@ def test_the_search_asks_the_equation_that_fails_most_for_its_size():
             state=state,
             recording=np.zeros(100, dtype=int),
             centre=np.arange(100.0),
+            row=np.arange(100),
             theta=np.ones(2),
             half_width=1.0,
         )

@@ -10,7 +10,8 @@ import pytest
 from diagnosis_systems import ARM, RAIL
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.screening.weak_system import WeakSystem, observable_states, weak_system
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
+from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator, parse_model, read_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -70,7 +71,8 @@ def weak(
 ) -> WeakSystem:
     simulator = Simulator(model)
     values = np.array(simulator.values()) if theta is None else theta
-    return weak_system(simulator, [Prepared.build(model, recording)], values, half_width)
+    grid = WeakGrid.build(model, [Prepared.build(model, recording)], half_width)
+    return weak_system(simulator, grid, values)
 
 
 def relative(system: WeakSystem) -> list[float]:
@@ -185,14 +187,16 @@ def test_rows_with_missing_samples_are_left_out():
 def test_equations_with_a_hidden_state_are_not_written_down(arm):
     one_sensor = replace(arm, outputs=("y1",), readings={"y1": "q1"})
     prepared = [Prepared.build(one_sensor, arm_recording(100.0))]
-    assert observable_states(Simulator(one_sensor), prepared) == ()
+    assert WeakGrid.build(one_sensor, prepared, 0.2).observable == ()
     both = [Prepared.build(arm, arm_recording(100.0))]
-    assert observable_states(Simulator(arm), both) == ("w1", "w2")
+    assert WeakGrid.build(arm, both, 0.2).observable == ("w1", "w2")
 
 
 def test_recordings_are_told_apart():
     model = parse_model(RAIL)
     prepared = [Prepared.build(model, rail_recording(r)) for r in (100.0, 200.0)]
-    system = weak_system(Simulator(model), prepared, np.array([2.0, 3.0]), 0.2)
+    system = weak_system(
+        Simulator(model), WeakGrid.build(model, prepared, 0.2), np.array([2.0, 3.0])
+    )
     assert set(system.recording) == {0, 1}
     assert system.recording.size == system.residual.size == system.centre.size

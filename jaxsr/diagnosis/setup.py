@@ -15,11 +15,12 @@ from jaxsr.diagnosis.screening.columns import WeakColumns, motion_of, with_candi
 from jaxsr.diagnosis.screening.many_equations import many_equations, screen_each
 from jaxsr.diagnosis.screening.memory_columns import with_memory
 from jaxsr.diagnosis.screening.screen import Screening, screen
-from jaxsr.diagnosis.screening.weak_system import WeakSystem, observable_states, weak_system
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
+from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording, read_recording
-from jaxsr.views import choose_half_width
+from jaxsr.views.half_width import FEWEST, LONGEST, SHORTEST, choose_half_width
 
 NARROWEST = 8
 """Least half-width of a test function, in samples."""
@@ -44,15 +45,27 @@ def state_scale(model: Model, prepared: Sequence[Prepared]) -> dict[str, np.ndar
     return {s: np.nanquantile(values[:, i], QUANTILES) for i, s in enumerate(model.states)}
 
 
-def half_width_of(prepared: Sequence[Prepared]) -> float:
-    """Half-width of the test functions: the shortest that any output asks for."""
-    found = []
+def input_samples(model: Model, prepared: Sequence[Prepared]) -> dict[str, np.ndarray]:
+    """Samples of every input over all recordings."""
+    values = np.concatenate([p.inputs for p in prepared])
+    return dict(zip(model.inputs, values.T, strict=True))
+
+
+def half_width_of(prepared: Sequence[Prepared]) -> float | None:
+    """Half-width of the test functions in s: the shortest that any output asks for.
+
+    A support holds some samples of the slowest sensor. None where every recording is too short.
+    """
+    found, slowest = [], 0.0
     for item in prepared:
         for column in item.outputs.T:
             good = np.isfinite(column)
-            found.append(choose_half_width(item.time[good], column[good]))
-    shortest = min(p.time[-1] - p.time[0] for p in prepared)
-    return float(min(min(found), shortest / 4.0))
+            if np.count_nonzero(good) >= FEWEST:
+                time = item.time[good]
+                found.append(choose_half_width(time, column[good]))
+                interval = float(np.median(np.diff(time)))
+                slowest = max(slowest, min(SHORTEST * interval, LONGEST * (time[-1] - time[0])))
+    return max(min(found), slowest) if found else None
 
 
 def sample_step(prepared: Sequence[Prepared]) -> float:
@@ -62,44 +75,64 @@ def sample_step(prepared: Sequence[Prepared]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Screened:
-    """The weak view of all candidates and the sets it suggests; absent where a state hides."""
+    """The weak view of all candidates and the sets it suggests; absent where no equation shows."""
 
     super_model: SuperModel
     system: WeakSystem
     screening: Screening
-    half_width: float
+    grid: WeakGrid
+
+    @property
+    def half_width(self) -> float:
+        """Half the support of a test function, in s."""
+        return self.grid.half_width
 
 
 def screen_all(simulator: Simulator, prepared: Sequence[Prepared]) -> Screened | None:
     """Screen every force mechanism, where the equations can be read off the sensors."""
     model = simulator.model
-    if not observable_states(simulator, prepared):
-        return None
     half_width = half_width_of(prepared)
+    if half_width is None:
+        return None
+    grid = WeakGrid.build(model, prepared, half_width)
     theta = np.array([p.value for p in model.parameters.values()])
-    given = weak_system(simulator, prepared, theta, half_width)
-    columns = WeakColumns(model, prepared, half_width)
+    given = weak_system(simulator, grid, theta)
+    if not enough_rows(given, len(model.free_parameters)):
+        return None
+    columns = WeakColumns(grid)
     scale = state_scale(model, prepared)
-    candidates = force_candidates(model, scale, motion_of_case(simulator, prepared, half_width))
+    motion = motion_of_case(simulator, prepared, half_width)
+    candidates = force_candidates(model, scale, motion, input_samples(model, prepared))
     if many_equations(given):
         super_model = SuperModel.build(model, candidates)
         system = with_candidates(columns, given, super_model)
-        return Screened(super_model, system, screen_each(system, super_model), half_width)
+        return Screened(super_model, system, screen_each(system, super_model), grid)
     candidates += memory_candidates(model, scale, sample_step(prepared))
     super_model = SuperModel.build(model, candidates)
-    system = with_memory(with_candidates(columns, given, super_model), super_model, prepared)
-    return Screened(super_model, system, screen(system, super_model), half_width)
+    system = with_memory(with_candidates(columns, given, super_model), super_model, grid)
+    return Screened(super_model, system, screen(system, super_model), grid)
 
 
-def motion_of_case(simulator: Simulator, prepared: Sequence[Prepared], half_width: float) -> Motion:
+def enough_rows(system: WeakSystem, free: int) -> bool:
+    """Whether an equation is told at all: by finite rows, more than the free parameters."""
+    finite = np.isfinite(system.residual).all() and np.isfinite(system.jacobian).all()
+    return bool(finite) and system.residual.size > free
+
+
+def motion_of_case(
+    simulator: Simulator, prepared: Sequence[Prepared], half_width: float
+) -> Motion | None:
     """What re-calibration leaves, seen through test functions a third as wide.
 
     Inner constants are sought where the screening hardly looks: noise is larger there, but a
-    line gathers it from the whole recording.
+    line gathers it from the whole recording. None where so narrow functions tell no equation.
     """
     model = simulator.model
     samples = max(float(np.median(np.diff(p.time))) for p in prepared)
     narrow = min(max(half_width / 3.0, NARROWEST * samples), half_width)
     theta = np.array([p.value for p in model.parameters.values()])
-    given = weak_system(simulator, prepared, theta, narrow)
-    return motion_of(WeakColumns(model, prepared, narrow), given)
+    grid = WeakGrid.build(model, prepared, narrow)
+    given = weak_system(simulator, grid, theta)
+    if not enough_rows(given, len(model.free_parameters)):
+        return None
+    return motion_of(WeakColumns(grid), given)

@@ -15,7 +15,7 @@ from jaxsr.models.rollout import Stepping, outputs, states
 from jaxsr.models.segments import Prepared, Segments, build_segments
 from jaxsr.models.shooting import fit
 from jaxsr.models.simulator import Simulator, width_scales
-from jaxsr.models.states import StateEstimate, estimate_states, input_table
+from jaxsr.models.states import StateEstimate, estimate_states, input_table, output_table
 from jaxsr.recordings import Recording
 
 # Tried in turn: the cheap method first, the L-stable one where steps cannot resolve the model.
@@ -110,13 +110,12 @@ def _grid(model: Model, duration: float | None, dt: float | None) -> Prepared:
 
 def _prepared(model: Model, recording: Recording) -> Prepared:
     """Read the inputs, and the outputs as far as free starts need them."""
-    columns = [model.column(y) for y in model.outputs]
     if all(model.initial.get(s, FREE) != FREE for s in model.states):
+        columns = [model.column(y) for y in model.outputs]
         nothing = np.full(len(recording), np.nan)
         measured = [recording.channels.get(column, nothing) for column in columns]
         return _without_sensors(model, recording, np.stack(measured, axis=1))
-    measured = np.stack([recording.channel(column) for column in columns], axis=1)
-    inputs = input_table(model, recording)
+    measured, inputs = output_table(model, recording), input_table(model, recording)
     return Prepared(recording, recording.time, inputs, measured, estimate_states(model, recording))
 
 

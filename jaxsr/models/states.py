@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,6 +11,10 @@ from jaxsr.models.inputs import fill_missing
 from jaxsr.models.model import FREE, Model
 from jaxsr.recordings import Recording
 from jaxsr.views import savitzky_golay
+from jaxsr.views.gaps import fill, reachable
+
+FEWEST = 4
+"""Samples of a sensor from which it tells a state along a recording: enough for a cubic."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,14 +25,18 @@ class StateEstimate:
     ----------
     values : ndarray, shape (samples, states)
     measured : dict of str to ndarray
-        The unsmoothed signal of states a sensor reads, for the weak view.
+        The unsmoothed signal of states a sensor reads, for the weak view; what is missing between
+        near neighbours lies on a spline through them, NaN stands in longer gaps.
     hidden : frozenset of str
         States that no sensor reads and that are no derivative of one; a guess stands there.
+    seen : dict of str to ndarray of bool
+        Where the states that a sensor tells are known; everywhere without an entry.
     """
 
     values: np.ndarray
     measured: dict[str, np.ndarray]
     hidden: frozenset[str]
+    seen: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def role_channel(model: Model, recording: Recording, role: str) -> np.ndarray:
@@ -45,8 +53,30 @@ def input_table(model: Model, recording: Recording) -> np.ndarray:
 
 
 def output_table(model: Model, recording: Recording) -> np.ndarray:
-    """Return the measured outputs, shape (samples, outputs), NaN where missing."""
-    return np.stack([role_channel(model, recording, y) for y in model.outputs], axis=1)
+    """Return the measured outputs, shape (samples, outputs), NaN where missing.
+
+    A sensor that one recording lacks is missing throughout it.
+
+    Raises
+    ------
+    InputError
+        If the recording has no sample of any output.
+    """
+    table = np.full((len(recording), len(model.outputs)), np.nan)
+    for k, output in enumerate(model.outputs):
+        if not is_absent(recording, model.column(output)):
+            table[:, k] = role_channel(model, recording, output)
+    if np.isnan(table).all():
+        for output in model.outputs:
+            role_channel(model, recording, output)  # says what is wrong with it
+    return table
+
+
+def is_absent(recording: Recording, column: str) -> bool:
+    """Whether a recording has no such column, or none of its samples."""
+    if column in recording.set_aside:
+        return False
+    return column not in recording.channels or bool(np.isnan(recording.channels[column]).all())
 
 
 def estimate_states(model: Model, recording: Recording) -> StateEstimate:
@@ -59,19 +89,24 @@ def estimate_states(model: Model, recording: Recording) -> StateEstimate:
     """
     time = recording.time
     readable = {}
-    for output in model.outputs:
+    table = output_table(model, recording)
+    for output, column in zip(model.outputs, table.T, strict=True):
         state = _read_state(model, output)
-        if state is not None and state not in readable:
-            readable[state] = _inverted(
-                model, output, state, role_channel(model, recording, output)
-            )
+        if state is None or state in readable or np.count_nonzero(np.isfinite(column)) < FEWEST:
+            continue
+        signal = _inverted(model, output, state, column)
+        if signal is not None:
+            readable[state] = signal
     smooth: dict[str, np.ndarray] = {}
+    seen: dict[str, np.ndarray] = {}
     for state, signal in readable.items():
         smooth[state] = savitzky_golay(time, signal, 0)
+        seen[state] = reachable(time, np.isfinite(signal))
         child = _rate_state(model, state)
         if child is not None and child not in readable:
             smooth[child] = savitzky_golay(time, signal, 1)
-    guess = np.nanmean(np.abs(output_table(model, recording)))
+            seen[child] = seen[state]
+    guess = np.nanmean(np.abs(table))
     values = np.empty((len(recording), len(model.states)))
     for i, state in enumerate(model.states):
         fixed = model.initial.get(state, FREE)
@@ -83,7 +118,8 @@ def estimate_states(model: Model, recording: Recording) -> StateEstimate:
         # Inside a gap a straight line serves: a segment may begin there.
         column[:] = fill_missing(time, column)
     hidden = frozenset(s for s in model.states if s not in smooth)
-    return StateEstimate(values, readable, hidden)
+    measured = {state: fill(time, signal) for state, signal in readable.items()}
+    return StateEstimate(values, measured, hidden, seen)
 
 
 def _rate_state(model: Model, state: str) -> str | None:
@@ -106,10 +142,13 @@ def _read_state(model: Model, output: str) -> str | None:
     return None if flat else states[0]
 
 
-def _inverted(model: Model, output: str, state: str, signal: np.ndarray) -> np.ndarray:
-    """Solve output = slope*state + offset for the state, parameters as given."""
+def _inverted(model: Model, output: str, state: str, signal: np.ndarray) -> np.ndarray | None:
+    """Solve output = slope*state + offset for the state, parameters as given.
+
+    None where the reading does not depend on the state at these values.
+    """
     term: Term = model.reading_terms[output]
     env = {n: p.value for n, p in model.parameters.items()}
     offset = float(evaluate(term, {**env, state: 0.0}))
     slope = float(evaluate(term, {**env, state: 1.0})) - offset
-    return (signal - offset) / slope
+    return (signal - offset) / slope if np.isfinite(offset) and slope else None

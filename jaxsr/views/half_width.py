@@ -10,6 +10,7 @@ from jaxsr.views.weak import WeakView
 
 SHORTEST = 4  # samples
 LONGEST = 0.25  # of the record
+FEWEST = 16  # samples: four of the shortest half-widths
 _KEPT = 0.5  # of the acceleration's energy; puts EMPS near the 0.1 s that serve it best
 _NOISE_SHARE = 0.1  # of the energy that passes, at most
 _STEP = 1.19  # ratio of neighbouring widths: four to the octave
@@ -56,7 +57,8 @@ def choose_half_width(time: np.ndarray, y: np.ndarray, noise: float | None = Non
     longest = LONGEST * float(time[-1] - time[0])
     if longest < shortest * (1.0 - 1.0 / 16.0):
         raise InputError(
-            f"{time.size} samples are too few to choose test functions", remedy="Give at least 16"
+            f"{time.size} samples are too few to choose test functions",
+            remedy=f"Give at least {FEWEST}",
         )
     if longest <= shortest:
         return longest

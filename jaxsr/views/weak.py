@@ -92,6 +92,18 @@ class WeakView:
         matrices = _matrices(time, centres, first, stop, valid, half_width, order)
         return WeakView(time, centres, valid, float(half_width), order, matrices)
 
+    def covered(self, present: np.ndarray) -> np.ndarray:
+        """Return which supports hold no missing sample, shape (tests,).
+
+        Parameters
+        ----------
+        present : ndarray of bool, shape (samples,)
+        """
+        missing = np.concatenate([[0], np.cumsum(~np.asarray(present, dtype=bool))])
+        first = np.searchsorted(self.time, self.centres - self.half_width, side="left")
+        stop = np.searchsorted(self.time, self.centres + self.half_width, side="right")
+        return missing[stop] == missing[first]
+
     def integrate(self, y: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Return int phi y^(derivative) dt for every test function.
 

@@ -77,7 +77,7 @@ def judge(parts: Ingredients) -> Judged:
         arena,
         case.prepared,
         tuple(h for h in parts.horizons if h <= parts.headline),
-        case.screened.half_width if case.screened else None,
+        case.screened.grid if case.screened else None,
         case.budget.share(REFINING),
     )
     recalibrated = refine(ground, parts.null, thorough=not parts.chosen.members)

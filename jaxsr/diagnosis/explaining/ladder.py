@@ -77,6 +77,8 @@ def characters(parts: Ingredients) -> list[str]:
     if case.screened is None:
         return ["A state hides: no equation can be read off the sensors alone."]
     motion = motion_of_case(case.simulator, case.prepared, case.screened.half_width)
+    if motion is None:
+        return ["Narrow test functions hold too few samples to tell what the forces depend on."]
     model, texts = case.simulator.model, []
     power = {s: float(np.mean(r**2)) for s, r in motion.residual.items()}
     for state in sorted(power, key=lambda s: -power[s]):

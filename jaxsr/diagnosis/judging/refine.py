@@ -17,6 +17,7 @@ from jaxsr.diagnosis.judging.corners import out_of_corners
 from jaxsr.diagnosis.judging.noise_ratio import model_limited
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator, apply_edit, with_values
 from jaxsr.models.least_squares import Fit
@@ -68,7 +69,8 @@ class Estimate:
     def system(self, prepared: tuple[Prepared, ...], half_width: float) -> WeakSystem:
         """The weak view at the estimate, by the set's own parameters."""
         own = self.lean
-        return weak_system(own.simulator, prepared, self.theta[own.parameters], half_width)
+        grid = WeakGrid.build(self.arena.super_model.given, prepared, half_width)
+        return _weak_view(own, grid, self.theta)
 
     def interval(self, name: str) -> tuple[float, float]:
         """Value and half-width of a parameter of `named`."""
@@ -117,7 +119,7 @@ class Ground:
     arena: Arena
     prepared: tuple[Prepared, ...]
     horizons: tuple[float, ...]  # those up to the headline
-    half_width: float | None
+    grid: WeakGrid | None
     budget: Budget = field(default_factory=Budget)  # of what the report can do without
 
 
@@ -273,12 +275,14 @@ def _other_estimates(
         short = enter(short_arena, members, theta, stop=lambda: ground.budget.exhausted).fit
         if short.usable:
             found.append(short.theta)
-    if ground.half_width is not None:
-        found.append(_weak_estimate(ground, members, theta))
+    if ground.grid is not None:
+        found.append(_weak_estimate(ground, ground.grid, members, theta))
     return found
 
 
-def _weak_estimate(ground: Ground, members: tuple[int, ...], theta: np.ndarray) -> np.ndarray:
+def _weak_estimate(
+    ground: Ground, grid: WeakGrid, members: tuple[int, ...], theta: np.ndarray
+) -> np.ndarray:
     """Gauss-Newton in the weak view, every equation weighted by its own residual."""
     super_model, problem = ground.arena.super_model, ground.arena.problem
     own = lean(super_model, problem.simulator, problem.stepping, members)
@@ -286,8 +290,9 @@ def _weak_estimate(ground: Ground, members: tuple[int, ...], theta: np.ndarray) 
     low, high = parameter_bounds(super_model)
     theta, inside = theta.copy(), own.active(active)
     for _ in range(3):
-        mine = theta[own.parameters]
-        system = weak_system(own.simulator, ground.prepared, mine, ground.half_width or 0.0)
+        system = _weak_view(own, grid, theta)
+        if not system.residual.size:
+            break
         weight = np.ones(system.residual.size)
         for state in np.unique(system.state):
             rows = system.state == state
@@ -311,9 +316,14 @@ def _least_error(ground: Ground, members: tuple[int, ...], options: list[np.ndar
         total = sum(
             np.log(own.free_run(ground.prepared, theta, h).nrmse + 1e-300) for h in ground.horizons
         )
-        if ground.half_width is not None:
-            mine = theta[own.parameters]
-            system = weak_system(own.simulator, ground.prepared, mine, ground.half_width)
-            total += np.log(np.sqrt(np.mean(system.residual**2)) + 1e-300)
+        if ground.grid is not None:
+            left = _weak_view(own, ground.grid, theta).residual
+            total += np.log(np.sqrt(np.mean(left**2)) + 1e-300) if left.size else 0.0
         totals.append(total)
     return options[int(np.argmin(totals))]
+
+
+def _weak_view(own: Lean, grid: WeakGrid, theta: np.ndarray) -> WeakSystem:
+    """The equations that need no hidden state with the set's own mechanisms in them."""
+    states = grid.observable_in(own.simulator.model)
+    return weak_system(own.simulator, grid, theta[own.parameters], states)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -14,8 +14,6 @@ from jaxsr.diagnosis.laws.unnamed import FORCES, MAX_TERMS, ProposedForce, as_ca
 from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.evolution import SearchConfig, propose
 from jaxsr.evolution.propose import Proposal
-from jaxsr.models.segments import Prepared
-from jaxsr.views import WeakView
 
 SECONDS, SHARE = 12.0, 0.5
 """Longest search, and its share of the time left: what it finds is to be estimated as well."""
@@ -83,7 +81,7 @@ def _without(arena: Arena, entry: Entry, members: Iterable[int]) -> np.ndarray:
 
 def _view(case: Case, arena: Arena, theta: np.ndarray) -> WeakSystem:
     assert case.screened is not None
-    return weak_system(arena.problem.simulator, case.prepared, theta, case.screened.half_width)
+    return weak_system(arena.problem.simulator, case.screened.grid, theta)
 
 
 def _search(
@@ -110,11 +108,11 @@ def _search(
         own = system.state == index
         rms = float(np.sqrt(np.mean(system.residual[own] ** 2))) + 1e-300
         weight[own] = (1.0 if index == state else BESIDE) / rms
-    integrate = _WeakColumns(case.prepared, case.screened.half_width)
+    grid = case.screened.grid
 
     def view(columns: np.ndarray) -> np.ndarray:
         full = np.zeros((rows.size, columns.shape[1]))
-        full[rows] = weight[rows, None] * integrate(columns)
+        full[rows] = weight[rows, None] * grid.integrate(columns)[system.row[rows]]
         return full
 
     # Inputs stay out: one that cancels the drive makes every equation hold trivially.
@@ -145,25 +143,3 @@ def _worst_state(system: WeakSystem, states: Iterable[int]) -> int:
         brought = np.sum(terms[rows] ** 2) + np.sum(system.input_side[rows] ** 2)
         share[int(state)] = float(np.sum(system.residual[rows] ** 2) / max(brought, 1e-300))
     return max(share, key=lambda s: share[s])
-
-
-class _WeakColumns:
-    """Integrate columns over all recordings against the test functions."""
-
-    def __init__(self, prepared: Sequence[Prepared], half_width: float) -> None:
-        self.views, self.edges = [], [0]
-        for item in prepared:
-            present = np.isfinite(item.states.values).all(1)
-            for signal in item.states.measured.values():
-                present = present & np.isfinite(signal)
-            self.views.append(
-                WeakView.build(item.time, half_width, half_width / 4, mask=np.asarray(present))
-            )
-            self.edges.append(self.edges[-1] + item.time.size)
-
-    def __call__(self, columns: np.ndarray) -> np.ndarray:
-        parts = [
-            view.integrate(columns[a:b])[view.valid]
-            for view, a, b in zip(self.views, self.edges[:-1], self.edges[1:], strict=True)
-        ]
-        return np.concatenate(parts)

@@ -59,12 +59,14 @@ class Motion:
         Signals (samples, columns) to the rows of the weak view (rows, columns).
     centre : ndarray, shape (rows,)
         Times of the rows in seconds.
+    rows : mapping
+        State to the rows that its equation has; all by default.
     spacing : float
         Distance of the rows in seconds.
     residual : mapping
-        State to what re-calibration leaves of its equation, shape (rows,).
+        State to what re-calibration leaves of its equation, shape (its rows,).
     basis : mapping
-        State to orthonormal columns that re-calibration can reproduce, shape (rows, columns).
+        State to orthonormal columns that re-calibration can reproduce, shape (its rows, columns).
     inputs : mapping
         Input to its weak rows, shape (rows,).
     """
@@ -78,10 +80,15 @@ class Motion:
     residual: Mapping[str, np.ndarray]
     basis: Mapping[str, np.ndarray]
     inputs: Mapping[str, np.ndarray] = field(default_factory=dict)
+    rows: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def of(self, state: str, rows: np.ndarray) -> np.ndarray:
+        """Return those of all rows that the equation of `state` has."""
+        return rows[self.rows[state]] if state in self.rows else rows
 
     def share(self, state: str, columns: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the share of the residual's power that columns remove, and their coefficients."""
-        a, y = self.integrate(columns), self.residual[state]
+        a, y = self.of(state, self.integrate(columns)), self.residual[state]
         q = self.basis[state]
         a = a - q @ (q.T @ a)
         solved = np.linalg.lstsq(a, y, rcond=1e-6)[0]
@@ -90,7 +97,7 @@ class Motion:
 
     def shares(self, state: str, columns: np.ndarray) -> np.ndarray:
         """Return the share of the residual's power that each column alone removes."""
-        a, y = self.integrate(columns), self.residual[state]
+        a, y = self.of(state, self.integrate(columns)), self.residual[state]
         q = self.basis[state]
         a = a - q @ (q.T @ a)
         size = np.sum(a**2, axis=0)
@@ -106,15 +113,15 @@ class Motion:
 
     def frequencies(self, state: str, most: int = 2) -> list[Line]:
         """Return the spectral lines of a residual that no input brings, in rad/s."""
-        if state not in self.residual or self.centre.size < 32:
+        if state not in self.residual or self.residual[state].size < 32:
             return []
-        y = self.residual[state]
-        span = float(np.ptp(self.centre)) or 1.0
+        y, centre = self.residual[state], self.of(state, self.centre)
+        span = float(np.ptp(centre)) or 1.0
         top = np.pi / (2.0 * self.spacing)
         # From two periods in the record on: a slower one is a drift.
         grid = np.linspace(4.0 * np.pi / span, top, _count(span * top / np.pi))
-        power = np.abs(np.exp(-1j * np.outer(grid, self.centre)) @ (y - y.mean())) ** 2
-        driven = driven_lines(grid, span, self.centre, self.inputs.values())
+        power = np.abs(np.exp(-1j * np.outer(grid, centre)) @ (y - y.mean())) ** 2
+        driven = driven_lines(grid, span, centre, [self.of(state, u) for u in self.inputs.values()])
         power = np.where(driven, floor_of(power), power)
         t = self.signals["t"]
 

@@ -6,7 +6,7 @@ term; a candidate's own term, evaluated once a coefficient, says the same.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,40 +14,32 @@ import numpy as np
 from jaxsr.diagnosis.mechanisms import Motion, Threshold
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.diagnosis.screening.weak_system import WeakSystem, centred, inertia_force
 from jaxsr.expressions import evaluate
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
-from jaxsr.views import WeakView
 
 
 class WeakColumns:
     """Signals of all recordings, end to end, and their integrals against the test functions."""
 
-    def __init__(self, model: Model, prepared: Sequence[Prepared], half_width: float) -> None:
-        self.model, self.prepared = model, tuple(prepared)
-        self.views = [_view(model, item, half_width) for item in prepared]
-        self.edges = np.cumsum([0, *(item.time.size for item in prepared)])
+    def __init__(self, grid: WeakGrid) -> None:
+        self.grid, self.model, self.prepared = grid, grid.model, grid.prepared
+        model = grid.model
         names = [model.time, *model.states, *model.inputs]
-        self.parts = [dict(zip(names, _signals(model, item), strict=True)) for item in prepared]
-        self.signals = {n: np.concatenate([part[n] for part in self.parts]) for n in names}
-
-    def integrate(self, columns: np.ndarray) -> np.ndarray:
-        """Return the valid rows for signals of shape (samples, columns)."""
-        parts = [
-            view.integrate(columns[a:b])[view.valid]
-            for view, a, b in zip(self.views, self.edges[:-1], self.edges[1:], strict=True)
-        ]
-        return np.concatenate(parts)
+        parts = [dict(zip(names, _signals(model, item), strict=True)) for item in grid.prepared]
+        self.signals = {n: np.concatenate([part[n] for part in parts]) for n in names}
 
     def inertia(self, state: str, mass: np.ndarray) -> np.ndarray:
-        """Return the weak rows of mass * d(state)/dt for a mass along the samples."""
-        parts = [
-            inertia_force(self.model, view, item, state, mass[a:b, None])[view.valid, 0]
-            for view, item, a, b in zip(
-                self.views, self.prepared, self.edges[:-1], self.edges[1:], strict=True
-            )
-        ]
+        """Return the rows of mass * d(state)/dt for a mass along the samples."""
+        parts, edges = [np.zeros(0)], self.grid.edges
+        for view, item, a, b in zip(
+            self.grid.views, self.prepared, edges[:-1], edges[1:], strict=True
+        ):
+            if view is not None:
+                column = inertia_force(self.model, view, item, state, mass[a:b, None])
+                parts.append(column[view.valid, 0])
         return np.concatenate(parts)
 
 
@@ -64,24 +56,25 @@ def motion_of(columns: WeakColumns, system: WeakSystem) -> Motion:
     step = np.linalg.lstsq(a / size, -system.residual, rcond=1e-9)[0] if free else np.zeros(0)
     # residual = forces - inertia: what is missing has the other sign.
     missing = -(system.residual + (a / size) @ step)
-    residual, basis = {}, {}
+    residual, basis, rows_of = {}, {}, {}
     for index in np.unique(system.state):
         rows, name = system.state == index, model.states[index]
         left, strength, _ = np.linalg.svd((a / size)[rows], full_matrices=False)
-        residual[name] = missing[rows]
+        residual[name], rows_of[name] = missing[rows], system.row[rows]
         basis[name] = left[:, strength > 1e-9 * strength.max(initial=1e-300)]
-    first = system.state == system.state[0]
+    grid = columns.grid
     signals = {**columns.signals, "t": columns.signals[model.time]}
     return Motion(
         signals=signals,
         recordings=tuple(p.recording.name for p in columns.prepared),
-        edges=columns.edges,
-        integrate=columns.integrate,
-        centre=system.centre[first],
+        edges=grid.edges,
+        integrate=grid.integrate,
+        centre=grid.centre,
         spacing=system.half_width / 4.0,
         residual=residual,
         basis=basis,
-        inputs={u: columns.integrate(signals[u]) for u in model.inputs},
+        rows=rows_of,
+        inputs={u: grid.integrate(signals[u]) for u in model.inputs},
     )
 
 
@@ -135,23 +128,14 @@ def _effect(
     for state, template in candidate.terms:
         mine = system.state == model.states.index(state)
         if mine.any():
-            rows[mine] += columns.integrate(slope(template)[:, None])[:, 0]
+            rows[mine] += columns.grid.integrate(slope(template))[system.row[mine]]
     for row, column, template in candidate.inertia:
         mine = system.state == model.states.index(row)
         if mine.any():
-            rows[mine] -= columns.inertia(column, slope(template))
+            rows[mine] -= columns.inertia(column, slope(template))[system.row[mine]]
     quiet = [r for r, p in enumerate(columns.prepared) if p.recording.name in candidate.quiet]
     rows[np.isin(system.recording, quiet)] = 0.0
     return rows
-
-
-def _view(model: Model, item: Prepared, half_width: float) -> WeakView:
-    """The test functions of `weak_system`."""
-    present = np.asarray(np.isfinite(item.states.values).all(1))
-    for state, signal in item.states.measured.items():
-        if state in model.states:
-            present = np.asarray(present & np.isfinite(signal))
-    return WeakView.build(item.time, half_width, half_width / 4, mask=present)
 
 
 def _signals(model: Model, item: Prepared) -> list[np.ndarray]:

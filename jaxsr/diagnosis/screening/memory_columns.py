@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
-from jaxsr.models.segments import Prepared
 from jaxsr.models.simulator import Simulator
 
 
-def with_memory(
-    system: WeakSystem, super_model: SuperModel, prepared: Sequence[Prepared]
-) -> WeakSystem:
+def with_memory(system: WeakSystem, super_model: SuperModel, grid: WeakGrid) -> WeakSystem:
     """Fill the columns of every candidate that brings a state along.
 
     The state is integrated along the recorded motion at the inner constants' first values; the
@@ -32,7 +29,7 @@ def with_memory(
     chosen = [super_model.candidates[i] for i in numbers]
     alone = SuperModel.build(super_model.given, chosen)
     theta = np.array([p.value for p in alone.model.parameters.values()], dtype=float)
-    found = weak_system(Simulator(alone.model), prepared, theta, system.half_width)
+    found = weak_system(Simulator(alone.model), grid, theta)
     jacobian = system.jacobian.copy()
     for k, number in enumerate(numbers):
         jacobian[:, super_model.index(number)] = 0.0

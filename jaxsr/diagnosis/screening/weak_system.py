@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.models.driven import known_states
 from jaxsr.models.field import Field, Point
 from jaxsr.models.model import Model
@@ -40,6 +41,8 @@ class WeakSystem:
         Index of the equation's state.
     recording, centre : ndarray, shape (rows,)
         Which recording, and the centre of phi in seconds.
+    row : ndarray of int, shape (rows,)
+        Row of the `WeakGrid`: equations whose sensors drop samples have fewer than others.
     theta : ndarray, shape (parameters,)
     half_width : float
     """
@@ -50,6 +53,7 @@ class WeakSystem:
     state: np.ndarray
     recording: np.ndarray
     centre: np.ndarray
+    row: np.ndarray
     theta: np.ndarray
     half_width: float
 
@@ -60,88 +64,89 @@ class WeakSystem:
     def only(self, states: np.ndarray) -> WeakSystem:
         """Return the equations of some states alone."""
         rows = np.isin(self.state, states)
-        names = "residual", "jacobian", "input_side", "state", "recording", "centre"
+        names = "residual", "jacobian", "input_side", "state", "recording", "centre", "row"
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
-
-
-def observable_states(simulator: Simulator, prepared: Sequence[Prepared]) -> tuple[str, ...]:
-    """Return the dynamic states whose equation needs no hidden state."""
-    hidden = set().union(*(item.states.hidden for item in prepared))
-    model = simulator.model
-    names = []
-    for state in model.dynamic_states:
-        used = set(model.equation_terms[state].variables) | {state}
-        for column, term in model.inertia_terms.get(state, {}).items():
-            used |= term.variables | {column}
-        if not used & hidden:
-            names.append(state)
-    return tuple(names)
 
 
 def weak_system(
     simulator: Simulator,
-    prepared: Sequence[Prepared],
+    grid: WeakGrid,
     theta: np.ndarray,
-    half_width: float,
-    spacing: float | None = None,
+    states: Sequence[str] | None = None,
 ) -> WeakSystem:
-    """Build the weak view of every observable equation over all recordings."""
-    states = observable_states(simulator, prepared)
-    parts = [
-        _one_recording(simulator, item, np.asarray(theta, float), half_width, spacing, states)
-        for item in prepared
+    """Build the weak view of equations over all recordings.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        Of the grid's model, or of an edit of it.
+    grid : WeakGrid
+        Decides by its own model which equation has which rows.
+    theta : ndarray, shape (parameters,)
+    states : sequence of str, optional
+        Whose equations; all that the grid's sensors show by default.
+    """
+    states = grid.observable if states is None else tuple(states)
+    theta = np.asarray(theta, float)
+    none = np.zeros(0)
+    parts: list[tuple[np.ndarray, ...]] = [
+        (none, np.zeros((0, theta.size)), none, none, none, none, none)
     ]
-    rows = [p[0].size for p in parts]
+    for number, view in enumerate(grid.views):
+        known = {s: grid.known(number, s) for s in states}
+        if view is not None and any(rows.any() for rows in known.values()):
+            parts.append(_one_recording(simulator, grid, number, theta, known))
+    residual, jacobian, input_side, state, recording, centre, row = (
+        np.concatenate(part) for part in zip(*parts, strict=True)
+    )
     return WeakSystem(
-        residual=np.concatenate([p[0] for p in parts]),
-        jacobian=np.concatenate([p[1] for p in parts]),
-        input_side=np.concatenate([p[2] for p in parts]),
-        state=np.concatenate([p[3] for p in parts]),
-        centre=np.concatenate([p[4] for p in parts]),
-        recording=np.repeat(np.arange(len(parts)), rows),
-        theta=np.asarray(theta, float),
-        half_width=half_width,
+        residual=residual,
+        jacobian=jacobian,
+        input_side=input_side,
+        state=state.astype(int),
+        recording=recording.astype(int),
+        centre=centre,
+        row=row.astype(int),
+        theta=theta,
+        half_width=grid.half_width,
     )
 
 
 def _one_recording(
     simulator: Simulator,
-    item: Prepared,
+    grid: WeakGrid,
+    number: int,
     theta: np.ndarray,
-    half_width: float,
-    spacing: float | None,
-    states: tuple[str, ...],
+    known: Mapping[str, np.ndarray],
 ) -> tuple[np.ndarray, ...]:
-    model = simulator.model
+    model, item, view = simulator.model, grid.prepared[number], grid.views[number]
+    assert view is not None
     own = values_of(model, item.recording.name)
     given = np.isfinite(own)
     theta = np.where(given, own, theta)
-    present = np.asarray(np.isfinite(item.states.values).all(1))
-    for state, signal in item.states.measured.items():
-        if state in model.states:
-            present = np.asarray(present & np.isfinite(signal))
-    view = WeakView.build(item.time, half_width, spacing or half_width / 4, mask=present)
-    known = known_states(model, item, theta, simulator)
-    x = tuple(np.where(np.isfinite(c), c, 0.0) for c in known.T)
+    states = tuple(s for s, rows in known.items() if rows.any())
+    path = known_states(model, item, theta, simulator)
+    x = tuple(np.where(np.isfinite(c), c, 0.0) for c in path.T)
     u = tuple(centred(column, model.input_hold) for column in item.inputs.T)
     env = simulator.environment(item.time, x, u, tuple(theta))
     widths = width_scales(simulator, env)
 
     describe = _by_formula if simulator.function is None else _by_function
     value, silent, slope = describe(simulator, item.time, (x, u), theta, widths, states)
-    blocks = [_equation(model, view, item, s, value, silent, slope) for s in states]
-    if not blocks:
-        none = np.zeros(0)
-        return none, np.zeros((0, len(theta))), none, none.astype(int), none
-    good = view.valid
-    count = int(good.sum())
-    index = [model.states.index(s) for s in states]
+    rows = [np.flatnonzero(known[s]) for s in states]
+    blocks = []
+    for state, mine in zip(states, rows, strict=True):
+        parts = _equation(model, view, item, state, value, silent, slope)
+        blocks.append([part[view.valid][mine] for part in parts])
+    order = np.concatenate(rows)
     return (
-        np.concatenate([b[0][good] for b in blocks]),
-        np.concatenate([b[1][good] for b in blocks]) * ~given,
-        np.concatenate([b[2][good] for b in blocks]),
-        np.repeat(index, count),
-        np.tile(view.centres[good], len(states)),
+        np.concatenate([b[0] for b in blocks]),
+        np.concatenate([b[1] for b in blocks]) * ~given,
+        np.concatenate([b[2] for b in blocks]),
+        np.repeat([model.states.index(s) for s in states], [r.size for r in rows]),
+        np.full(order.size, number),
+        view.centres[view.valid][order],
+        grid.first[number] + order,
     )
 
 

@@ -14,8 +14,7 @@ from jaxsr.diagnosis.mechanisms.site import Threshold, grows_in_proportion, site
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.screening.screen import STEEPEST, ScreenedSet
-from jaxsr.diagnosis.screening.weak_system import observable_states
-from jaxsr.diagnosis.setup import Screened, sample_step, state_scale
+from jaxsr.diagnosis.setup import Screened, input_samples, sample_step, state_scale
 from jaxsr.models import Model
 
 SINGLES, PAIRS, LARGER = 3, 3, 3
@@ -113,7 +112,7 @@ def contenders(case: Case, sets: list[ScreenedSet]) -> tuple[SuperModel, list[St
     screened = case.screened
     used = sorted({i for s in sets for i in s.members} | _best_variants(screened))
     chosen = [screened.super_model.candidates[i] for i in used]
-    seen = set(observable_states(case.simulator, case.prepared))
+    seen = set(screened.grid.observable)
     if seen < set(given.dynamic_states):
         chosen += [c for c in _unscreened(case) if c.terms and not seen & {s for s, _ in c.terms}]
     super_model = SuperModel.build(given, [*chosen, *sensors])
@@ -147,12 +146,6 @@ def _readings(case: Case) -> dict[str, np.ndarray]:
     return dict(zip(case.simulator.model.outputs, values.T, strict=True))
 
 
-def _inputs(case: Case) -> dict[str, np.ndarray]:
-    """Samples of every input over all recordings."""
-    values = np.concatenate([p.inputs for p in case.prepared])
-    return dict(zip(case.simulator.model.inputs, values.T, strict=True))
-
-
 def _unscreened(case: Case) -> list[Candidate]:
     """Return forces that do not need their equation read off the sensors.
 
@@ -162,7 +155,7 @@ def _unscreened(case: Case) -> list[Candidate]:
     given = case.simulator.model
     scale, step = state_scale(given, case.prepared), sample_step(case.prepared)
     forces = [
-        *force_candidates(given, scale, inputs=_inputs(case)),
+        *force_candidates(given, scale, inputs=input_samples(given, case.prepared)),
         *memory_candidates(given, scale, step),
         *(c for site in sites_of(given, scale) for c in shapes(site)),
     ]
