@@ -46,7 +46,8 @@ from jaxsr.diagnosis.search.horizon import Headline, Outlook
 from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_equations
 from jaxsr.diagnosis.search.regrouping import settled
 from jaxsr.diagnosis.search.stepwise import grow
-from jaxsr.diagnosis.setup import prepare, screen_all
+from jaxsr.diagnosis.setup import screen_all
+from jaxsr.diagnosis.thinning import prepare_search, time_for
 from jaxsr.models import Simulator
 from jaxsr.recordings import Recording
 
@@ -135,11 +136,11 @@ def diagnose(
     progress = progress or Silent()
     budget = as_budget(budget)
     rng = np.random.default_rng(seed)
-    prepared = prepare(simulator.model, data)
+    prepared, whole = prepare_search(simulator.model, data)
     progress.stage("screening mechanisms in the weak view")
     screened = screen_all(simulator, prepared)
     # What was slow to read and to screen is slow to report.
-    reading = budget.elapsed
+    reading = max(budget.elapsed, time_for(whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress)
@@ -165,6 +166,7 @@ def diagnose(
         seed=seed,
         command=command,
         stopped=grown,
+        whole=whole,
     )
     return assemble(ingredients)
 

@@ -29,7 +29,9 @@ STRETCHES = (6, 24)
 """Fewest and most pieces."""
 PER_WIDTH = 40
 """Samples in the half-width of a test function beyond which there are more than the motion asks."""
-SEEN = 100_000
+COMPLETING = 0.2
+"""Half the share of the time budget that is kept for estimates and runs over everything."""
+SEEN = 20_000
 """Samples that tell how fast the motion is."""
 
 
@@ -77,6 +79,11 @@ def prepare_search(
     return thinned(model, recordings)
 
 
+def time_for(whole: Whole | None, seconds: float) -> float:
+    """Return the share of a budget in s, half of what estimates and runs over everything need."""
+    return 0.0 if whole is None else COMPLETING * seconds
+
+
 def thinned(
     model: Model, recordings: Sequence[Recording]
 ) -> tuple[tuple[Prepared, ...], Whole | None]:
@@ -116,7 +123,9 @@ def _factor(model: Model, recordings: Sequence[Recording]) -> int:
     part = longest.select(slice(start, start + SEEN))
     widths = []
     for output in model.outputs:
-        values = part.channel(model.column(output))
+        values = part.channels.get(model.column(output))
+        if values is None:
+            continue
         known = np.isfinite(values)
         if known.sum() > PER_WIDTH and np.ptp(values[known]) > 0.0:
             widths.append(choose_half_width(part.time[known], values[known]))
@@ -144,7 +153,7 @@ def _features(
     for i, (r, first, last) in enumerate(rows):
         found = []
         for name in names:
-            values = recordings[r].channels[name][first:last]
+            values = recordings[r].channels.get(name, np.zeros(0))[first:last]
             values = values[np.isfinite(values)]
             if values.size < 2:
                 found += [np.nan] * 5
@@ -180,4 +189,4 @@ def spread(features: np.ndarray, number: int) -> list[int]:
     return sorted(int(i) for i in chosen)
 
 
-__all__ = ["Whole", "prepare_search", "spread", "thinned"]
+__all__ = ["Whole", "prepare_search", "spread", "thinned", "time_for"]

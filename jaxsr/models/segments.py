@@ -191,8 +191,7 @@ def build_segments(
         parts["guess"].append(known[r][start])
         parts["course"].append(known[r][pick].T)
         fixed = [
-            s in model.driven
-            or (start == 0 and item.begins and model.initial.get(s, FREE) != FREE)
+            s in model.driven or (start == 0 and item.begins and model.initial.get(s, FREE) != FREE)
             for s in model.states
         ]
         parts["free"].append(~np.array(fixed))

@@ -76,11 +76,9 @@ def _means(values: np.ndarray, kept: np.ndarray, factor: int) -> np.ndarray:
 
 def _lines(values: np.ndarray, kept: np.ndarray, factor: int) -> np.ndarray:
     """Knots of the straight lines that come nearest to an input, in the sum of squares."""
-    place = np.arange(values.size)
-    left = np.minimum(place // factor, kept.size - 1)
-    last = left == kept.size - 1
-    share = np.where(last, 0.0, (place - kept[left]) / factor)
-    right = np.where(last, left, left + 1)
+    place = np.arange(kept[-1] + 1)  # behind the last knot no line is drawn
+    values, left = values[place], np.minimum(place // factor, max(kept.size - 2, 0))
+    share, right = (place - kept[left]) / factor, np.minimum(left + 1, kept.size - 1)
     # normal equations of hat functions: three diagonals
     centre = np.bincount(left, (1 - share) ** 2, kept.size)
     centre += np.bincount(right, share**2, kept.size)

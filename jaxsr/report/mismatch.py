@@ -92,7 +92,8 @@ class _Panel:
         self.state = np.concatenate([part.state for part in parts])
         over = f"Lines: medians over {self.shown.state_name}."
         time = f" Right: {self.shown.recording}"
-        time += f", the largest of {len(parts)} recordings." if len(parts) > 1 else "."
+        names = {part.recording for part in parts}
+        time += f", the largest of {len(names)} recordings." if len(names) > 1 else "."
         self.note = over + (" Shaded: where the finding acts." if regions else "") + time
 
     def paint(self, figure: Figure) -> None:

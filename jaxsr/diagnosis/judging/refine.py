@@ -51,6 +51,8 @@ class Estimate:
         The same by the data alone: without directions of parameters that leave no trace.
     named : SuperModel
         The given model with the set's candidates alone, under the names a reader expects.
+    share : float
+        Of all samples that it rests on, where a search on a part of them went before.
     """
 
     arena: Arena
@@ -59,6 +61,7 @@ class Estimate:
     half: np.ndarray
     told: np.ndarray
     named: SuperModel
+    share: float = 1.0
 
     @cached_property
     def lean(self) -> Lean:

@@ -28,7 +28,7 @@ class TangentView:
     .. math:: |r - G f - \Theta b|^2 = |y - M f - T b|^2 + c
 
     with the starts projected out and G f compressed, segment by segment, to as many rows as it has
-    independent ones. A law is sought in this view as in any other; neither differentiated nor hidden
+    independent ones. A law is sought in this view as in any other; no differentiated and no hidden
     states are needed, and noise is weighed as in the free run itself.
 
     Attributes
