@@ -176,7 +176,7 @@ def diagnose(
                 progress=progress,
                 command=command,
             )
-            diagnosis.save(folder)
+            diagnosis.save(folder, limit)
             if model is None:
                 write_model(simulator.model, folder / "learned.toml")
         _tell(diagnosis, folder)

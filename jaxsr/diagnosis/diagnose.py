@@ -281,7 +281,7 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     if entries[0].fit.usable:
         short = case.search.remaining < LOCATING * case.budget.seconds
         if not (stop() or (short and _at_noise(arena, entries))):
-            arena, entries = with_located(arena, entries)
+            arena, entries = with_located(arena, entries, stop)
         entries, stopped = _grown(case, arena, entries)
         arena, entries = in_widths_of_best(arena, entries)
     return arena, entries, headline.seconds, stopped

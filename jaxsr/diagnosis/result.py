@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxsr._files import atomic_directory, dump_json
+from jaxsr._progress import Budget
 from jaxsr.models import Model, model_text
 
 SCHEMA = "jaxsr.diagnosis/1"
@@ -46,15 +47,20 @@ class Diagnosis:
         """The verdict in a sentence."""
         return verdict_sentence(self.verdict, self.findings)
 
-    def save(self, directory: str | Path) -> Path:
-        """Write diagnosis.json, explained.toml, report.html and figures, all or nothing."""
+    def save(self, directory: str | Path, budget: Budget | None = None) -> Path:
+        """Write diagnosis.json, explained.toml, report.html and figures, all or nothing.
+
+        Figures for which no time of a `budget` is left are left out.
+        """
         from jaxsr.report import write_diagnosis_report
 
         directory = Path(directory)
         with atomic_directory(directory) as out:
             (out / "diagnosis.json").write_text(dump_json(self.document), encoding="utf-8")
             (out / "explained.toml").write_text(model_text(self.model), encoding="utf-8")
-            write_diagnosis_report(self.document, self.evidence, out)
+            limit = budget or Budget()
+            late = lambda: limit.remaining == 0.0  # noqa: E731  # an interrupt leaves time
+            write_diagnosis_report(self.document, self.evidence, out, late)
         return directory
 
 

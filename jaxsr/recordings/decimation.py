@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 import scipy.linalg
@@ -19,9 +18,7 @@ UNIFORM = 1e-3
 """Departure of sample intervals from their median, relative to it, that counts as none."""
 
 
-def decimated(
-    recording: Recording, factor: int, inputs: Mapping[str, Literal["linear", "zero"]]
-) -> Recording:
+def decimated(recording: Recording, factor: int, inputs: Mapping[str, str]) -> Recording:
     """Return a recording with one in `factor` samples, for motions far slower than its samples.
 
     A sensor's reading is a parabola's value through the `factor` readings around it, where its
@@ -37,7 +34,8 @@ def decimated(
     factor : int
         Samples that become one.
     inputs : mapping
-        Channel of an input to what it does between samples; all others are sensors.
+        Channel of an input to what it does between samples, "linear" or "zero"; all others are
+        sensors.
 
     Returns
     -------
@@ -95,7 +93,7 @@ def _readings(values: np.ndarray, kept: np.ndarray, factor: int) -> np.ndarray:
     window = factor + (factor + 1) % 2
     if window < 5 or values.size < 3 * window or not np.isfinite(values).all():
         return values[kept]
-    smooth = scipy.signal.savgol_filter(values, window, 2)
+    smooth = np.asarray(scipy.signal.savgol_filter(values, window, 2))
     left = values - smooth
     power = float(np.mean(left**2))
     white = power > 0 and abs(float(np.mean(left[1:] * left[:-1]))) < WHITE * power

@@ -9,7 +9,7 @@ from typing import Any
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.scoring import FreeRun
-from jaxsr.diagnosis.contest.uncertainty import sensitivities
+from jaxsr.diagnosis.contest.uncertainty import Sensitivities, sensitivities
 from jaxsr.diagnosis.explaining.evidence import Forces, build_evidence, force_errors
 from jaxsr.diagnosis.explaining.explain import (
     calibration_rows,
@@ -24,6 +24,8 @@ from jaxsr.diagnosis.thinning import Whole, prepare_search
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import check_recording
 
+LEFT = 0.05
+"""Share of the time budget that evidence leaves for drawing and writing."""
 SHORT, FULL = 0.35, 0.6
 """Shares of the time left after which runs over all of long recordings end: short ones, and those
 over whole recordings."""
@@ -106,8 +108,7 @@ def _document(
     force: dict[str, Any] | None,
 ) -> dict[str, Any]:
     case, model = parts.case, parts.case.simulator.model
-    inner = sensitivities(parts.arena, parts.chosen.fit, exclude=parts.chosen.members)
-    outer = sensitivities(parts.arena, parts.null.fit)
+    inner, outer = _sensitivities(parts)
     fit: dict[str, Any] = {
         "measure": "free-run NRMSE",
         "horizons_s": _horizons(parts),
@@ -133,8 +134,8 @@ def _document(
         "findings": judged.findings,
         "calibration": calibration_rows(judged.explained, model),
         "fit": fit,
-        "confusable": confusable_rows(parts, outer),
-        "smallest_detectable": detectable_rows(parts, inner),
+        "confusable": confusable_rows(parts, outer) if outer else [],
+        "smallest_detectable": detectable_rows(parts, inner) if inner else {},
         "next_experiment": next_experiment(parts, judged.rivals),
         "data_checks": checks,
         "provenance": {
@@ -148,6 +149,24 @@ def _document(
             "data_sha256": {r.name: r.sha256 for r in train.recordings},
         },
     }
+
+
+def _sensitivities(parts: Ingredients) -> tuple[Sensitivities | None, Sensitivities | None]:
+    """Effects of all candidates beside the chosen set and beside re-calibration, if time is left.
+
+    The first tells how long the second takes.
+    """
+    budget = parts.case.budget
+    if budget.remaining < LEFT * budget.seconds:
+        return None, None
+    before = budget.elapsed
+    inner = sensitivities(parts.arena, parts.chosen.fit, exclude=parts.chosen.members)
+    if parts.chosen is parts.null:
+        return inner, inner
+    took = budget.elapsed - before
+    if budget.remaining - took < LEFT * budget.seconds:
+        return inner, None
+    return inner, sensitivities(parts.arena, parts.null.fit)
 
 
 def _thinned(parts: Ingredients, judged: Judged, train: Runs) -> list[dict[str, str]]:

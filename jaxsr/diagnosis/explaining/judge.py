@@ -36,6 +36,8 @@ COMPLETING = 0.25
 """Share of the time left that an estimate over all recordings may take."""
 REFINING = 0.15
 """Share of the time left that leading estimates out of corners and checking them may take."""
+SHARPENING = 0.3
+"""The same for estimates without the rounding of jumps, and their comparison."""
 WRONG = 0.02
 """Log mean square that re-calibration must gain over the given values for these to be wrong."""
 MATTERS = 1e-3
@@ -84,6 +86,7 @@ def judge(parts: Ingredients) -> Judged:
         tuple(h for h in parts.horizons if h <= parts.headline),
         case.screened.grid if case.screened else None,
         case.budget.share(REFINING),
+        case.budget.share(SHARPENING),
     )
     recalibrated = refine(ground, parts.null, thorough=not parts.chosen.members)
     recalibrated = _completed(parts, recalibrated)

@@ -23,6 +23,7 @@ from jaxsr.diagnosis.contest.uncertainty import (
     untold,
 )
 from jaxsr.diagnosis.judging.refine import Estimate
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.thinning import MOST, Whole
 from jaxsr.models.segments import Prepared
 
@@ -136,40 +137,74 @@ def over_all(whole: Whole, estimate: Estimate, stop: Callable[[], bool]) -> Esti
 def _told(
     whole: Whole, estimate: Estimate, stop: Callable[[], bool]
 ) -> Iterator[tuple[Chunk, Told | None]]:
-    every = chunks(whole)
+    every, own = chunks(whole), _Own.of(estimate)
     parts = -(-PARTS // len(every))
     for chunk in every:
         if stop():
             return
-        place = _arena(estimate.arena, chunk.prepared(whole))
-        theta = estimate.entry.fit.theta
-        entry = enter(place, estimate.entry.members, theta, None, stop, ITERATIONS)
-        yield chunk, _of(place, entry, theta, parts)
+        place = own.arena(chunk.prepared(whole))
+        entry = enter(place, own.members, own.theta, None, stop, ITERATIONS)
+        yield chunk, _of(place, entry, own, parts)
 
 
-def _arena(arena: Arena, item: Prepared) -> Arena:
-    """Cut a chunk into segments like those of the search."""
-    problem = arena.problem
-    seconds = arena.seconds
-    if not np.isfinite(seconds):
-        seconds = max(float(p.time[-1] - p.time[0]) for p in arena.prepared)
-    setting = problem.stepping, seconds, problem.scale, problem.simulator
-    return build_arena(arena.super_model, (item,), *setting, arena)
+@dataclass(frozen=True, eq=False)
+class _Own:
+    """An estimate in the model of its own mechanisms alone.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    super_model : SuperModel
+    members : tuple of int
+    theta : ndarray, shape (parameters,)
+        Where the search ended.
+    order : ndarray of int, shape (active,)
+        Where the estimate's active parameters stand.
+    """
+
+    estimate: Estimate
+    super_model: SuperModel
+    members: tuple[int, ...]
+    theta: np.ndarray
+    order: np.ndarray
+
+    @staticmethod
+    def of(estimate: Estimate) -> _Own:
+        """Leave out all other mechanisms."""
+        old, members, lean = estimate.arena.super_model, estimate.entry.members, estimate.lean
+        theta = old.switched(members, estimate.entry.fit.theta)[lean.parameters]
+        order = lean.active(estimate.entry.fit.active)
+        if len(lean.parameters) == len(old.model.parameters):
+            return _Own(estimate, old, members, theta, order)
+        alone = SuperModel.build(old.given, [old.candidates[i] for i in members])
+        return _Own(estimate, alone, tuple(range(len(members))), theta, order)
+
+    def arena(self, item: Prepared) -> Arena:
+        """Cut a chunk into segments like those of the search."""
+        lean, arena = self.estimate.lean, self.estimate.arena
+        seconds = arena.seconds
+        if not np.isfinite(seconds):
+            seconds = max(float(p.time[-1] - p.time[0]) for p in arena.prepared)
+        setting = lean.stepping, seconds, arena.problem.scale, lean.simulator
+        return build_arena(self.super_model, (item,), *setting)
 
 
-def _of(arena: Arena, entry: Entry, theta: np.ndarray, parts: int) -> Told | None:
+def _of(arena: Arena, entry: Entry, own: _Own, parts: int) -> Told | None:
     """Return what an entry of a chunk tells; None where it could not be estimated."""
     fit = entry.fit
     if not fit.usable:
         return None
+    place = {int(j): k for k, j in enumerate(fit.active)}
+    order = np.array([place[int(j)] for j in own.order], dtype=int)
     hessian, gradient = fit.normal_equations()
+    hessian, gradient = hessian[:, order][:, :, order], gradient[:, order]
     if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):
         return None
     edges = np.linspace(0, len(hessian), min(parts, len(hessian)) + 1).astype(int)[:-1]
     return Told(
         np.add.reduceat(hessian, edges, axis=0),
         np.add.reduceat(gradient, edges, axis=0),
-        fit.theta[fit.active] - theta[fit.active],
+        (fit.theta - own.theta)[own.order],
         fit.cost,
         int(arena.problem.segments.weights.sum()),
         int(arena.problem.segments.free_start.sum()),

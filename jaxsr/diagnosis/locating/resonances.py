@@ -23,7 +23,9 @@ PERIODS = 2.0
 """Fewest periods in the longest recording."""
 
 
-def resonance_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Candidate]:
+def resonance_candidates(
+    arena: Arena, entry: Entry, responses: Responses, stop: Callable[[], bool] = lambda: False
+) -> list[Candidate]:
     """Propose a hidden resonator along every equation that one would help.
 
     A mass on a spring and a damper reacts with -mh*qh''. Along the recorded motion qh'' follows
@@ -42,6 +44,8 @@ def resonance_candidates(arena: Arena, entry: Entry, responses: Responses) -> li
     for j, site in enumerate(responses.sites):
         if site.position is None or not responses.reverses(site):
             continue  # a motion that does not return excites no resonance
+        if stop():
+            break
         gains, masses = responses.gains(j, _reactions(arena, responses, site, choices), 1)
         gains = np.where(masses[:, 0] > 0.0, gains, 0.0)
         best = int(np.argmax(gains))
