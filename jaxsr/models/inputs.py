@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.signal
 
 from jaxsr._result import InputError
 from jaxsr.models.model import Hold
@@ -58,7 +57,9 @@ def stage_inputs(
         # Resample needs a periodic record: the trend between its ends is put back afterwards.
         trend = np.linspace(extended[0], extended[-1], size)
         factor = 2 * substeps
-        dense = np.asarray(scipy.signal.resample(extended - trend, size * factor))
+        from scipy.signal import resample  # slow to load, and rarely asked for
+
+        dense = np.asarray(resample(extended - trend, size * factor))
         grid = np.arange(size * factor) / factor
         dense = dense + np.interp(grid, np.arange(size), trend)
         start = pad * factor

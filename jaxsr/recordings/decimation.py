@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
-import scipy.signal
 
 from jaxsr.recordings.noise import quantisation_step
 from jaxsr.recordings.recording import Recording
@@ -93,7 +92,9 @@ def _readings(values: np.ndarray, kept: np.ndarray, factor: int) -> np.ndarray:
     window = factor + (factor + 1) % 2
     if window < 5 or values.size < 3 * window or not np.isfinite(values).all():
         return values[kept]
-    smooth = np.asarray(scipy.signal.savgol_filter(values, window, 2))
+    from scipy.signal import savgol_filter  # slow to load, and rarely asked for
+
+    smooth = np.asarray(savgol_filter(values, window, 2))
     left = values - smooth
     power = float(np.mean(left**2))
     white = power > 0 and abs(float(np.mean(left[1:] * left[:-1]))) < WHITE * power

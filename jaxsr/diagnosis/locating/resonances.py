@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import scipy.signal
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
@@ -82,5 +81,7 @@ def reaction(speed: np.ndarray, rate: float, pace: float, damping: float) -> np.
     """
     numerator = [-2.0 * damping * pace, -(pace**2), 0.0]
     denominator = [1.0, 2.0 * damping * pace, pace**2]
-    b, a = scipy.signal.bilinear(numerator, denominator, fs=rate)
-    return np.asarray(scipy.signal.lfilter(b, a, speed - speed[0]))
+    from scipy.signal import bilinear, lfilter  # slow to load, and not always asked for
+
+    b, a = bilinear(numerator, denominator, fs=rate)
+    return np.asarray(lfilter(b, a, speed - speed[0]))
