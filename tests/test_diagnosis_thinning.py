@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from jaxsr.diagnosis import thinning
+from jaxsr._progress import Budget
+from jaxsr.diagnosis import diagnose, thinning
 from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.reduced import lean
 from jaxsr.diagnosis.contest.scoring import free_run
+from jaxsr.diagnosis.explaining import whole_runs as explaining_runs
 from jaxsr.diagnosis.explaining.whole_runs import whole_horizons, whole_runs
 from jaxsr.diagnosis.judging import whole as judging_whole
 from jaxsr.diagnosis.judging.refine import Ground, refine
@@ -193,3 +196,46 @@ def test_runs_in_pieces_are_the_runs_of_the_whole(monkeypatch):
             assert np.sqrt(np.nanmean(apart**2)) < 0.2 * NOISE
         else:
             assert run.simulated == []
+
+
+def test_a_diagnosis_of_thinned_data_speaks_of_the_whole(monkeypatch, tmp_path):
+    """Coulomb friction left out; times, errors and checksums are those of the recording."""
+    for module in (thinning, judging_whole, explaining_runs):
+        monkeypatch.setattr(module, "MOST", 6_000)
+    monkeypatch.setattr(thinning, "LEAST", 2_000)
+    every = sliding(12_000)
+    held = replace(sliding(8_000, seed=1), name="held.csv")
+    found = diagnose(Simulator(MODEL), [every], held_out=[held], seed=0, budget=Budget(120.0))
+    assert found.findings[0]["mechanism"] == "coulomb_friction"
+    fc = next(iter(found.findings[0]["parameters"].values()))
+    assert fc["ci95"][0] - 0.02 < 0.3 < fc["ci95"][1] + 0.02
+    assert found.findings[0]["where"]["times"] == [[every.time[0], every.time[-1]]]
+    assert found.findings[0]["where"]["recordings"] == ["r.csv"]
+    fit = found.fit
+    assert fit["horizons_s"][-1] == pytest.approx(every.time[-1])
+    assert all(len(v) == len(fit["horizons_s"]) for v in fit["train"].values())
+    assert fit["train"]["explained"][-1] < 0.5 * fit["train"]["recalibrated"][-1]
+    assert fit["held_out"]["files"] == ["held.csv"]
+    remark = next(c for c in found.document["data_checks"] if c["check"] == "thinned")
+    assert "of 12000 samples" in remark["message"] and remark["file"] == "r.csv"
+    assert list(found.document["provenance"]["data_sha256"]) == ["r.csv"]
+    assert {t.recording for t in found.evidence.trajectories} == {"r.csv", "held.csv"}
+    assert (found.save(tmp_path / "out") / "report.html").exists()
+
+
+def sliding(samples: int, seed: int = 0) -> Recording:
+    """The oscillator with Coulomb friction of 0.3 beside."""
+    rng, step, sub = np.random.default_rng(seed), 0.02, 10
+    time = np.arange(samples) * step
+    fine = np.arange(samples * sub) * step / sub
+    rates, phases = rng.uniform(1.0, 8.0, 6), rng.uniform(0, 6.28, 6)
+    drive = 2.0 * np.sin(np.outer(fine, rates) + phases).sum(1)
+    q = v = 0.0
+    y, h = np.empty(samples), step / sub
+    for k, u in enumerate(drive.tolist()):
+        if k % sub == 0:
+            y[k // sub] = q
+        v += h * (u - 0.4 * v - 20.0 * q - 0.3 * math.tanh(v / 0.01))
+        q += h * v
+    u = drive[::sub]
+    return Recording("r.csv", time, {"u": u, "y": y + NOISE * rng.normal(size=samples)})

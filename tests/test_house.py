@@ -117,6 +117,7 @@ DIAGNOSIS = (
     "mechanisms",
     "screening",
     "setup",
+    "thinning",
     "case",
     "contest",
     "judging",
