@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from jaxsr._progress import Budget, Progress, Silent
 from jaxsr._result import StoppedBy
+from jaxsr.diagnosis.failures import Failures
 from jaxsr.diagnosis.setup import Screened
 from jaxsr.models import Simulator
 from jaxsr.models.segments import Prepared
@@ -25,6 +26,8 @@ class Case:
     search : Budget
         Until when sets are tried: what is left of `budget` is for the report.
     progress : Progress
+    failures : Failures
+        Steps of the search that broke and were given up.
     """
 
     simulator: Simulator
@@ -33,6 +36,7 @@ class Case:
     budget: Budget
     search: Budget
     progress: Progress = field(default_factory=Silent)
+    failures: Failures = field(default_factory=lambda: Failures(Silent()))
 
     def stopped_by(self, grown: StoppedBy) -> StoppedBy:
         """Why no more sets are tried, where larger ones are not tried by `grown`."""

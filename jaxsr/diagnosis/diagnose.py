@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +27,7 @@ from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.explaining.document import assemble
 from jaxsr.diagnosis.explaining.judge import Ingredients
+from jaxsr.diagnosis.failures import Failures, unsimulable
 from jaxsr.diagnosis.judging.alternatives import likelier_without
 from jaxsr.diagnosis.judging.noise_ratio import in_noise, residual_to_noise
 from jaxsr.diagnosis.judging.plausible import plausible
@@ -36,6 +38,7 @@ from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.search.choice import (
     Decision,
+    choose,
     decide,
     in_own_widths,
     with_parts,
@@ -49,6 +52,7 @@ from jaxsr.diagnosis.search.stepwise import grow
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.diagnosis.thinning import prepare_search, time_for
 from jaxsr.models import Simulator
+from jaxsr.models.states import spread
 from jaxsr.recordings import Recording
 
 Contest = tuple[Arena, list[Entry], float, StoppedBy]
@@ -138,17 +142,20 @@ def diagnose(
     rng = np.random.default_rng(seed)
     prepared, whole = prepare_search(simulator.model, data)
     progress.stage("screening mechanisms in the weak view")
-    screened = screen_all(simulator, prepared)
+    failures = Failures(progress)
+    screened = failures.attempt("screening", lambda: screen_all(simulator, prepared), None)
     # What was slow to read and to screen is slow to report.
     reading = max(budget.elapsed, time_for(whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
-    case = Case(simulator, prepared, screened, budget, search, progress)
+    case = Case(simulator, prepared, screened, budget, search, progress, failures)
     if with_many_equations(case):
         decision, headline, grown = decided_among_many(case, rng)
     else:
         decision, headline, grown = decided_among_few(case, reading, rng)
     arena, good, chosen, detection = decision
+    if not any(e.fit.usable for e in good):
+        raise unsimulable(simulator, prepared)
     null = next(e for e in good if not e.members)
     if likelier_without(arena.super_model, chosen, good, np.random.default_rng(seed)):
         chosen = null
@@ -174,14 +181,21 @@ def diagnose(
 def decided_among_few(case: Case, reading: float, rng: np.random.Generator) -> Decided:
     """Grow sets of mechanisms in free run and decide, on longer segments if need be."""
     budget, field = case.budget, contest(case)
+    if not any(e.fit.usable for e in field[1]):
+        raise unsimulable(case.simulator, case.prepared)
     case = leaving_time(case, field[1], reading)
     decision, headline, grown = decided(case, field, rng)
     if not decision[-1].detected and case.search.remaining >= AGAIN * budget.seconds:
-        decision, headline, grown = looked_further(case, (decision, headline, grown), rng)
+        before = decision, headline, grown
+        decision, headline, grown = case.failures.attempt(
+            "looking further ahead", lambda: looked_further(case, before, rng), before
+        )
     arena, good, decisive, detection = decision
     needed = max(OWN * budget.seconds, OWN_SLOW * decisive.seconds)
     if case.search.remaining > needed or not np.isfinite(budget.seconds):
-        chosen = in_own_widths(arena, decisive)
+        chosen = case.failures.attempt(
+            "finding the widths of jumps", lambda: in_own_widths(arena, decisive), decisive
+        )
         good = [chosen if e is decisive else e for e in good]
         decision = arena, good, chosen, detection
     return decision, headline, case.stopped_by(grown)
@@ -199,11 +213,19 @@ def leaving_time(case: Case, entries: Sequence[Entry], reading: float) -> Case:
 def decided(case: Case, field: Contest, rng: np.random.Generator) -> Decided:
     """Choose among the sets of a contest and what the evolution adds to them."""
     arena, entries, headline, grown = field
-    entries = with_parts(case, arena, entries)
-    curved = with_curve(case, (arena, entries), rng)
-    arena, entries = with_unnamed(case, curved, rng)
+    attempt = case.failures.attempt
+    entries = attempt("estimating parts", lambda: with_parts(case, arena, entries), entries)
+    known = arena, entries
+    curved = attempt("finding a curve", lambda: with_curve(case, known, rng), known)
+    arena, entries = attempt(
+        "finding an unnamed law", lambda: with_unnamed(case, curved, rng), curved
+    )
     case.progress.stage("deciding")
-    decision = with_nameless(case, decide(case, arena, entries), rng)
+    plain = (arena, *choose(case, arena, entries))
+    decision = attempt("deciding", lambda: decide(case, arena, entries), plain)
+    decision = attempt(
+        "finding an unnamed law", lambda: with_nameless(case, decision, rng), decision
+    )
     return decision, headline, grown
 
 
@@ -243,8 +265,7 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     stepping = choose_stepping(simulator, case.prepared, starts[min(1, len(starts) - 1)][1])
     base = starts[0][1][: len(case.simulator.model.parameters)]
     stepping = with_smooth(stepping, case.simulator, case.prepared, base)
-    deviation = np.nanstd(np.concatenate([p.outputs for p in case.prepared]), axis=0)
-    scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
+    scale = 0.01 * spread(np.concatenate([p.outputs for p in case.prepared]))
     outlook = Outlook(super_model, case.prepared, stepping, scale, simulator)
     starts = outlook.usable_starts(starts)
     if beyond is None:
@@ -269,10 +290,16 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     calm = residual_to_noise(arena, entries[0]) <= ABOVE_NOISE
     if beyond is not None and residual_to_noise(arena, entries[0]) < HIDDEN:
         return None
+    attempt, known = case.failures.attempt, (arena, entries)
     if not calm:
-        arena, entries = settled(arena, entries, stop)
+        known = attempt("regrouping", lambda: settled(arena, entries, stop), known)
+    arena, entries = known
     if calm or not _at_noise(arena, entries):
-        arena, entries = _screened(case, arena, entries, starts[1:], promised, calm)
+        arena, entries = attempt(
+            "estimating the leading sets",
+            lambda: _screened(case, arena, entries, starts[1:], promised, calm),
+            known,
+        )
     case.progress.stage("trying every mechanism in free run")
     if len(entries) == 1:
         arena, entries = rescaled(arena, entries, stop)
@@ -280,8 +307,10 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     stopped = case.search.stopped_by
     if entries[0].fit.usable:
         short = case.search.remaining < LOCATING * case.budget.seconds
+        known = arena, entries
         if not (stop() or (short and _at_noise(arena, entries))):
-            arena, entries = with_located(arena, entries, stop)
+            known = attempt("locating forces", lambda: with_located(*known, stop), known)
+        arena, entries = known
         entries, stopped = _grown(case, arena, entries)
         arena, entries = in_widths_of_best(arena, entries)
     return arena, entries, headline.seconds, stopped
@@ -368,7 +397,10 @@ def _grown(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry],
     """
     growing = case.search.share(GROWING)
     rounds = grow(arena, entries, lambda: growing.exhausted, case.progress.update)
-    for size, larger in enumerate(rounds, start=1):
+    for size in itertools.count(1):
+        larger = case.failures.attempt("growing sets", lambda: next(rounds, None), None)
+        if larger is None:
+            break
         entries = larger
         best = min((e for e in entries if plausible(arena, e)), key=lambda e: e.fit.cost)
         if size == 1 and residual_to_noise(arena, best) > ABOVE_NOISE:

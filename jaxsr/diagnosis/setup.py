@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxsr._result import InputError
 from jaxsr.diagnosis.mechanisms import Motion, force_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -19,6 +20,7 @@ from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator
 from jaxsr.models.segments import Prepared
+from jaxsr.models.states import output_table
 from jaxsr.recordings import Recording, read_recording
 from jaxsr.views.half_width import FEWEST, LONGEST, SHORTEST, choose_half_width
 
@@ -37,6 +39,34 @@ def open_recording(model: Model, item: str | Path | Recording) -> Recording:
 def prepare(model: Model, items: Sequence[str | Path | Recording]) -> tuple[Prepared, ...]:
     """Read recordings and estimate their states."""
     return tuple(Prepared.build(model, open_recording(model, item)) for item in items)
+
+
+def prepare_data(model: Model, items: Sequence[str | Path | Recording]) -> tuple[Prepared, ...]:
+    """Read recordings that choices rest on, and check that they can (`check_data`)."""
+    prepared = prepare(model, items)
+    check_data(model, [p.recording for p in prepared])
+    return prepared
+
+
+def check_data(model: Model, recordings: Sequence[Recording]) -> None:
+    """Refuse recordings that no choice can rest on.
+
+    Raises
+    ------
+    InputError
+        No recording has a sample of some output, or no output moves.
+    """
+    values = np.concatenate([output_table(model, r) for r in recordings])
+    for k, output in enumerate(model.outputs):
+        if not np.isfinite(values[:, k]).any():
+            recordings[0].channel(model.column(output))  # says what is wrong with it
+    seen = np.isfinite(values)
+    if all(np.ptp(column[own]) == 0.0 for column, own in zip(values.T, seen.T, strict=True)):
+        raise InputError(
+            f"nothing moves: {', '.join(model.outputs)} are constant throughout",
+            recordings[0].name,
+            "Name the columns of the sensors in [columns], or record a motion",
+        )
 
 
 def state_scale(model: Model, prepared: Sequence[Prepared]) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxsr.diagnosis.setup import open_recording
+from jaxsr.diagnosis.setup import check_data, open_recording
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -61,9 +61,14 @@ class Whole:
 
 
 def prepare_search(
-    model: Model, items: Sequence[str | Path | Recording]
+    model: Model, items: Sequence[str | Path | Recording], checked: bool = True
 ) -> tuple[tuple[Prepared, ...], Whole | None]:
     """Read recordings and prepare what a search works on.
+
+    Raises
+    ------
+    InputError
+        A recording cannot be read or, `checked`, no choice can rest on what it holds.
 
     Returns
     -------
@@ -73,6 +78,8 @@ def prepare_search(
         Everything, where that is more than a search should work on.
     """
     recordings = tuple(open_recording(model, item) for item in items)
+    if checked:
+        check_data(model, recordings)
     few = len(recordings) <= MOST_RECORDINGS
     if few and sum(len(r) for r in recordings) * len(model.states) <= MOST:
         return tuple(Prepared.build(model, r) for r in recordings), None

@@ -11,6 +11,9 @@ from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments
 from jaxsr.models.simulator import Simulator
 
+LARGEST = 1e60
+"""Size from which a derivative counts as overflowed: its square must still add up."""
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -75,7 +78,7 @@ class Fit:
         largest = max(
             np.abs(self.jacobian).max(initial=0.0), np.abs(self.by_start).max(initial=0.0)
         )
-        return bool(np.isfinite(largest) and largest < 1e60 and np.isfinite(self.cost))
+        return bool(np.isfinite(largest) and largest < LARGEST and np.isfinite(self.cost))
 
     def extended(self, theta: np.ndarray, segments: Segments | None = None) -> Fit:
         """Return the fit in a model with further parameters, and driven states, that do not act.

@@ -15,7 +15,7 @@ from jaxsr.models.rollout import Stepping, outputs, states
 from jaxsr.models.segments import Prepared, Segments, build_segments
 from jaxsr.models.shooting import fit
 from jaxsr.models.simulator import Simulator, width_scales
-from jaxsr.models.states import StateEstimate, estimate_states, input_table, output_table
+from jaxsr.models.states import StateEstimate, estimate_states, input_table, output_table, spread
 from jaxsr.recordings import Recording
 
 # Tried in turn: the cheap method first, the L-stable one where steps cannot resolve the model.
@@ -134,11 +134,10 @@ def _start(simulator: Simulator, item: Prepared, theta: np.ndarray) -> np.ndarra
     if not free.any():
         return guess
     count = min(item.time.size, max(START_SAMPLES, int(np.ceil(START_SHARE * item.time.size))))
-    deviation = np.nanstd(item.outputs, axis=0)
     widths = _widths(simulator, item, item.states.values.T, theta)
     stepping = Stepping("rodas3", 4, widths)
     segments = build_segments(model, [item], [(0, 0, count)], stepping.substeps)
-    problem = Problem(simulator, stepping, segments, np.where(deviation > 0, deviation, 1.0))
+    problem = Problem(simulator, stepping, segments, spread(item.outputs))
     nothing = np.zeros(0, dtype=int)
     return fit(problem, theta, nothing, (theta, theta), x0=guess).x0
 

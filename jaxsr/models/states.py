@@ -72,6 +72,21 @@ def output_table(model: Model, recording: Recording) -> np.ndarray:
     return table
 
 
+def spread(outputs: np.ndarray) -> np.ndarray:
+    """Standard deviation of every output over its samples; 1 where it is constant or missing.
+
+    Parameters
+    ----------
+    outputs : ndarray, shape (samples, outputs)
+        NaN where missing.
+    """
+    seen = np.isfinite(outputs)
+    count = np.maximum(seen.sum(0), 1)
+    mean = np.sum(outputs, axis=0, where=seen) / count
+    deviation = np.sqrt(np.sum((outputs - mean) ** 2, axis=0, where=seen) / count)
+    return np.where(deviation > 0.0, deviation, 1.0)
+
+
 def is_absent(recording: Recording, column: str) -> bool:
     """Whether a recording has no such column, or none of its samples."""
     if column in recording.set_aside:

@@ -15,6 +15,7 @@ from jaxsr.models.lifting import carried_errors, liftable, readings_along
 from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import Prepared, Segments, build_segments
 from jaxsr.models.simulator import Simulator, width_scales
+from jaxsr.models.states import spread
 
 STEP_ERROR = 1e-3
 """Integration error allowed over 400 samples, in standard deviations of an output."""
@@ -219,7 +220,7 @@ def _change(
     """Largest difference of two ways to integrate, in standard deviations of an output."""
     item = prepared[0]
     rows = [(0, 0, min(len(item.time), TRIAL))]
-    deviation = np.nanstd(item.outputs, axis=0) + 1e-300
+    deviation = spread(item.outputs)
 
     def segments(stepping: Stepping) -> Segments:
         return build_segments(simulator.model, prepared, rows, stepping.substeps)
@@ -234,4 +235,4 @@ def _change(
                 found = segments(stepping)
                 runs.append(outputs(simulator, stepping, found, theta, found.guess))
             difference = runs[1] - runs[0]
-        return float(np.max(np.nanmax(np.abs(difference), axis=(1, 2)) / deviation))
+        return float(np.max(np.abs(difference).max(axis=(1, 2)) / deviation))

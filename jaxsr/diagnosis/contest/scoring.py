@@ -13,6 +13,7 @@ from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import Prepared, Segments, build_segments, cut
 from jaxsr.models.shooting import fit, simulate
 from jaxsr.models.simulator import Simulator
+from jaxsr.models.states import spread
 
 DIVERGED = 10.0
 START_SHARE = 0.05
@@ -32,8 +33,9 @@ class FreeRun:
     simulated : list of ndarray, shape (samples, outputs)
         One per recording; NaN where no segment lies.
     nrmse : float
-        Mean over recordings.
+        Mean over recordings; NaN where none holds a segment with readings.
     rmse : ndarray, shape (recordings, outputs)
+        NaN where a recording has no reading of an output.
     """
 
     simulated: list[np.ndarray]
@@ -70,6 +72,9 @@ def free_run(
     longest = max(float(p.time[-1] - p.time[0]) for p in prepared)
     whole = horizon is None or horizon >= longest * (1 - 1e-9)
     rows = cut(prepared, None if whole else horizon)
+    if not rows:
+        nothing = [np.full_like(p.outputs, np.nan) for p in prepared]
+        return _scored(prepared, nothing, [np.zeros(p.time.size, bool) for p in prepared])
     others = cut(like, None if whole else horizon) if like else []
     shape = (max((b - a for _, a, b in others), default=0), len(others))
     segments = build_segments(model, prepared, rows, stepping.substeps, shape, theta)
@@ -117,21 +122,25 @@ def _beginnings(
 
 
 def _scales(prepared: Sequence[Prepared]) -> np.ndarray:
-    deviation = np.stack([np.nanstd(p.outputs, axis=0) for p in prepared])
-    return np.where(deviation > 0, deviation, 1.0)
+    return np.stack([spread(p.outputs) for p in prepared])
 
 
 def _scored(
     prepared: Sequence[Prepared], simulated: list[np.ndarray], covered: list[np.ndarray]
 ) -> FreeRun:
+    """Score every recording by the outputs that it has."""
     scale, rmse, scores = _scales(prepared), [], []
     for r, item in enumerate(prepared):
         measured = np.isfinite(item.outputs) & covered[r][:, None]
-        error = np.where(measured, item.outputs - simulated[r], np.nan)
-        diverged = (measured & ~np.isfinite(simulated[r])).any(0)
-        with np.errstate(over="ignore"):
-            mse = np.nanmean(np.where(np.isfinite(error), error**2, np.nan), axis=0)
+        arrived = measured & np.isfinite(simulated[r])
+        diverged = (measured & ~arrived).any(0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            square = np.where(arrived, item.outputs - simulated[r], 0.0) ** 2
+            mse = square.sum(0) / np.maximum(arrived.sum(0), 1)
         relative = np.where(diverged, DIVERGED**2, np.minimum(mse / scale[r] ** 2, DIVERGED**2))
-        rmse.append(np.where(diverged, np.inf, np.sqrt(mse)))
-        scores.append(float(np.sqrt(np.mean(relative))))
-    return FreeRun(simulated, float(np.mean(scores)), np.array(rmse))
+        seen = measured.any(0)
+        rmse.append(np.where(seen, np.where(diverged, np.inf, np.sqrt(mse)), np.nan))
+        if seen.any():
+            scores.append(float(np.sqrt(np.mean(relative[seen]))))
+    nrmse = float(np.mean(scores)) if scores else float("nan")
+    return FreeRun(simulated, nrmse, np.array(rmse))

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.reduced import Reduced, reduce
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.models.least_squares import Fit, Problem
+from jaxsr.models.least_squares import LARGEST, Fit, Problem
 from jaxsr.models.lifting import liftable
 from jaxsr.models.shooting import linearise_fit
 
@@ -62,7 +62,18 @@ class Tangent:
             found.append((wide, theta))
             jacobians.append(wide.jacobian[new])
         own, theta = found[0]
-        return Tangent(theta, replace(own, jacobian=np.concatenate(jacobians)), columns)
+        own = replace(
+            own, jacobian=_finite(np.concatenate(jacobians)), by_start=_finite(own.by_start)
+        )
+        return Tangent(theta, own, columns)
+
+
+def _finite(slopes: np.ndarray) -> np.ndarray:
+    """Put the directions along which a derivative overflows to zero: they promise nothing."""
+    rows = slopes.reshape(len(slopes), -1)
+    largest = np.abs(rows).max(axis=1, initial=0.0)
+    kept = np.isfinite(largest) & (largest < LARGEST)
+    return slopes if kept.all() else np.where(kept[:, None, None, None], slopes, 0.0)
 
 
 def linearised(

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
-from jaxsr._result import StoppedBy
+from jaxsr._result import InputError, StoppedBy
+from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.scoring import FreeRun
 from jaxsr.diagnosis.contest.uncertainty import Sensitivities, sensitivities
@@ -20,10 +22,15 @@ from jaxsr.diagnosis.explaining.explain import (
 from jaxsr.diagnosis.explaining.judge import Ingredients, Judged, explained, judge
 from jaxsr.diagnosis.explaining.whole_runs import Runs, whole_horizons, whole_runs
 from jaxsr.diagnosis.result import SCHEMA, Diagnosis
+from jaxsr.diagnosis.setup import open_recording
 from jaxsr.diagnosis.thinning import Whole, prepare_search
+from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
-from jaxsr.recordings import check_recording
+from jaxsr.models.states import is_absent
+from jaxsr.recordings import Recording, check_recording
 
+FIRST = 1000
+"""Samples of a held-out recording that tell whether it can be used."""
 LEFT = 0.05
 """Share of the time budget that evidence leaves for drawing and writing."""
 SHORT, FULL = 0.35, 0.6
@@ -39,16 +46,17 @@ def assemble(parts: Ingredients) -> Diagnosis:
     explained_model = explained(judged)
     case.progress.stage("free runs on the training recordings")
     train = _runs(parts, judged, case.prepared, parts.whole)
-    held, held_runs = (), None
-    if parts.held_out:
-        held, held_whole = prepare_search(case.simulator.model, parts.held_out)
+    held, held_whole, unread = _held_out(parts)
+    held_runs = None
+    if held:
         case.progress.stage("free runs on the held-out recordings")
         held_runs = _runs(parts, judged, held, held_whole)
-    half_width = case.screened.half_width if case.screened else None
-    forces = Forces.of(judged, case.prepared, half_width) if half_width else None
-    others = Forces.of(judged, held, half_width) if half_width and held else None
+    forces, others = case.failures.attempt(
+        "comparing forces", lambda: _forces(parts, judged, held), (None, None)
+    )
     force = force_errors(case.simulator.model, forces, others)
     document = _document(parts, judged, train, held_runs, force)
+    document["data_checks"] += [*unread, *_broken(case)]
     remarks = len(document["data_checks"])
     evidence = build_evidence(parts, judged, explained_model, train, held_runs, forces, remarks)
     return Diagnosis(
@@ -65,6 +73,42 @@ def assemble(parts: Ingredients) -> Diagnosis:
 def _horizons(parts: Ingredients) -> list[float]:
     """Horizons of the report in s, the last one the whole recording."""
     return parts.horizons if parts.whole is None else whole_horizons(parts.whole, parts.horizons)
+
+
+def _held_out(
+    parts: Ingredients,
+) -> tuple[tuple[Prepared, ...], Whole | None, list[dict[str, str]]]:
+    """Open the held-out recordings; those that cannot be used are named, and nothing is lost."""
+    model, good, unread = parts.case.simulator.model, [], []
+    for item in parts.held_out:
+        try:
+            recording = open_recording(model, item)
+            Prepared.build(model, recording.select(slice(0, FIRST)))
+            good.append(recording)
+        except InputError as error:
+            name = item.name if isinstance(item, Recording | Path) else Path(item).name
+            unread.append({"file": name, "channel": "", "check": "held_out", "message": str(error)})
+            parts.case.progress.stage(f"left out of the held-out recordings: {error}")
+    if not good:
+        return (), None, unread
+    return *prepare_search(model, good, checked=False), unread
+
+
+def _broken(case: Case) -> list[dict[str, str]]:
+    """Steps of the search that broke: a reader must know what was not tried."""
+    none = {"file": "", "channel": "", "check": "search"}
+    return [{**none, "message": line} for line in case.failures.lines]
+
+
+def _forces(
+    parts: Ingredients, judged: Judged, held: Sequence[Prepared]
+) -> tuple[Forces | None, Forces | None]:
+    """The weak view of both roles' recordings, where equations can be read off the sensors."""
+    screened = parts.case.screened
+    if screened is None:
+        return None, None
+    forces = Forces.of(judged, parts.case.prepared, screened.half_width)
+    return forces, Forces.of(judged, held, screened.half_width) if held else None
 
 
 def _runs(
@@ -108,7 +152,8 @@ def _document(
     force: dict[str, Any] | None,
 ) -> dict[str, Any]:
     case, model = parts.case, parts.case.simulator.model
-    inner, outer = _sensitivities(parts)
+    attempt = case.failures.attempt
+    inner, outer = attempt("comparing effects", lambda: _sensitivities(parts), (None, None))
     fit: dict[str, Any] = {
         "measure": "free-run NRMSE",
         "horizons_s": _horizons(parts),
@@ -120,13 +165,7 @@ def _document(
     if held_runs is not None:
         scores = {name: [r.nrmse for r in runs] for name, runs in held_runs.models.items()}
         fit["held_out"] = {**scores, "files": [r.name for r in held_runs.recordings]}
-    columns = [model.column(c) for c in (*model.inputs, *model.outputs)]
-    inputs = [model.column(c) for c in model.inputs]
-    checks = [
-        {"file": c.file, "channel": c.channel, "check": c.check, "message": c.message}
-        for r in train.recordings
-        for c in check_recording(r, columns, inputs)
-    ]
+    checks = [row for r in train.recordings for row in _checks(model, r)]
     checks += _thinned(parts, judged, train)
     return {
         "schema": SCHEMA,
@@ -136,7 +175,9 @@ def _document(
         "fit": fit,
         "confusable": confusable_rows(parts, outer) if outer else [],
         "smallest_detectable": detectable_rows(parts, inner) if inner else {},
-        "next_experiment": next_experiment(parts, judged.rivals),
+        "next_experiment": attempt(
+            "choosing the next experiment", lambda: next_experiment(parts, judged.rivals), None
+        ),
         "data_checks": checks,
         "provenance": {
             "version": _version(),
@@ -187,6 +228,27 @@ def _thinned(parts: Ingredients, judged: Judged, train: Runs) -> list[dict[str, 
 
 def _percent(share: float) -> str:
     return f"{100.0 * share:.3g} %"
+
+
+def _checks(model: Model, recording: Recording) -> list[dict[str, str]]:
+    """What a measurement may have done to the data, and the sensors that a recording lacks."""
+    inputs = [model.column(c) for c in model.inputs]
+    outputs = [model.column(c) for c in model.outputs]
+    absent = [c for c in outputs if is_absent(recording, c)]
+    present = [c for c in (*inputs, *outputs) if c not in absent]
+    found = [
+        {
+            "file": recording.name,
+            "channel": column,
+            "check": "missing_samples",
+            "message": f"{recording.name} has no sample of {column}",
+        }
+        for column in absent
+    ]
+    return found + [
+        {"file": c.file, "channel": c.channel, "check": c.check, "message": c.message}
+        for c in check_recording(recording, present, inputs)
+    ]
 
 
 def _version() -> str:

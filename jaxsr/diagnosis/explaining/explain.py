@@ -28,7 +28,10 @@ def parameter_row(estimate: Estimate, name: str) -> dict[str, Any]:
     """Value, 95 % interval and unit of one parameter."""
     value, half = estimate.interval(name)
     unit = estimate.named.model.parameters[name].unit
-    return {"value": value, "ci95": [value - half, value + half], "unit": unit}
+    # what is known beforehand is known afterwards: an interval keeps to the bounds
+    low, high = (float(bound[estimate.positions[name]]) for bound in estimate.arena.bounds)
+    ends = [min(max(value - half, low), value), max(min(value + half, high), value)]
+    return {"value": value, "ci95": ends, "unit": unit}
 
 
 def calibration_rows(estimate: Estimate, given: Model) -> dict[str, Any]:

@@ -148,7 +148,8 @@ class Factor:
     def of(gram: np.ndarray) -> Factor:
         """Factorise until what is left is below `SEEN` of the largest effect."""
         largest = max(_largest_eigenvalue(gram), 1e-300)
-        lower, pivots, rank, _ = scipy.linalg.lapack.dpstrf(gram, tol=SEEN**2 * largest, lower=1)
+        (factorise,) = scipy.linalg.get_lapack_funcs(("pstrf",), (gram,))
+        lower, pivots, rank, _ = factorise(gram, tol=SEEN**2 * largest, lower=1)
         order, rows = pivots - 1, np.zeros((len(gram), rank))
         rows[order] = np.tril(lower)[:, :rank]
         return Factor(rows, order[:rank])

@@ -27,6 +27,7 @@ from jaxsr.diagnosis.search.contenders import Start, carried
 from jaxsr.diagnosis.search.horizon import Outlook
 from jaxsr.diagnosis.search.neighbours import Neighbours
 from jaxsr.models import Simulator
+from jaxsr.models.states import spread
 
 WHOLE, PART = 25, 12
 """Iterations of a whole set, and of re-calibration alone: bad from the first, it is told soon."""
@@ -69,13 +70,20 @@ def decided_among_many(case: Case, rng: np.random.Generator) -> tuple[Decision, 
         entries.append(enter(arena, *leading, stop=_stop(case), max_iterations=WHOLE))
     arena, entries = rescaled(arena, entries, _stop(case))
     case.progress.stage("comparing it with what lacks, replaces or adds one of them")
-    best, entries = _settled(case, arena, entries, rng)
+    first = min((e for e in entries if e.fit.usable), key=lambda e: e.fit.cost, default=entries[0])
+    best, entries = case.failures.attempt(
+        "comparing neighbouring sets",
+        lambda: _settled(case, arena, entries, rng),
+        (first, entries),
+    )
     case.progress.stage("deciding")
     believed = [entries[0], best] if plausible(arena, best) else entries
     _, chosen, detection = choose(case, arena, believed)
     good = [entries[0], chosen] if chosen.members else entries
     if chosen.members and chosen.fit.usable:
-        good += _rivals(arena, chosen, entries)
+        good += case.failures.attempt(
+            "estimating rivals", lambda: _rivals(arena, chosen, entries), []
+        )
     return (arena, good, chosen, detection), headline, case.search.stopped_by
 
 
@@ -191,8 +199,7 @@ def _arena(case: Case, super_model: SuperModel, starts: list[Start]) -> tuple[Ar
     simulator = Simulator(super_model.model, case.simulator.function)
     stepping = choose_stepping(simulator, case.prepared, starts[1][1])
     stepping = rounded_explicit(stepping, simulator, case.prepared, starts[1][1])
-    deviation = np.nanstd(np.concatenate([p.outputs for p in case.prepared]), axis=0)
-    scale = np.where(deviation > 0, 0.01 * deviation, 1.0)
+    scale = 0.01 * spread(np.concatenate([p.outputs for p in case.prepared]))
     outlook = Outlook(super_model, case.prepared, stepping, scale, simulator)
     starts = outlook.usable_starts(starts)
     headline = outlook.headline(starts)
