@@ -166,13 +166,20 @@ def test_an_estimate_over_chunks_is_that_of_everything_at_once(monkeypatch):
     assert (np.abs(theta - [0.4, 20.0]) < 2.0 * half).all()
 
 
+def test_short_recordings_are_worked_on_together():
+    many = tuple(recording(500, seed=s, name=f"{s}.csv") for s in range(200))
+    found = chunks(Whole(MODEL, many, 1, 0))
+    assert len(found) == 4 and sum(len(p) for chunk in found for p in chunk) == 100_000
+    assert {p.recording for chunk in found for p in chunk} == set(range(200))
+
+
 def test_time_that_ends_leaves_an_estimate_spread_over_the_recording(monkeypatch):
     monkeypatch.setattr(judging_whole, "MOST", 8_000)
     _, estimate, whole = searched()
     asked = iter([False] * 2 + [True] * 100)
     found = over_all(whole, estimate, lambda: next(asked))
     assert 0.0 <= found.share < 0.5
-    order = [c.first for c in chunks(whole)]
+    order = [piece.first for (piece,) in chunks(whole)]
     assert abs(order[1] - order[0]) > 8_000  # not one after the other
     assert over_all(whole, estimate, lambda: True) is estimate
 

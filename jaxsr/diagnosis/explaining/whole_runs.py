@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.reduced import Lean
 from jaxsr.diagnosis.contest.scoring import DIVERGED, FreeRun, free_run
-from jaxsr.diagnosis.judging.whole import chunks
+from jaxsr.diagnosis.judging.whole import chunks, prepared_chunk
 from jaxsr.diagnosis.thinning import MOST, Whole
 from jaxsr.models.segments import Prepared, cut
 from jaxsr.models.states import StateEstimate, input_table, output_table
@@ -127,14 +127,14 @@ def whole_runs(
     for number, chunk in enumerate(chunks(whole)):
         if number and stops[0]():
             break
-        item = chunk.prepared(whole)
-        samples += item.time.size
+        items = prepared_chunk(whole, chunk)
+        samples += sum(item.time.size for item in items)
         for h, horizon in enumerate(horizons[:-1]):
+            readings = [_covered(item, horizon) for item in items]
             for name, (own, theta) in models.items():
-                run = _short_run(own, item, theta, horizon)
-                rows = _covered(item, horizon)
-                measured = np.where(rows[:, None], item.outputs, np.nan)
-                table[name, h].add(chunk.recording, chunk.first, run, measured)
+                run = free_run(own.simulator, own.stepping, items, theta[own.parameters], horizon)
+                for piece, course, measured in zip(chunk, run.simulated, readings, strict=True):
+                    table[name, h].add(piece.recording, piece.first, course, measured)
     for number, group in enumerate(_groups(whole)):
         if number and stops[1]():
             break
@@ -149,17 +149,12 @@ def whole_runs(
     return Runs(runs, whole.recordings, samples / whole.samples)
 
 
-def _short_run(own: Lean, item: Prepared, theta: np.ndarray, horizon: float) -> np.ndarray:
-    run = free_run(own.simulator, own.stepping, (item,), theta[own.parameters], horizon)
-    return run.simulated[0]
-
-
 def _covered(item: Prepared, horizon: float) -> np.ndarray:
-    """Which samples lie in a segment."""
+    """Readings of the samples that lie in a segment, NaN for the others."""
     covered = np.zeros(item.time.size, bool)
     for _, first, last in cut((item,), horizon):
         covered[first:last] = True
-    return covered
+    return np.where(covered[:, None], item.outputs, np.nan)
 
 
 def _groups(whole: Whole) -> list[list[int]]:

@@ -62,9 +62,9 @@ class Told:
     length: float
 
 
-@dataclass(frozen=True, eq=False)
-class Chunk:
-    """A piece of one recording, short enough to be worked on at once.
+@dataclass(frozen=True)
+class Piece:
+    """Consecutive samples of one recording.
 
     Attributes
     ----------
@@ -77,24 +77,43 @@ class Chunk:
     first: int
     last: int
 
-    def prepared(self, whole: Whole) -> Prepared:
-        """Read inputs and outputs and estimate the states."""
-        part = whole.recordings[self.recording].select(slice(self.first, self.last))
-        return Prepared.build(whole.model, part, begins=self.first == 0)
+    def __len__(self) -> int:
+        return self.last - self.first
+
+
+Chunk = tuple[Piece, ...]
+"""Pieces that are worked on at once: one of a long recording, or several short recordings."""
+
+
+def prepared_chunk(whole: Whole, chunk: Chunk) -> tuple[Prepared, ...]:
+    """Read inputs and outputs of a chunk's pieces and estimate their states."""
+    return tuple(
+        Prepared.build(
+            whole.model,
+            whole.recordings[p.recording].select(slice(p.first, p.last)),
+            begins=p.first == 0,
+        )
+        for p in chunk
+    )
 
 
 def chunks(whole: Whole) -> list[Chunk]:
-    """Cut all recordings into chunks, in an order that is spread over them from the first on.
+    """Cut and gather all recordings, in an order that is spread over them from the first on.
 
     Whatever time ends, what was done until then lies evenly over the recordings.
     """
-    size = max(MOST // len(whole.model.states), 2)
-    found = []
+    most, found, filled = max(MOST // len(whole.model.states), 2), list[list[Piece]](), np.inf
     for r, recording in enumerate(whole.recordings):
-        edges = np.linspace(0, len(recording), max(-(-len(recording) // size), 1) + 1).astype(int)
-        found += [Chunk(r, int(a), int(b)) for a, b in pairwise(edges)]
+        count = max(-(-len(recording) // most), 1)
+        edges = np.linspace(0, len(recording), count + 1).astype(int)
+        for piece in (Piece(r, int(a), int(b)) for a, b in pairwise(edges)):
+            filled += len(piece)
+            if filled > most:
+                found.append([])
+                filled = len(piece)
+            found[-1].append(piece)
     order = np.argsort((np.arange(len(found)) * GOLDEN) % 1.0)
-    return [found[i] for i in order]
+    return [tuple(found[i]) for i in order]
 
 
 def over_all(whole: Whole, estimate: Estimate, stop: Callable[[], bool]) -> Estimate:
@@ -106,7 +125,7 @@ def over_all(whole: Whole, estimate: Estimate, stop: Callable[[], bool]) -> Esti
     """
     told, samples = [], 0
     for chunk, found in _told(whole, estimate, stop):
-        samples += chunk.last - chunk.first
+        samples += sum(len(piece) for piece in chunk)
         if found is not None:
             told.append(found)
     active = estimate.entry.fit.active
@@ -142,7 +161,7 @@ def _told(
     for chunk in every:
         if stop():
             return
-        place = own.arena(chunk.prepared(whole))
+        place = own.arena(prepared_chunk(whole, chunk))
         entry = enter(place, own.members, own.theta, None, stop, ITERATIONS)
         yield chunk, _of(place, entry, own, parts)
 
@@ -179,14 +198,14 @@ class _Own:
         alone = SuperModel.build(old.given, [old.candidates[i] for i in members])
         return _Own(estimate, alone, tuple(range(len(members))), theta, order)
 
-    def arena(self, item: Prepared) -> Arena:
+    def arena(self, items: tuple[Prepared, ...]) -> Arena:
         """Cut a chunk into segments like those of the search."""
         lean, arena = self.estimate.lean, self.estimate.arena
         seconds = arena.seconds
         if not np.isfinite(seconds):
             seconds = max(float(p.time[-1] - p.time[0]) for p in arena.prepared)
         setting = lean.stepping, seconds, arena.problem.scale, lean.simulator
-        return build_arena(self.super_model, (item,), *setting)
+        return build_arena(self.super_model, items, *setting)
 
 
 def _of(arena: Arena, entry: Entry, own: _Own, parts: int) -> Told | None:
@@ -219,4 +238,4 @@ def _solved(total: np.ndarray, moment: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(scaled, rcond=RANK, hermitian=True) @ (moment / size) / size
 
 
-__all__ = ["Chunk", "chunks", "over_all"]
+__all__ = ["Chunk", "Piece", "chunks", "over_all", "prepared_chunk"]
