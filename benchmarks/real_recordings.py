@@ -13,26 +13,34 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 import jaxsr
+from benchmarks import real_rigs
 from benchmarks.provenance import origin_of
+from benchmarks.recording_case import (
+    ROOT,
+    SEED,
+    Case,
+    alternatives,
+    diagnose,
+    effects,
+    named,
+    recalibrated,
+    rmse,
+    values_of,
+)
 from jaxsr._files import atomic_write_text, dump_json
 from jaxsr._result import InputError
 from jaxsr.datasets import fetch
-from jaxsr.diagnosis.contest.arena import build_arena
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.contest.scoring import free_run
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.result import Diagnosis
@@ -42,9 +50,7 @@ from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 from jaxsr.views import WeakView
 
-ROOT = Path(__file__).resolve().parents[1]
 RESULT = Path(__file__).parent / "results" / "real_recordings.json"
-SEED = 0
 HALF_WIDTH = 0.12  # s, of the test functions in which the promised force errors are stated
 
 LIGHT = (
@@ -61,110 +67,6 @@ TRAP = {
     "Coulomb + constant force": ("coulomb_friction", "constant_force"),
     "Coulomb + asymmetric": ("coulomb_friction", "asymmetric_friction"),
 }
-
-
-@dataclass(frozen=True)
-class Check:
-    """One promise: what, the value reached, the target, and whether it is met."""
-
-    what: str
-    value: str
-    target: str
-    met: bool
-
-
-@dataclass
-class Case:
-    """Results of one data set: a row per diagnosis, the checks, further figures."""
-
-    diagnoses: dict[str, dict[str, Any]] = field(default_factory=dict)
-    checks: list[Check] = field(default_factory=list)
-    figures: dict[str, Any] = field(default_factory=dict)
-
-    def check(self, what: str, value: Any, target: str, met: bool) -> None:
-        """Keep a check and print it."""
-        self.checks.append(Check(what, str(value), target, bool(met)))
-        print(f"  {'met    ' if met else 'NOT MET'} {what}: {value} (target {target})", flush=True)
-
-    def find(self, found: Diagnosis, mechanism: str, site: str) -> None:
-        """Check that a mechanism is among the findings."""
-        met = (mechanism, site) in effects(found)
-        self.check("finding", named(found), f"{mechanism}@{site}", met)
-
-
-def diagnose(
-    case: Case, name: str, model: Path, train: list[Path], held_out: list[Path]
-) -> Diagnosis:
-    """Diagnose, keep the row and print the verdict."""
-    begin = time.perf_counter()
-    simulator = jaxsr.Simulator.from_file(model)
-    found = jaxsr.diagnose(simulator, train, held_out=held_out, seed=SEED)
-    seconds = time.perf_counter() - begin
-    jax.clear_caches()  # each diagnosis compiles its own simulators
-    document = found.document
-    kept = ("site", "mechanism", "probability", "alternatives", "term", "parameters", "share")
-    case.diagnoses[name] = {
-        "verdict": found.verdict,
-        "findings": [{key: row.get(key) for key in kept} for row in found.findings],
-        **{key: document[key] for key in ("calibration", "fit", "smallest_detectable")},
-        "stopped_by": document["provenance"]["stopped_by"],
-        "seconds": round(seconds, 1),
-    }
-    print(f"{name}: {found.verdict}, {named(found) or 'no finding'} ({seconds:.0f} s)", flush=True)
-    return found
-
-
-def named(found: Diagnosis) -> str:
-    """Return the findings with their parameters in a line."""
-    rows = []
-    for row in found.findings:
-        values = ", ".join(f"{k} {p['value']:.4g}" for k, p in row["parameters"].items())
-        rows.append(f"{row['mechanism']}@{row['site']} ({values})")
-    return "; ".join(rows)
-
-
-def effects(found: Diagnosis) -> set[tuple[str, str]]:
-    """Return mechanism and site of every finding."""
-    return {(row["mechanism"], row["site"]) for row in found.findings}
-
-
-def alternatives(found: Diagnosis) -> dict[str, float]:
-    """Return the probability of every alternative, by mechanism."""
-    best: dict[str, float] = {}
-    for row in found.findings:
-        for other in row["alternatives"]:
-            name = other["mechanism"]
-            best[name] = max(best.get(name, 0.0), other["probability"])
-    return best
-
-
-def values_of(model: Model) -> np.ndarray:
-    """Return the parameter values of a model in its order."""
-    return np.array([p.value for p in model.parameters.values()])
-
-
-def recalibrated(model: Model, train: tuple[Prepared, ...], seconds: float) -> np.ndarray:
-    """Re-estimate the given structure over segments of `seconds`, as the diagnosis does."""
-    simulator = jaxsr.Simulator(model)
-    stepping = choose_stepping(simulator, train, values_of(model))
-    deviation = np.nanstd(np.concatenate([p.outputs for p in train]), axis=0)
-    alone = SuperModel.build(model, [])
-    arena = build_arena(alone, train, stepping, seconds, 0.01 * deviation, simulator)
-    return enter(arena, (), values_of(model)).fit.theta
-
-
-def rmse(
-    model: Model,
-    theta: np.ndarray,
-    train: tuple[Prepared, ...],
-    held: tuple[Prepared, ...],
-    horizons: Iterable[float | None],
-) -> list[float]:
-    """Return the free-run RMSE of the first output at each horizon; None is the whole length."""
-    simulator = jaxsr.Simulator(model)
-    stepping = choose_stepping(simulator, train, theta)
-    runs = (free_run(simulator, stepping, held, theta, h) for h in horizons)
-    return [float(run.rmse[0, 0]) for run in runs]
 
 
 def whole_rmse(found: Diagnosis, path: Path) -> dict[str, float]:
@@ -339,7 +241,27 @@ CASES: dict[str, tuple[str, Callable[[Path, bool], Case]]] = {
     "ur10e": ("ur10e", ur10e),
     "dfki": ("dfki_pendulum", dfki),
     "tanks": ("cascaded_tanks", tanks),
+    **real_rigs.CASES,
 }
+
+
+def answered(run: Callable[[Path, bool], Case], folder: Path, quick: bool) -> Case:
+    """Run a case; where it ends in an exception, that is its row."""
+    try:
+        return run(folder, quick)
+    except Exception as error:
+        case = Case()
+        case.check("an answer", f"{type(error).__name__}: {error}"[:200], "an answer", False)
+        return case
+
+
+def commit() -> str:
+    """Return the commit that is run, as far as Git knows it."""
+    command = ["git", "rev-parse", "--short", "HEAD"]
+    try:
+        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout.strip()
+    except OSError:
+        return ""
 
 
 def missed(name: str, case: Case, committed: dict[str, Any]) -> list[str]:
@@ -365,7 +287,7 @@ def main() -> int:
     if local.is_dir():
         os.environ.setdefault("JAXSR_DATA_DIR", str(local))
     committed = json.loads(RESULT.read_text())["cases"] if RESULT.exists() else {}
-    origin, lost = origin_of(SEED), []
+    origin, lost = {**origin_of(SEED), "commit": commit()}, []
     print(", ".join(f"{k} {v}" for k, v in origin.items()))
     for name in chosen:
         dataset, run = CASES[name]
@@ -375,7 +297,7 @@ def main() -> int:
             except InputError as error:
                 print(f"{name}: not run, the recordings are not to be had: {error}")
                 continue
-            case = run(Path(scratch), arguments.quick)
+            case = answered(run, Path(scratch), arguments.quick)
         lost += [f"{name}: {what}" for what in missed(name, case, committed)]
         if not arguments.quick:
             row = asdict(case) | {"provenance": origin}

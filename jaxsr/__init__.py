@@ -7,16 +7,21 @@ command line start quickly and JAX is loaded only by work that needs it.
 from __future__ import annotations
 
 import importlib
+import os
+import sys
 import warnings
-from importlib import metadata
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # for type checkers true: ``typing`` takes longer to load than all the rest
 if TYPE_CHECKING:
+    from typing import Any
+
     from jaxsr.diagnosis import diagnose, learn_simulator
     from jaxsr.discovery import SymbolicSparseRegressor, discover
     from jaxsr.evaluation import compile_terms
     from jaxsr.models import Simulator
     from jaxsr.recordings import Recording, read_recording
+
+    __version__: str
 
 __all__ = [
     "Recording",
@@ -42,16 +47,12 @@ _HOMES = {
 }
 
 
-def _version() -> str:
-    """Return the installed version, or ``0+uninstalled`` in a bare source tree."""
-    try:
-        return metadata.version("jaxsr-dynamics")
-    except metadata.PackageNotFoundError:
-        return "0+uninstalled"
-
-
 def _warn_of_namesake() -> None:
     """Say so when PyPI's ``jaxsr``, another project, shares the environment and import name."""
+    if not any(_holds_namesake(folder) for folder in sys.path):
+        return
+    from importlib import metadata
+
     try:
         namesake = metadata.version("jaxsr")
     except metadata.PackageNotFoundError:
@@ -64,10 +65,32 @@ def _warn_of_namesake() -> None:
     )
 
 
+def _holds_namesake(folder: str) -> bool:
+    """Return whether a folder may hold the other project; its metadata take long to load."""
+    try:
+        names = os.listdir(folder or ".")
+    except OSError:
+        return False
+    return any(name.lower().startswith("jaxsr-") for name in names)
+
+
+def _version() -> str:
+    """Return the installed version, or ``0+uninstalled`` in a bare source tree."""
+    from importlib import metadata
+
+    try:
+        return metadata.version("jaxsr-dynamics")
+    except metadata.PackageNotFoundError:
+        return "0+uninstalled"
+
+
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name == "__version__":
+        value = _version()
+    elif name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+    else:
         raise AttributeError(f"module 'jaxsr' has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOMES[name]), name)
     globals()[name] = value
     return value
 
@@ -76,5 +99,4 @@ def __dir__() -> list[str]:
     return sorted(set(globals()) | set(__all__))
 
 
-__version__ = _version()
 _warn_of_namesake()

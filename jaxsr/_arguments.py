@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import stat
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from jaxsr._result import InputError
@@ -63,6 +64,21 @@ def is_model(argument: str) -> bool:
     return argument.lower().endswith(".toml") or ".py:" in argument
 
 
+def table_of(model: str | None, table: str | None) -> list[str]:
+    """Return the model file that ``--model`` names beside a Python function, in a list.
+
+    Raises
+    ------
+    InputError
+        If the model is no Python function.
+    """
+    if table is None:
+        return []
+    if model is None or ".py:" not in model:
+        raise InputError("--model goes with file.py:function", f"--model {table}", "Leave it out")
+    return [table]
+
+
 def check_roles(roles: Mapping[str, Iterable[str]]) -> None:
     """Raise unless every file exists and has one role.
 
@@ -75,7 +91,7 @@ def check_roles(roles: Mapping[str, Iterable[str]]) -> None:
     Raises
     ------
     InputError
-        If a file is missing, is not a file, or is named twice.
+        If a file is missing, is not a file, may not be read, or is named twice.
     """
     seen: dict[tuple[int, int], tuple[str, str]] = {}
     for role, paths in roles.items():
@@ -85,10 +101,12 @@ def check_roles(roles: Mapping[str, Iterable[str]]) -> None:
             except (OSError, ValueError) as error:
                 reason = error.strerror if isinstance(error, OSError) else str(error)
                 raise InputError(f"cannot be read: {reason}", f"{role} {path}") from error
-            if Path(path).is_dir():
-                raise InputError(
-                    "is a directory", f"{role} {path}", "Name the files of the recordings"
-                )
+            if not stat.S_ISREG(status.st_mode):
+                kind = "a directory" if stat.S_ISDIR(status.st_mode) else "no plain file"
+                raise InputError(f"is {kind}", f"{role} {path}", "Name the files of the recordings")
+            # Asked, not tried: held-out files are opened once, at the end.
+            if not os.access(path, os.R_OK):
+                raise InputError("cannot be read: Permission denied", f"{role} {path}")
             key = (status.st_dev, status.st_ino)
             if key in seen:
                 first_role, first = seen[key]
@@ -154,8 +172,8 @@ def model_and_data(
     return None, list(arguments)
 
 
-def results_folder(out: str, roles: Mapping[str, Iterable[str]], written: Iterable[str]) -> Path:
-    """Return the directory of the results.
+def results_folder(out: str, roles: Mapping[str, Iterable[str]], written: Collection[str]) -> Path:
+    """Return the directory of the results, mended if a run was killed while it wrote them.
 
     Parameters
     ----------
@@ -163,19 +181,24 @@ def results_folder(out: str, roles: Mapping[str, Iterable[str]], written: Iterab
         Its path.
     roles : mapping of str to paths
         Input files by role.
-    written : iterable of str
+    written : collection of str
         Names of files that the job writes.
 
     Raises
     ------
     InputError
-        If `out` cannot be written, or a result would overwrite an input.
+        If `out` cannot be written, holds a directory in the place of a result, or a result
+        would overwrite an input.
     """
-    from jaxsr._files import check_writable_directory
+    from jaxsr._files import check_writable_directory, last_files, mend_directory
 
     folder = Path(out)
     check_writable_directory(folder)
-    targets = {(folder / name).resolve() for name in written}
+    mend_directory(folder)
+    for name in written:
+        if (folder / name).is_dir():
+            raise InputError(f"holds a directory named {name}", out, "Name another --out")
+    targets = {(folder / name).resolve() for name in {*written, *last_files(folder)}}
     for role, paths in roles.items():
         for path in paths:
             if Path(path).resolve() in targets:

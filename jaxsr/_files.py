@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import dataclasses
 import enum
 import errno
@@ -11,7 +12,8 @@ import json
 import math
 import os
 import shutil
-import tempfile
+import stat
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,34 +21,31 @@ from typing import Any
 import numpy as np
 
 from jaxsr._result import InputError
+from jaxsr._staging import PREFIX, locked, placing, staging_file, staging_folder, sweep
 
-_STAGING = ".jaxsr-staging-"  # new files being written
-_BACKUP = ".jaxsr-backup"  # the old files, while new ones take their place
+_BACKUP = ".jaxsr-backup"  # the old files, while new ones take their place one by one
 _MANIFEST = ".jaxsr-files"  # names of the files that a run wrote, so that the next may replace them
+_LONGEST = "x" * 64  # as long as the longest name of a result
+_REMEDY = "Name another place with --out"
 
 
 def check_writable(path: Path) -> None:
-    """Raise unless a file or directory can be made at `path`; leave nothing behind.
+    """Raise unless a file can be made at `path`; leave nothing behind.
 
     Long jobs call this first, so that they do not fail at the end.
 
     Raises
     ------
     InputError
-        If the nearest existing ancestor is not a directory that takes new files.
+        If the nearest existing ancestor is not a directory that takes new files, a link on the
+        way leads nowhere, or a name is too long.
     """
-    nearest = path
-    while not nearest.exists():
-        nearest = nearest.parent
-    remedy = "Name another place with --out"
-    if nearest != path and not nearest.is_dir():
-        raise InputError(f"cannot be written: {nearest} is a file", str(path), remedy)
-    folder = nearest if nearest.is_dir() else nearest.parent
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", str(path), remedy) from error
+    with _told_of(path):
+        _check_name(path)
+        if path.exists() and not path.is_file():
+            raise InputError("is no plain file", str(path), _REMEDY)
+        with staging_folder(_nearest(path.parent)) as folder:
+            (folder / _LONGEST).write_bytes(b"x")
 
 
 def check_writable_directory(out: Path) -> None:
@@ -55,11 +54,14 @@ def check_writable_directory(out: Path) -> None:
     Raises
     ------
     InputError
-        If `out` is a file, or lies where nothing can be written.
+        If `out` is a file, lies where nothing can be written, or a name is too long.
     """
-    if out.exists() and not out.is_dir():
-        raise InputError("is a file, not a directory", str(out), "Name another place with --out")
-    check_writable(out)
+    with _told_of(out):
+        _check_name(out / _LONGEST)
+        if out.exists() and not out.is_dir():
+            raise InputError("is a file, not a directory", str(out), _REMEDY)
+        with staging_folder(_place(_nearest(out), out)) as folder:
+            (folder / _LONGEST).write_bytes(b"x")
 
 
 def atomic_write_text(path: Path, text: str) -> None:
@@ -70,37 +72,36 @@ def atomic_write_text(path: Path, text: str) -> None:
     InputError
         If the file cannot be written.
     """
-    temporary: Path | None = None
-    try:
+    with _told_of(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        temporary = Path(name)
-        with open(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-        _usual_permissions(temporary)
-        os.replace(temporary, path)
-    except BaseException as error:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise InputError(f"cannot be written: {error.strerror}", str(path)) from error
-        raise
+        sweep(path.parent)
+        with staging_file(path.parent) as temporary:
+            with open(temporary, "w", encoding="utf-8", newline="\n") as stream:
+                stream.write(text)
+            _usual_permissions(temporary)
+            _sync(temporary)
+            with placing():
+                os.replace(temporary, path)
 
 
 @contextlib.contextmanager
 def atomic_directory(out: Path) -> Iterator[Path]:
     """Yield an empty directory whose files become those of `out` when the block succeeds.
 
-    An interrupted or failed run leaves the complete old files or the complete new ones. A new
-    `out` appears by one rename. In an existing one, files are replaced one by one with the old
-    ones kept aside; a failure puts them back, and so does the next run after a kill between two
-    renames. Files that no run of jaxsr wrote stay untouched, and `out` itself is never renamed:
-    it may be a mount point or the current directory.
+    A run that fails or is killed leaves the complete old files or the complete new ones. A new
+    `out` appears by one rename, and one that holds results alone changes places with the new one
+    by one rename (Linux), so that at any moment whoever reads sees one run's files.
+
+    An `out` that holds files of others, is a mount point or somebody's current directory, or has
+    permissions of its own stays the same directory. There the files are replaced one by one,
+    which takes about a millisecond, with the old ones kept aside: a failure puts them back, and
+    so does `mend_directory`, which the next run calls, after a kill between two renames. Files
+    that no run of jaxsr wrote stay untouched.
 
     Parameters
     ----------
     out : Path
-        Directory to write; parents are made.
+        Directory to write; parents are made, links followed.
 
     Yields
     ------
@@ -110,56 +111,125 @@ def atomic_directory(out: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If `out` cannot be written or the disk is full.
+        If `out` cannot be written, or its disk is full or fails.
     """
     check_writable_directory(out)
-    existed = out.is_dir()
-    if existed:
-        _roll_back(out)
-    else:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(prefix=_STAGING, dir=out if existed else out.parent))
-    try:
+    out = Path(os.path.realpath(out))
+    mend_directory(out)
+    with _told_of(out), staging_folder(_place(_nearest(out), out)) as staging:
         yield staging
         names = sorted({entry.name for entry in staging.iterdir()} - {_MANIFEST})
         if any((staging / name).is_dir() for name in names):
             raise ValueError(f"results are files in a flat directory, got folders in {names}")
         (staging / _MANIFEST).write_text("\n".join(names) + "\n", encoding="utf-8")
-        if existed:
-            _replace_files(out, staging, [*names, _MANIFEST])
-        else:
-            _usual_permissions(staging, base=0o777)
+        _usual_permissions(staging, base=0o777)
+        for path in [*staging.iterdir(), staging]:
+            _sync(path)
+        with placing():
+            _place_results(staging, out)
+            shutil.rmtree(
+                staging, ignore_errors=True
+            )  # the old files, where the two changed places
+
+
+def mend_directory(out: Path) -> None:
+    """Put back the old files of `out` where a kill left some new ones; remove litter of the dead.
+
+    For whoever reads several results of one directory, and at the start of a run.
+    """
+    out = Path(os.path.realpath(out))
+    sweep(out.parent)
+    if not out.is_dir():
+        return
+    sweep(out)
+    if (out / _BACKUP).is_dir():
+        with _told_of(out), locked(out):
+            _roll_back(out)
+
+
+def _place_results(staging: Path, out: Path) -> None:
+    """Make the files of `staging` those of `out`."""
+    names = [path.name for path in staging.iterdir()]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    if not out.exists():
+        try:
             os.rename(staging, out)
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise InputError(f"cannot be written: {error.strerror}", str(out)) from error
-        raise
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+            return
+        except OSError as error:
+            if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # another run was quicker
+                raise
+    with locked(out):
+        _roll_back(out)
+        if staging.parent == out:
+            _replace_files(out, staging, names)
+        elif not (_is_swappable(out, staging) and _exchange(staging, out)):
+            with staging_folder(out) as inner:
+                for name in names:
+                    shutil.copy2(staging / name, inner / name)
+                    _sync(inner / name)
+                _replace_files(out, inner, names)
+
+
+def _is_swappable(out: Path, new: Path) -> bool:
+    """Return whether nobody would miss the directory `out` itself, were `new` in its place."""
+    one, other = out.stat(), new.stat()
+    alike = (one.st_mode, one.st_uid, one.st_gid) == (other.st_mode, other.st_uid, other.st_gid)
+    if hasattr(os, "listxattr"):
+        alike = alike and _attributes(out) == _attributes(new)
+    return alike and _holds_results_alone(out) and not _is_entered(out)
+
+
+def _holds_results_alone(out: Path) -> bool:
+    return {entry.name for entry in out.iterdir()} <= {*last_files(out), _MANIFEST}
+
+
+def _attributes(folder: Path) -> dict[str, bytes]:
+    """Return the extended attributes of a folder: access lists and security labels."""
+    try:
+        return {name: os.getxattr(folder, name) for name in os.listxattr(folder)}
+    except OSError:  # a file system without them
+        return {}
+
+
+def _is_entered(folder: Path) -> bool:
+    """Return whether `folder` is the current directory of a process that we may ask."""
+    for place in (Path("."), *Path("/proc").glob("[0-9]*/cwd")):
+        with contextlib.suppress(OSError):
+            if place.samefile(folder):
+                return True
+    return False
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Let two directories change places in one step (renameat2(2)); return whether they did."""
+    at_cwd, exchange = -100, 2
+    try:
+        rename = ctypes.CDLL(None).renameat2
+    except (AttributeError, OSError, TypeError):  # another system, or an old C library
+        return False
+    return rename(at_cwd, os.fsencode(one), at_cwd, os.fsencode(other), exchange) == 0
 
 
 def _replace_files(out: Path, staging: Path, names: list[str]) -> None:
     """Move `names` from `staging` into `out`, all or none, and remove files of an earlier run."""
-    stale = _manifest(out) - set(names)
-    held = Path(tempfile.mkdtemp(prefix=_STAGING, dir=out))
-    try:
+    stale = last_files(out) - set(names)
+    with staging_folder(out) as held:
         for name in {*names, *stale}:
             if (out / name).exists():
                 shutil.copy2(out / name, held / name)
         # Read by `_roll_back`: what must go when the old files come back.
         (held / ".new").write_text("\n".join(names), encoding="utf-8")
-        # From this rename on, a killed run is rolled back by the next one.
-        os.rename(held, out / _BACKUP)
-        for name in names:
-            os.replace(staging / name, out / name)
-        for name in stale:
-            (out / name).unlink(missing_ok=True)
-        os.rename(out / _BACKUP, held)
-    except BaseException:
-        _roll_back(out)
-        raise
-    finally:
-        shutil.rmtree(held, ignore_errors=True)
+        try:
+            # From this rename on, a killed run is rolled back by the next one.
+            os.rename(held, out / _BACKUP)
+            for name in names:
+                os.replace(staging / name, out / name)
+            for name in stale:
+                (out / name).unlink(missing_ok=True)
+            os.rename(out / _BACKUP, held)
+        except BaseException:
+            _roll_back(out)
+            raise
 
 
 def _roll_back(out: Path) -> None:
@@ -173,14 +243,15 @@ def _roll_back(out: Path) -> None:
     for entry in backup.iterdir():
         if entry.name != ".new":
             # A copy, not a move: being interrupted here must not lose what is still aside.
-            temporary = out / f"{_STAGING}{entry.name}"
-            shutil.copy2(entry, temporary)
-            os.replace(temporary, out / entry.name)
-    shutil.rmtree(backup)
+            with staging_file(out) as temporary:
+                shutil.copy2(entry, temporary)
+                os.replace(temporary, out / entry.name)
+    with staging_folder(out) as emptied:  # one step: half a backup must not be read as one
+        os.rename(backup, emptied)
 
 
-def _manifest(out: Path) -> set[str]:
-    """Return the plain file names that the last run wrote into `out`."""
+def last_files(out: Path) -> set[str]:
+    """Return the names of the files that the last run wrote into `out`; the next removes them."""
     try:
         lines = (out / _MANIFEST).read_text(encoding="utf-8").splitlines()
     except FileNotFoundError:
@@ -188,11 +259,98 @@ def _manifest(out: Path) -> set[str]:
     return {name for name in lines if name and name == Path(name).name and name not in (".", "..")}
 
 
+def _nearest(path: Path) -> Path:
+    """Return `path` or the nearest of its ancestors that is there.
+
+    Raises
+    ------
+    InputError
+        If that is a file, or a link that leads nowhere.
+    """
+    given = path
+    while not path.exists():
+        if path.is_symlink():
+            raise InputError(f"cannot be written: {path} leads nowhere", str(given), _REMEDY)
+        path = path.parent
+    if not path.is_dir():
+        raise InputError(f"cannot be written: {path} is a file", str(given), _REMEDY)
+    return path
+
+
+def _place(nearest: Path, out: Path) -> Path:
+    """Return where the new files of `out` are written first: one rename away from their place."""
+    if nearest != out:
+        return nearest
+    real = Path(os.path.realpath(out))
+    is_beside = (
+        real.stat().st_dev == real.parent.stat().st_dev
+        and os.access(real.parent, os.W_OK | os.X_OK)
+        and _holds_results_alone(real)
+    )
+    return real.parent if is_beside else real
+
+
+def _check_name(path: Path) -> None:
+    """Raise if a name in `path`, or all of it, is more than its file system takes.
+
+    Raises
+    ------
+    OSError
+        A name is too long.
+    InputError
+        A name holds a null character.
+    """
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except ValueError as error:
+        raise InputError(f"cannot be written: {error}", repr(str(path)), _REMEDY) from error
+
+
+@contextlib.contextmanager
+def _told_of(path: Path) -> Iterator[None]:
+    """Turn what the system says against writing at `path` into an `InputError`.
+
+    An error that names a file elsewhere passes: it was met by whoever computes what is written.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or not _concerns(error, path):
+            raise
+        reason = error.strerror or type(error).__name__
+        raise InputError(f"cannot be written: {reason}", str(path), _REMEDY) from error
+
+
+def _concerns(error: OSError, path: Path) -> bool:
+    """Return whether an error names no file, an unfinished one, or one on the way to `path`."""
+    if not isinstance(error.filename, str | bytes | os.PathLike):
+        return True
+    name, target = os.path.abspath(os.fsdecode(error.filename)), os.path.abspath(path)
+    return PREFIX in name or name.startswith(target) or target.startswith(name)
+
+
+def _sync(path: Path) -> None:
+    """Bring a file or folder to its disk, so that what fails there fails before old files go."""
+    if sys.platform == "win32":
+        return
+    held = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(held)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EBADF):
+            raise  # those say that the file system has no such call
+    finally:
+        os.close(held)
+
+
 def _usual_permissions(path: Path, base: int = 0o666) -> None:
     """Give `path` the permissions of a plainly made file: temporary ones are private."""
     mask = os.umask(0)
     os.umask(mask)
-    path.chmod(base & ~mask)
+    inherited = path.stat().st_mode & stat.S_ISGID
+    path.chmod(base & ~mask | inherited)
 
 
 def sha256(path: Path) -> str:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-import signal
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from types import FrameType
 from typing import Protocol, TextIO
 
 from jaxsr._result import InputError, StoppedBy
@@ -105,7 +103,11 @@ class Budget:
     Parameters
     ----------
     seconds : float, optional
-        Wall-clock time from now, positive; unlimited by default.
+        Wall-clock time, positive; unlimited by default.
+    _start : float, optional
+        When the time began, on the clock of ``time.monotonic``; now by default.
+    _interrupt : threading.Event, optional
+        Set by whoever asks for an early end.
 
     Raises
     ------
@@ -169,29 +171,3 @@ def as_budget(budget: float | Budget | None) -> Budget:
     if isinstance(budget, Budget):
         return budget
     return Budget() if budget is None else Budget(float(budget))
-
-
-@contextlib.contextmanager
-def graceful_interrupt(budget: Budget) -> Iterator[None]:
-    """Turn the first Ctrl-C in the block into `budget.interrupt()`.
-
-    The second raises ``KeyboardInterrupt``. Outside the main thread, where Python delivers no
-    signals, the block runs as it is.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def ask(signum: int, frame: FrameType | None) -> None:
-        if budget.interrupted:
-            raise KeyboardInterrupt
-        budget.interrupt()
-        with contextlib.suppress(OSError, ValueError, RuntimeError):
-            text = "jaxsr: stopping; the best so far will be written (Ctrl-C again to drop it)"
-            print(text, file=sys.stderr, flush=True)
-
-    previous = signal.signal(signal.SIGINT, ask)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, previous)

@@ -11,9 +11,9 @@ import os
 import shlex
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -24,15 +24,16 @@ from jaxsr._arguments import (
     model_and_data,
     results_folder,
     split_names,
+    table_of,
 )
+from jaxsr._job import RUN, command_budget, loaded, save, session
+from jaxsr._output import close_stdout, print_line
+from jaxsr._process import INTERRUPTED, listen, listening, say
 from jaxsr._result import InputError
 
-if TYPE_CHECKING:
-    from jaxsr._progress import Budget, Progress
+OK, DEFECT, WRONG_USE = 0, 1, 2
 
-OK, DEFECT, WRONG_USE, INTERRUPTED = 0, 1, 2, 130
-
-Job = Callable[[str], int]  # of the command line, for the provenance; returns the exit status
+Job = Callable[[str], None]  # of the command line, for the provenance
 
 app = typer.Typer(
     add_completion=False,
@@ -55,6 +56,17 @@ HeldOut = Annotated[
     typer.Option(metavar="FILE...", help="Recordings opened once, at the end, to report the fit."),
 ]
 States = Annotated[str | None, typer.Option(metavar="z1,z2", help="Columns that are states.")]
+
+
+Table = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="FILE.toml",
+        help="With file.py:function, the model file that stands on it, such as an explained.toml; "
+        "file.toml by default.",
+    ),
+]
 
 
 @app.command()
@@ -100,13 +112,13 @@ def discover(
         raise InputError(
             f"{len(options['derivatives'])} names for {len(names)} states", "--derivatives"
         )
-    limit = _budget(budget)
+    limit = command_budget(budget)
 
-    def job(command: str) -> int:
-        with _session(limit) as progress:
+    def job(command: str) -> None:
+        with session() as progress:
             import jaxsr
 
-            found = jaxsr.discover(
+            found = loaded(jaxsr.discover)(
                 data,
                 states=names,
                 validation=validation or [],
@@ -115,10 +127,8 @@ def discover(
                 command=command,
                 **options,
             )
-            found.save(folder)
-        for equation in found.equations:
-            print(f"d({equation.state})/dt = {equation.expression}")
-        return _finish(limit, folder)
+        equations = [f"d({e.state})/dt = {e.expression}" for e in found.equations]
+        save(found, folder, "\n".join(equations))
 
     return job
 
@@ -140,6 +150,7 @@ def diagnose(
     ] = None,
     states: States = None,
     held_out: HeldOut = None,
+    table: Table = None,
     seed: Seed = 0,
     budget: Seconds = None,
 ) -> Job:
@@ -147,27 +158,31 @@ def diagnose(
     model, data = model_and_data(arguments, simulated, states)
     roles = {
         "MODEL": [model] if model is not None and ".py:" not in model else [],
+        **{"--model": table_of(model, table)},
         **{"DATA": data, "--simulated": simulated or [], "--held-out": held_out or []},
     }
     check_roles(roles)
     written = ("explained.toml", "diagnosis.json", "report.html")
     folder = results_folder(out, roles, (*written, *([] if model else ["learned.toml"])))
     named = split_names(states, "--states")
-    limit = _budget(budget)
+    limit = command_budget(budget)
 
-    def job(command: str) -> int:
-        with _session(limit) as progress:
+    def job(command: str) -> None:
+        with session() as progress:
             import jaxsr
-            from jaxsr.models import write_model
 
+            learnt: dict[str, Any] = {}
             if model is None:
-                learned = jaxsr.learn_simulator(
+                from jaxsr.models import model_text
+
+                learned = loaded(jaxsr.learn_simulator)(
                     simulated or [], data, states=named, seed=seed, budget=limit, progress=progress
                 )
                 simulator = learned.simulator
+                learnt = {"more": {"learned.toml": model_text(simulator.model)}}
             else:
-                simulator = jaxsr.Simulator.from_file(model)
-            diagnosis = jaxsr.diagnose(
+                simulator = jaxsr.Simulator.from_file(model, table)
+            diagnosis = loaded(jaxsr.diagnose)(
                 simulator,
                 data,
                 held_out=held_out or [],
@@ -176,11 +191,7 @@ def diagnose(
                 progress=progress,
                 command=command,
             )
-            diagnosis.save(folder, limit)
-            if model is None:
-                write_model(simulator.model, folder / "learned.toml")
-        _tell(diagnosis, folder)
-        return _finish(limit, folder)
+        save(diagnosis, folder, _verdict(diagnosis), budget=limit, **learnt)
 
     return job
 
@@ -194,6 +205,7 @@ def simulate(
     ] = None,
     duration: Annotated[float | None, typer.Option(help="Seconds, without DATA.")] = None,
     dt: Annotated[float | None, typer.Option(help="Seconds between rows, without DATA.")] = None,
+    table: Table = None,
 ) -> Job:
     """Run a model freely, with recorded inputs or without any."""
     if not is_model(model):
@@ -206,31 +218,33 @@ def simulate(
         if value is not None and not 0 < value < float("inf"):
             raise InputError(f"must be positive seconds, got {value}", option)
     inputs = ([model] if ".py:" not in model else []) + ([data] if data is not None else [])
-    check_roles({"MODEL": inputs[:1], "DATA": inputs[1:]})
+    tables = table_of(model, table)
+    check_roles({"MODEL": inputs[:1], "--model": tables, "DATA": inputs[1:]})
+    inputs += tables
     target = Path(out)
     if any(Path(path).resolve() == target.resolve() for path in inputs):
         raise InputError("would overwrite an input", f"--out {out}", "Name another file")
-    if target.is_dir():
+    if os.path.isdir(target):
         raise InputError("is a directory", f"--out {out}", "Name a file, such as run.csv")
 
-    def job(command: str) -> int:
+    def job(command: str) -> None:
         from jaxsr._files import atomic_write_text, check_writable
 
         check_writable(target)
         import jaxsr
         from jaxsr.models.simulation import simulate_to_csv
 
-        simulator = jaxsr.Simulator.from_file(model)
+        simulator = jaxsr.Simulator.from_file(model, table)
         recording = None
         if data is not None:
             given = simulator.model
             recording = jaxsr.read_recording(
                 data, time=given.columns.get(given.time), sample_time=given.sample_time
             )
-        table = simulate_to_csv(simulator, recording, duration, dt)
-        atomic_write_text(target, table.to_csv(index=False, lineterminator="\n"))
-        print(f"{len(table)} rows in {target}")
-        return OK
+        run = simulate_to_csv(simulator, recording, duration, dt)
+        atomic_write_text(target, run.to_csv(index=False, lineterminator="\n"))
+        RUN.get().outcome = f"{target} is whole"
+        print_line(f"{len(run)} rows in {target}")
 
     return job
 
@@ -239,15 +253,15 @@ def simulate(
 def demo(out: Out = "jaxsr-demo") -> Job:
     """Diagnose the bundled recordings of a two-link arm, offline."""
     folder = results_folder(out, {}, ())
-    limit = _budget(DEMO_SECONDS)
+    limit = command_budget(DEMO_SECONDS)
 
-    def job(command: str) -> int:
+    def job(command: str) -> None:
         model, train, held_out = _demo_files()
-        with _session(limit) as progress:
+        with session() as progress:
             import jaxsr
 
             simulator = jaxsr.Simulator.from_file(model)
-            diagnosis = jaxsr.diagnose(
+            diagnosis = loaded(jaxsr.diagnose)(
                 simulator,
                 train,
                 held_out=held_out,
@@ -255,9 +269,7 @@ def demo(out: Out = "jaxsr-demo") -> Job:
                 progress=progress,
                 command=command,
             )
-            diagnosis.save(folder)
-        _tell(diagnosis, folder)
-        return _finish(limit, folder)
+        save(diagnosis, folder, _verdict(diagnosis), budget=limit)
 
     return job
 
@@ -266,12 +278,11 @@ def demo(out: Out = "jaxsr-demo") -> Job:
 def list_command() -> Job:
     """List the recordings that can be fetched."""
 
-    def job(command: str) -> int:
+    def job(command: str) -> None:
         from jaxsr.datasets import list_datasets
 
         for dataset in list_datasets():
-            print(f"{dataset.name:16} {dataset.title} ({dataset.licence})")
-        return OK
+            print_line(f"{dataset.name:16} {dataset.title} ({dataset.licence})")
 
     return job
 
@@ -285,12 +296,11 @@ def fetch_command(
 ) -> Job:
     """Write one CSV per experiment, with the model file beside."""
 
-    def job(command: str) -> int:
+    def job(command: str) -> None:
         from jaxsr.datasets import fetch
 
         for path in fetch(name, out):
-            print(path)
-        return OK
+            print_line(str(path))
 
     return job
 
@@ -308,33 +318,48 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0 the job ran, 2 wrong use or unreadable input, 130 interrupted, 1 a defect of jaxsr.
     """
+    if argv is None:
+        listen()  # this process is the command and nothing else
+    with listening() as run:
+        token = RUN.set(run)
+        try:
+            status = _status(sys.argv[1:] if argv is None else list(argv))
+        except KeyboardInterrupt:
+            status = INTERRUPTED
+        finally:
+            RUN.reset(token)
+    if status == INTERRUPTED or (status == OK and run.asked.is_set()):
+        say(f"interrupted; {run.outcome}")
+        return INTERRUPTED
+    return status
+
+
+def _status(given: list[str]) -> int:
+    """Run a command and return its exit status, but for interruptions."""
     try:
-        given = sys.argv[1:] if argv is None else list(argv)
         arguments = expand_file_lists(given)
         command = typer.main.get_command(app)
         outcome: Any = command.main(args=arguments, prog_name="jaxsr", standalone_mode=False)
         if outcome is None or isinstance(outcome, int):  # --help
             status = outcome or OK
-        else:
-            job: Job = outcome
-            status = job(shlex.join(["jaxsr", *given]))
-        sys.stdout.flush()  # a closed pipe is noticed here, not at exit
-        return status
+            sys.stdout.flush()  # a closed pipe is noticed here, not at exit
+            return status
+        job: Job = outcome
+        job(shlex.join(["jaxsr", *given]))
+        return OK
     except InputError as error:
         return _wrong_use(str(error))
-    except KeyboardInterrupt:
-        print("jaxsr: interrupted; nothing was written", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output left, as in `jaxsr datasets list | head -1`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # the reader of our output left, as in `jaxsr --help | head -1`
+        close_stdout()
         return OK
     except Exception as error:
         # typer's usage errors; older releases take their classes from click, newer from inside.
         message = getattr(error, "format_message", None)
         if callable(message):
             return _wrong_use(str(message()))
-        traceback.print_exc()
-        print("jaxsr: this is a defect of jaxsr, please report it", file=sys.stderr)
+        with contextlib.suppress(OSError):  # a terminal that closed
+            traceback.print_exc()
+        say("this is a defect of jaxsr, please report it")
         return DEFECT
 
 
@@ -345,36 +370,9 @@ def _demo_files() -> tuple[Path, list[Path], list[Path]]:
 
 
 def _wrong_use(message: str) -> int:
-    print(f"jaxsr: error: {' '.join(message.split())}", file=sys.stderr)
+    say(f"error: {' '.join(message.split())}")
     return WRONG_USE
 
 
-def _budget(seconds: float | None) -> Budget:
-    from jaxsr._progress import as_budget
-
-    return as_budget(seconds)
-
-
-@contextlib.contextmanager
-def _session(budget: Budget) -> Iterator[Progress]:
-    """Show progress, let the first Ctrl-C ask for an early end, keep what is compiled."""
-    from jaxsr._progress import graceful_interrupt, progress_on
-    from jaxsr.evaluation import keep_compiled
-
-    keep_compiled()
-
-    with graceful_interrupt(budget), progress_on() as progress:
-        yield progress
-
-
-def _tell(diagnosis: Any, folder: Path) -> None:
-    """Print the verdict and where the report is."""
-    print(f"Verdict: {diagnosis.verdict}. {diagnosis.sentence}")
-    print(f"Report: {folder / 'report.html'}")
-
-
-def _finish(budget: Budget, folder: Path) -> int:
-    if not budget.interrupted:
-        return OK
-    print(f"jaxsr: interrupted; the best so far is in {folder}", file=sys.stderr)
-    return INTERRUPTED
+def _verdict(diagnosis: Any) -> str:
+    return f"Verdict: {diagnosis.verdict}. {diagnosis.sentence}"

@@ -26,3 +26,16 @@ def recordings() -> Path:
     if not folder.is_dir():
         pytest.skip("real recordings are absent: ../shared/recordings")
     return folder
+
+
+@pytest.fixture(scope="session")
+def datasets_folder(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Every data set, fetched from the local files into a folder of its name."""
+    from jaxsr.datasets import fetch, list_datasets
+
+    out = tmp_path_factory.mktemp("datasets")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JAXSR_DATA_DIR", str(recordings))
+        for dataset in list_datasets():
+            fetch(dataset.name, out / dataset.name)
+    return out

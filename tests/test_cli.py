@@ -6,8 +6,10 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,6 +19,7 @@ import pytest
 import jaxsr
 from jaxsr import cli
 from jaxsr._progress import Budget
+from jaxsr.models import parse_model
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -33,18 +36,26 @@ class Recorded:
         self.during(options["budget"])
         options["progress"].stage("working")
         return SimpleNamespace(
-            verdict="nothing", sentence="No mismatch.", equations=[], save=self.save
+            verdict="nothing",
+            sentence="No mismatch.",
+            equations=[],
+            save=self.save,
+            write=self.write,
         )
 
-    def save(self, directory: Path) -> None:
+    def save(self, directory: Path, more: Mapping[str, str] | None = None) -> None:
         directory.mkdir()
-        (directory / "report.html").write_text("whole")
+        for name, text in {"report.html": "whole", **(more or {})}.items():
+            (directory / name).write_text(text)
+
+    def write(self, directory: Path) -> None:
+        (directory / "diagnosis.json").write_text("{}")
 
 
 @pytest.fixture
 def library(monkeypatch: pytest.MonkeyPatch) -> Recorded:
     recorded = Recorded()
-    reader = SimpleNamespace(from_file=lambda path: ("simulator", path))
+    reader = SimpleNamespace(from_file=lambda path, table=None: ("simulator", path))
     monkeypatch.setitem(jaxsr.__dict__, "Simulator", reader)
     monkeypatch.setitem(jaxsr.__dict__, "diagnose", recorded)
     monkeypatch.setitem(jaxsr.__dict__, "discover", recorded)
@@ -56,7 +67,17 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     for name in ("m.toml", "a.csv", "b.csv", "v0.csv", "v1.csv", "w.csv"):
         (tmp_path / name).write_text("t,x\n0,0\n")
+    (tmp_path / "dangling").symlink_to("absent")
+    (tmp_path / "taken" / "report.html").mkdir(parents=True)
     return tmp_path
+
+
+@pytest.fixture
+def ctrl_c() -> Iterator[None]:
+    """Let Ctrl-C raise, also where the tests run under ``nohup`` or in the background."""
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, previous)
 
 
 def test_diagnose_passes_each_file_in_its_role(files: Path, library: Recorded, capsys: Any) -> None:
@@ -126,20 +147,59 @@ def test_discover_passes_its_options(files: Path, library: Recorded) -> None:
         "simulate m.toml a.csv --out .",
         "simulate m.toml a.csv --out a.csv/f.csv",
         "demo --out a.csv",
+        f"diagnose m.toml a.csv --out {'x' * 256}",
+        f"diagnose m.toml a.csv --out {'x' * 256}/d",
+        f"simulate m.toml a.csv --out {'x' * 256}.csv",
+        "diagnose m.toml a.csv --out dangling",
+        "diagnose m.toml a.csv --out dangling/d",
+        "discover a.csv --states x --out dangling/d/e",
+        "simulate m.toml a.csv --out dangling/f.csv",
+        "diagnose m.toml a.csv --out taken",
+        "diagnose m.toml a.csv --out /proc/d",
+        "diagnose m.toml a.csv --held-out /dev/null --out d",
         "datasets fetch nonsense",
     ],
 )
 def test_wrong_use_is_one_line_and_status_2(
     line: str, files: Path, library: Recorded, capsys: Any
 ) -> None:
-    before = {path.name: path.read_text() for path in files.iterdir()}
+    before = {path.name: path.read_text() for path in files.iterdir() if path.is_file()}
     assert cli.main(line.split()) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.startswith("jaxsr: error: ")
     assert captured.err.count("\n") == 1 and "Traceback" not in captured.err
     assert not library.calls
-    assert {path.name: path.read_text() for path in files.iterdir()} == before
+    after = {path.name: path.read_text() for path in files.iterdir() if path.is_file()}
+    assert after == before and not any(path.name[0] == "." for path in files.iterdir())
+
+
+def test_a_learnt_simulator_is_saved_with_the_rest(
+    files: Path, library: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (
+        '[model]\nname = "m"\ntime = "t"\nstates = ["x"]\ninputs = []\noutputs = ["y"]\n'
+        '[equations]\nx = "-x"\n[readings]\ny = "x"\n'
+    )
+    learnt = SimpleNamespace(simulator=SimpleNamespace(model=parse_model(text)))
+    monkeypatch.setitem(jaxsr.__dict__, "learn_simulator", lambda *args, **options: learnt)
+    assert cli.main("diagnose a.csv --simulated b.csv --out d".split()) == 0
+    assert 'x = "-x"' in Path("d/learned.toml").read_text()
+
+
+def test_a_report_that_breaks_leaves_the_answer(
+    files: Path, library: Recorded, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    def save(directory: Path) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(tempfile, "tempdir", str(files))
+    monkeypatch.setattr(library, "save", save)
+    assert cli.main("diagnose m.toml a.csv --out d".split()) == 1
+    captured = capsys.readouterr()
+    assert "Verdict: nothing" in captured.out and "ZeroDivisionError" in captured.err
+    (rescue,) = files.glob("jaxsr-results-*")
+    assert f"The results are in {rescue}: diagnosis.json" in captured.err
 
 
 def test_a_defect_of_ours_shows_its_traceback(files: Path, library: Recorded, capsys: Any) -> None:
@@ -149,6 +209,7 @@ def test_a_defect_of_ours_shows_its_traceback(files: Path, library: Recorded, ca
     assert not Path("d").exists()
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_first_interrupt_keeps_the_best_so_far(files: Path, library: Recorded, capsys: Any) -> None:
     def during(budget: Budget) -> None:
         signal.raise_signal(signal.SIGINT)
@@ -161,6 +222,7 @@ def test_first_interrupt_keeps_the_best_so_far(files: Path, library: Recorded, c
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_second_interrupt_ends_at_once(files: Path, library: Recorded, capsys: Any) -> None:
     def during(budget: Budget) -> None:
         signal.raise_signal(signal.SIGINT)
@@ -235,6 +297,14 @@ def test_namesake_is_named_once(tmp_path: Path) -> None:
     assert done.returncode == 0
     assert done.stderr.count("another project") == 1 and "0.3.0" in done.stderr
     assert run_python("import jaxsr").stderr == ""
+
+
+def test_a_diagnosis_loads_what_it_needs_alone() -> None:
+    code = (
+        "import sys, jaxsr; jaxsr.diagnose;"
+        "print(sorted({'sklearn', 'matplotlib', 'rich', 'scipy.signal'} & set(sys.modules)))"
+    )
+    assert run_python(code).stdout == "[]\n"
 
 
 def test_importing_changes_nothing_of_jax() -> None:

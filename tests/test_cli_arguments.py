@@ -19,6 +19,7 @@ from jaxsr._arguments import (
     results_folder,
     split_names,
 )
+from jaxsr._files import atomic_directory
 from jaxsr._result import InputError
 
 
@@ -139,6 +140,12 @@ def test_results_do_not_overwrite_inputs(tmp_path: Path) -> None:
     written = ("explained.toml",)
     with pytest.raises(InputError, match="overwritten"):
         results_folder(str(tmp_path), {"MODEL": [str(model)]}, written)
+    # What the last run wrote goes when the next run writes.
+    with atomic_directory(tmp_path / "last") as folder:
+        (folder / "learned.toml").write_text("")
+    learnt = {"MODEL": [str(tmp_path / "last" / "learned.toml")]}
+    with pytest.raises(InputError, match="overwritten"):
+        results_folder(str(tmp_path / "last"), learnt, written)
     other = tmp_path / "next"
     assert results_folder(str(other), {"MODEL": [str(model)]}, written) == other
     assert not other.exists()

@@ -14,11 +14,12 @@ import scipy.integrate
 import scipy.io
 import sympy
 
-from jaxsr.datasets import fetch, list_datasets
+from jaxsr.datasets import list_datasets
 from jaxsr.models import Simulator
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "recordings"
 NAMES = [dataset.name for dataset in list_datasets()]
+PACKAGED = [dataset.name for dataset in list_datasets() if dataset.model]
 
 needs_recordings = pytest.mark.skipif(
     not RECORDINGS.is_dir(), reason="the real recordings (../shared/recordings) are absent"
@@ -27,20 +28,16 @@ needs_recordings = pytest.mark.skipif(
 Fetched = dict[str, dict[str, pd.DataFrame]]
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("datasets")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("JAXSR_DATA_DIR", str(RECORDINGS))
-        for name in NAMES:
-            fetch(name, out / name)
-    return out
+@pytest.fixture
+def folder(datasets_folder: Path) -> Path:
+    return datasets_folder
 
 
 @pytest.fixture(scope="module")
-def fetched(folder: Path) -> Fetched:
+def fetched(datasets_folder: Path) -> Fetched:
+    folders = {name: datasets_folder / name for name in NAMES}
     return {
-        name: {path.name: pd.read_csv(path) for path in sorted((folder / name).glob("*.csv"))}
+        name: {path.name: pd.read_csv(path) for path in sorted(folders[name].glob("*.csv"))}
         for name in NAMES
     }
 
@@ -278,7 +275,7 @@ def test_model_roles_have_columns_in_every_recording(
             assert columns.get(role, role) in table.columns, (file, role)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", PACKAGED)
 def test_model_is_complete(name: str) -> None:
     model = _model(name)
     states = model["model"]["states"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import errno
 import hashlib
 import json
 import os
@@ -10,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,12 +27,20 @@ from jaxsr._files import (
     check_writable,
     check_writable_directory,
     dump_json,
+    mend_directory,
     sha256,
 )
 from jaxsr._result import InputError
 
+ROOT = Path(__file__).resolve().parents[1]
 OLD = {"a.json": "old a", "b.toml": "old b", "stale.png": "old figure"}
 NEW = {"a.json": "new a", "b.toml": "new b", "c.html": "new c"}
+
+
+@pytest.fixture(autouse=True)
+def _quick_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Do not wait for the disk."""
+    monkeypatch.setattr(os, "fsync", lambda held: None)
 
 
 def write(out: Path, files: dict[str, str]) -> None:
@@ -105,16 +115,30 @@ def failing(monkeypatch: pytest.MonkeyPatch, at: int, error: type[BaseException]
     return steps
 
 
+FOREIGN = {"notes.txt": "mine"}
+
+
+def made(out: Path, kind: str) -> dict[str, str]:
+    """Make `out` as an earlier run left it, alone or among files of others; return its files."""
+    if kind == "new":
+        return {}
+    write(out, OLD)
+    if kind == "alone":
+        return OLD
+    (out / "notes.txt").write_text("mine")
+    return OLD | FOREIGN
+
+
 @pytest.mark.parametrize("error", [Injected, KeyboardInterrupt])
-@pytest.mark.parametrize("exists", [True, False])
+@pytest.mark.parametrize("kind", ["new", "alone", "shared"])
 def test_a_failure_at_any_step_leaves_old_or_new(
-    tmp_path: Path, exists: bool, error: type[BaseException]
+    tmp_path: Path, kind: str, error: type[BaseException]
 ) -> None:
     failed = 0
     for at in range(60):
         out = tmp_path / f"out{at}"
-        if exists:
-            write(out, OLD)
+        old = made(out, kind)
+        new = NEW | (FOREIGN if kind == "shared" else {})
         with pytest.MonkeyPatch.context() as patch:
             steps = failing(patch, at, error)
             try:
@@ -125,20 +149,20 @@ def test_a_failure_at_any_step_leaves_old_or_new(
         if len(steps) <= at:
             break
         left = visible(out) if out.exists() else {}
-        assert left == (OLD if exists else {}) or left == NEW, f"step {at}: {steps}"
+        assert left in (old, new), f"step {at}: {steps}"
         write(out, NEW)
-        assert visible(out) == NEW
+        assert visible(out) == new
         assert hidden(out) == set()
-    assert visible(out) == NEW
-    assert failed >= (12 if exists else 4), "the failures were not injected"
+    assert visible(out) == new
+    assert failed >= (12 if kind == "shared" else 4), "the failures were not injected"
     assert hidden(tmp_path) == set()
 
 
 KILLED = """
-import os, shutil, signal, sys
+import os, signal, sys
 from pathlib import Path
-from jaxsr._files import atomic_directory
-at, out = int(sys.argv[1]), Path(sys.argv[2])
+from jaxsr import _files
+os.fsync = lambda held: None
 steps = 0
 def wrap(owner, name):
     real = getattr(owner, name)
@@ -149,32 +173,224 @@ def wrap(owner, name):
         steps += 1
         return real(*args, **options)
     setattr(owner, name, step)
-for name in ("rename", "replace"):
-    wrap(os, name)
-with atomic_directory(out) as folder:
-    for name in ("a.json", "b.toml", "c.html"):
-        (folder / name).write_text("new " + name[0])
+for owner, name in ((os, "rename"), (os, "replace"), (os, "rmdir"), (_files, "_exchange")):
+    wrap(owner, name)
+for at, out in enumerate(sys.argv[1:]):
+    child = os.fork()
+    if child == 0:
+        with _files.atomic_directory(Path(out)) as folder:
+            for name in ("a.json", "b.toml", "c.html"):
+                (folder / name).write_text("new " + name[0])
+        os._exit(0)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
 
 
-def test_a_kill_between_renames_is_mended_by_the_next_run(tmp_path: Path) -> None:
-    root = Path(__file__).resolve().parents[1]
-    killed = 0
-    for at in range(8):
-        out = tmp_path / f"out{at}"
-        write(out, OLD)
-        done = subprocess.run([sys.executable, "-c", KILLED, str(at), str(out)], cwd=root)
-        if done.returncode == 0:
-            break
-        assert done.returncode == -signal.SIGKILL
-        killed += 1
+@pytest.mark.parametrize("kind", ["new", "alone", "shared"])
+def test_a_kill_at_any_rename_leaves_old_or_new(tmp_path: Path, kind: str) -> None:
+    outs = [tmp_path / f"out{at}" / "out" for at in range(16)]
+    for out in outs:
+        out.parent.mkdir()
+        old = made(out, kind)
+    new = NEW | (FOREIGN if kind == "shared" else {})
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, *map(str, outs)], cwd=ROOT, capture_output=True, text=True
+    )
+    statuses = [int(line) for line in done.stdout.split()]
+    killed = statuses.index(0)
+    assert set(statuses[:killed]) == {-signal.SIGKILL} and set(statuses[killed:]) == {0}
+    for out in outs[:killed]:
+        if kind != "shared":  # whoever reads meets one run's files, without any mending
+            assert (visible(out) if out.exists() else {}) in (old, new)
+        mend_directory(out)
+        assert (visible(out) if out.exists() else {}) in (old, new)
+        assert (hidden(out) if out.exists() else set()) == hidden(out.parent) == set()
+    # Alone: the check's folder away, the exchange, the old files away. Shared: also each of four
+    # files, the backup in place and away.
+    assert killed >= {"new": 2, "alone": 3, "shared": 8}[kind]
+    assert visible(outs[-1]) == new
 
-        # A next run that fails before it has anything new leaves the complete old or new files.
-        with pytest.raises(Injected), atomic_directory(out):
-            raise Injected
-        assert visible(out) in (OLD, NEW)
-    assert killed == 6  # backup in place, four files and the list of names, backup away
-    assert visible(out) == NEW
+
+WRITER = """
+import sys, time
+from pathlib import Path
+from jaxsr._files import atomic_directory
+out, number = Path(sys.argv[1]), 0
+print(flush=True)
+while True:
+    number += 1
+    with atomic_directory(out) as folder:
+        for name in "abcdef":
+            (folder / name).write_text(str(number) * 50_000)
+        if number % 2:
+            (folder / "odd").write_text(str(number) * 50_000)
+"""
+
+
+def runs_of(out: Path) -> set[str]:
+    """Return which runs' files stand in `out`; each run's are complete, or this fails."""
+    texts = visible(out)
+    texts.pop("notes.txt", None)
+    runs = {text[: len(text) // 50_000] for text in texts.values()}
+    for text in texts.values():
+        assert text == text[: len(text) // 50_000] * 50_000
+    if runs:
+        (number,) = runs
+        assert set(texts) == set("abcdef") | ({"odd"} if int(number) % 2 else set())
+    return runs
+
+
+def kill_at_random(out: Path, kills: int, seed: int, shared: bool) -> None:
+    rng = np.random.default_rng(seed)
+    out.mkdir()
+    if shared:
+        (out / "notes.txt").write_text("mine")
+    for _ in range(kills):
+        command = [sys.executable, "-c", WRITER, str(out)]
+        writer = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE)
+        assert writer.stdout is not None and writer.stdout.readline()
+        time.sleep(rng.uniform(0.0, 0.3))
+        writer.kill()
+        writer.communicate()
+        if not shared:
+            runs_of(out)
+        mend_directory(out)
+        runs_of(out)
+        assert hidden(out) == hidden(out.parent) == set()
+    assert runs_of(out), "no run came to its end"
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_kills_at_random_moments(tmp_path: Path, shared: bool) -> None:
+    kill_at_random(tmp_path / "out", 3, 0, shared)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shared", [False, True])
+def test_fifty_kills_at_random_moments(tmp_path: Path, shared: bool) -> None:
+    kill_at_random(tmp_path / "out", 50, 1, shared)
+
+
+def test_a_reader_never_meets_files_of_two_runs(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(out)], cwd=ROOT)
+    reads, end = 0, time.monotonic() + 2.0
+    while time.monotonic() < end:
+        try:
+            folder = os.open(out, os.O_RDONLY)  # as one who has opened the folder sees it
+        except FileNotFoundError:
+            continue
+        names = [name for name in os.listdir(folder) if name[0] != "."]
+        try:
+            parts = [os.open(name, os.O_RDONLY, dir_fd=folder) for name in names]
+        except FileNotFoundError:  # removed with the old folder while it was being read
+            parts = []
+        texts = set()
+        for part in parts:
+            texts.add(os.read(part, 16))
+            os.close(part)
+        os.close(folder)
+        assert len(texts) <= 1
+        reads += bool(texts)
+    writer.kill()
+    writer.wait()
+    assert reads > 10
+
+
+def test_litter_of_the_dead_is_swept_and_that_of_the_living_stays(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    write(out, OLD)
+    code = (
+        "import os, signal, sys; from pathlib import Path; from jaxsr import _staging;"
+        "a = _staging.staging_folder(Path(sys.argv[1])); a.__enter__();"
+        "b = _staging.staging_file(Path(sys.argv[1])); b.__enter__();"
+        "print(1, flush=True); sys.stdin.read()"
+    )
+    living = [
+        subprocess.Popen(
+            [sys.executable, "-c", code, str(place)],
+            cwd=ROOT,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        for place in (tmp_path, out)
+    ]
+    for process in living:
+        assert process.stdout is not None and process.stdout.readline() == b"1\n"
+    mend_directory(out)
+    assert len(hidden(tmp_path)) == len(hidden(out)) == 2
+    for process in living:
+        process.kill()
+        process.communicate()
+    write(out, NEW)
+    assert hidden(tmp_path) == hidden(out) == set()
+
+
+def test_a_half_removed_backup_is_not_rolled_back(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    write(out, NEW)
+    (out / ".jaxsr-staging-killed").mkdir()
+    (out / ".jaxsr-staging-killed" / "a.json").write_text("old a")
+    mend_directory(out)
+    assert visible(out) == NEW and hidden(out) == set()
+
+
+def test_links_to_results_stay_links(tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    (tmp_path / "link").symlink_to("far")
+    for files in (OLD, NEW):
+        write(tmp_path / "link", files)
+        assert (tmp_path / "link").is_symlink() and visible(tmp_path / "far") == files
+    assert hidden(tmp_path) == hidden(tmp_path / "far") == set()
+
+
+def test_where_folders_cannot_change_places_files_are_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    write(out, OLD)
+    monkeypatch.setattr(_files, "_exchange", lambda one, other: False)
+    same = out.stat().st_ino
+    write(out, NEW)
+    assert visible(out) == NEW and out.stat().st_ino == same
+    assert hidden(out) == hidden(tmp_path) == set()
+
+
+def test_a_folder_that_somebody_is_in_stays_the_same_folder(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    write(out, OLD)
+    same = out.stat().st_ino
+    guest = subprocess.Popen(["sleep", "60"], cwd=out)
+    write(out, NEW)
+    guest.kill()
+    guest.wait()
+    assert visible(out) == NEW and out.stat().st_ino == same and hidden(out) == set()
+    out.chmod(0o2770)
+    write(out, OLD)
+    assert visible(out) == OLD and out.stat().st_mode & 0o7777 == 0o2770
+
+
+@pytest.mark.parametrize("number", [errno.EIO, errno.EFBIG, errno.EDQUOT, errno.ENOSPC])
+def test_a_disk_that_fails_is_one_line(
+    tmp_path: Path, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(held: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    for kind in ("new", "alone", "shared"):
+        out = tmp_path / kind
+        old = made(out, kind)
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "fsync", full)
+            with pytest.raises(InputError, match="cannot be written"):
+                write(out, NEW)
+        with pytest.raises(InputError, match="cannot be written"), atomic_directory(out):
+            raise OSError(number, os.strerror(number))
+        assert (visible(out) if out.exists() else {}) == old
+        assert hidden(tmp_path) == set()
+    # What else is missing is no fault of the disk.
+    with pytest.raises(FileNotFoundError), atomic_directory(tmp_path / "new"):
+        open(tmp_path / "absent")
 
 
 def test_a_body_that_fails_writes_nothing(tmp_path: Path) -> None:
@@ -204,6 +420,29 @@ def test_unwritable_places_are_refused_early(tmp_path: Path) -> None:
         check_writable_directory(file)
     check_writable(tmp_path / "a" / "b" / "c.csv")
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_names_and_links_that_cannot_be_are_refused_early(tmp_path: Path) -> None:
+    (tmp_path / "dangling").symlink_to(tmp_path / "absent")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    long = tmp_path / ("x" * 256)
+    deep = tmp_path.joinpath(*["x" * 200] * 21)
+    for path in (tmp_path / "dangling", tmp_path / "loop", long, long / "out", deep):
+        for place in (path, path / "out"):
+            with pytest.raises(InputError, match="cannot be written"):
+                check_writable_directory(place)
+        with pytest.raises(InputError, match="cannot be written"):
+            check_writable(path / "run.csv")
+    with pytest.raises(InputError, match="null"):
+        check_writable_directory(tmp_path / "a\0b")
+    with pytest.raises(InputError, match="no plain file"):
+        check_writable(Path("/dev/null"))
+    assert {path.name for path in tmp_path.iterdir()} == {"dangling", "loop"}
+    longest = tmp_path / ("x" * 255)
+    check_writable(longest)
+    atomic_write_text(longest, "text")
+    check_writable_directory(tmp_path / ("y" * 255))
+    write(tmp_path / ("y" * 255), NEW)
 
 
 def test_text_is_replaced_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from model_texts import EVERYTHING
 
 from jaxsr._result import InputError
 from jaxsr.models import (
@@ -25,77 +26,6 @@ from jaxsr.models.field import Field, Point
 from jaxsr.models.reading import build_model
 
 SHIPPED = sorted((Path(__file__).resolve().parents[1] / "jaxsr" / "datasets").rglob("*.toml"))
-
-EVERYTHING = """
-[model]
-name = "every table, \\"quoted\\""
-time = "t"
-states = ["q", "v", "z"]
-inputs = ["u"]
-outputs = ["y", "w"]
-input_hold = "zero"
-sample_time = 0.01
-
-[definitions]
-stretch = "q - z"
-pull = "k*stretch"
-
-[equations]
-q = "v"
-v = "u - Fc*sign(v) - pull"
-z = "(q - z)/tau"
-
-[inertia]
-v = { v = "M" }
-
-[readings]
-y = "q + y0"
-w = "v"
-
-[parameters]
-M = { value = 2.0, unit = "kg", bounds = [1.0, 3.0] }
-k = { value = 1e-300, unit = "N/m" }
-Fc = { value = 0.1, unit = "N", bounds = [0.0, 1.0] }
-tau = { value = 0.1, unit = "s" }
-y0 = { value = 0.0, unit = "m" }
-s = 1e-4
-
-[per_recording]
-y0 = { "a file.csv" = 0.1, "b.csv" = -2.0 }
-
-[initial]
-q = 0.25
-v = "free"
-z = "free"
-
-[delays]
-u = 0.002
-y = "tau"
-
-[clock]
-y = "1 + s"
-
-[noise]
-y = 1e-6
-
-[[events]]
-when = "q"
-direction = -1
-reset = { v = "-0.8*v" }
-
-[units]
-t = "s"
-q = "m"
-v = "m/s"
-z = "m"
-u = "N"
-y = "m"
-w = "m/s"
-
-[columns]
-t = "time_s"
-u = "motor force (N)"
-"""
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
@@ -116,69 +46,7 @@ def test_a_model_of_every_table_survives_writing() -> None:
     assert again.delays == {"u": 0.002, "y": "tau"}
     assert again.events[0].reset == {"v": "-0.8*v"}
     assert again.parameters["k"].value == 1e-300
-
-
-BROKEN = [
-    ("[noise]", "[nose]", ["nose", "noise"]),
-    ("input_hold =", "input_holt =", ["[model]", "input_holt", "input_hold"]),
-    ('"zero"', '"cubic"', ["[model]", "cubic", "bandlimited"]),
-    ("sample_time = 0.01", 'sample_time = "x"', ["sample_time", "number"]),
-    ("- pull", "- pul", ["[equations] v", "'pul'", "pull"]),
-    ("- pull", "- __import__('os')", ["[equations] v", "__import__", "Known"]),
-    ("- pull", "- q.real", ["[equations] v", "q.real", "grammar"]),
-    ("- pull", "- 9**9**9", ["[equations] v", "power"]),
-    ("- pull", "- sgn(v)", ["[equations] v", "sgn", "sign"]),
-    ('z = "(q - z)/tau"\n', "", ["[equations]", "'z'", "Write"]),
-    ('w = "v"\n', "", ["[readings]", "'w'", "Write"]),
-    ('z = "(q - z)/tau"', "z = 3.0", ["[equations] z", "text", "Write"]),
-    ('w = "v"', 'w = "v"\nx = "q"', ["[readings]", "'x'", "Known"]),
-    ("bounds = [1.0, 3.0]", "bounds = [3.0, 4.0]", ["[parameters] M", "bounds", "Widen"]),
-    ("bounds = [1.0, 3.0]", "bounds = [1.0]", ["[parameters] M", "bounds", "two numbers"]),
-    ("bounds = [1.0, 3.0]", "limits = [1.0, 3.0]", ["[parameters] M", "limits", "bounds"]),
-    ("value = 2.0", "value = nan", ["[parameters] M", "finite", "number"]),
-    ("value = 2.0, ", "", ["[parameters] M", "value", "Write"]),
-    ('"q", "v", "z"]', '"q", "v", "v"]', ["[model] states", "'v'", "Rename"]),
-    ('inputs = ["u"]', 'inputs = ["q"]', ["[model]", "'q'", "Rename"]),
-    ('"y", "w"]', '"y", "y"]', ["[model] outputs", "'y'", "Rename"]),
-    ("s = 1e-4", "sin = 1e-4", ["'sin'", "Use"]),
-    ("s = 1e-4", "lambda = 1e-4", ["'lambda'", "Use"]),
-    ('v = { v = "M" }', 'x = { v = "M" }', ["[inertia]", "'x'", "Known"]),
-    ('v = { v = "M" }', 'v = { x = "M" }', ["[inertia] v", "'x'", "Known"]),
-    ('v = { v = "M" }', 'v = "M"', ["[inertia] v", "table", "Write"]),
-    ("q = 0.25", 'q = "fre"', ["[initial] q", "fre", "free"]),
-    ("q = 0.25", "qq = 0.25", ["[initial]", "'qq'", "'q'"]),
-    ("u = 0.002", "uu = 0.002", ["[delays]", "'uu'", "'u'"]),
-    ("u = 0.002", "u = -0.1", ["[delays] u", "-0.1", "zero"]),
-    ('y = "tau"', 'y = "taw"', ["[delays] y", "taw", "[parameters]"]),
-    ('"1 + s"', '"1 + r"', ["[clock] y", "'r'"]),
-    ("y = 1e-6", "x = 1e-6", ["[noise]", "'x'", "Known"]),
-    ("y = 1e-6", "y = -1e-6", ["[noise] y", "-1e-06", "more than zero"]),
-    ('reset = { v = "-0.8*v" }', "", ["events", "reset", "Write"]),
-    ('reset = { v = "-0.8*v" }', 'reset = { x = "-v" }', ["[[events]] reset", "'x'", "Known"]),
-    ("direction = -1", "direction = 2", ["events", "2", "-1"]),
-    ('when = "q"', 'when = "qq"', ["[[events]] when", "'qq'", "'q'"]),
-    ('y0 = { "a', 'y1 = { "a', ["[per_recording]", "'y1'", "Known: M"]),
-    ('"b.csv" = -2.0', '"b.csv" = "x"', ["[per_recording] y0", "b.csv", "number"]),
-    ('unit = "kg"', 'unit = "kgg"', ["[parameters] M", "kgg", "Write"]),
-    ('unit = "kg"', 'unit = "m**(9**9**9)"', ["[parameters] M", "9**9"]),
-    ('unit = "kg"', 'unit = "__import__(1)"', ["[parameters] M", "__import__", "Write"]),
-    ('unit = "kg"', 'unit = "s"', ["[equations] v", "dimension", "Check"]),
-    ('v = "m/s"\n', 'v = "m"\n', ["[equations] q", "dimension", "Check"]),
-    ('u = "N"', 'uu = "N"', ["[units]", "'uu'", "'u'"]),
-    ('t = "time_s"', 'tt = "time_s"', ["[columns]", "'tt'", "'t'"]),
-    ("[model]", "[model", ["TOML"]),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "words"), BROKEN, ids=[f"{o}->{n}" for o, n, _ in BROKEN])
-def test_errors_name_file_key_symbol_and_remedy(old: str, new: str, words: list[str]) -> None:
-    assert EVERYTHING.count(old) >= 1
-    with pytest.raises(InputError) as caught:
-        parse_model(EVERYTHING.replace(old, new, 1), "m.toml")
-    message = str(caught.value)
-    assert message.startswith("m.toml") and "\n" not in message
-    for word in words:
-        assert word in message, message
+    assert again.resolution == {"y": 1e-5}
 
 
 def test_missing_and_unreadable_files(tmp_path: Path) -> None:

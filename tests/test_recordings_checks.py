@@ -198,3 +198,10 @@ def test_folds_hold_back_every_block_once():
         assert len(validation) == 4
     with pytest.raises(InputError):
         folds(one[:2], 3)
+
+
+def test_values_beyond_any_sensor_are_named_and_overflow_nothing():
+    t = np.arange(40.0)
+    values = np.where(t == 7.0, -1.7e308, np.where(t == 9.0, 1.7e308, np.sin(t)))
+    (check,) = check_recording(Recording("a", t, {"q": values}))
+    assert check.channel == "q" and "no sensor" in check.message

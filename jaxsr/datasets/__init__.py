@@ -1,7 +1,7 @@
 """Real recordings from their origin, checksummed, one CSV per experiment with its model file."""
 
 from jaxsr.datasets.arm import arm_model
+from jaxsr.datasets.dataset import Dataset, SourceFile
 from jaxsr.datasets.fetch import fetch, list_datasets
-from jaxsr.datasets.registry import Dataset, SourceFile
 
 __all__ = ["Dataset", "SourceFile", "arm_model", "fetch", "list_datasets"]

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from jaxsr.datasets.drives import Drive, currents, parameter
 from jaxsr.datasets.script import (
     CROSS,
     Matrix,
@@ -41,9 +42,6 @@ from jaxsr.datasets.urdf import SNAP, Body, read_arm, turned
 GRAVITY = 9.81
 SPREAD = 0.5
 """Share of a link's mass by which re-calibration may change it."""
-DRIVE, HEAVIEST_DRIVE = 0.1, 20.0
-"""Inertia of a drive, seen from its joint, and the largest that re-calibration may find. Without
-any, the last links of an arm weigh so little that a motor throws them at 1e5 rad/s^2."""
 
 
 def arm_model(
@@ -70,31 +68,61 @@ def arm_model(
         States q1.. and v1.., inputs i1.., outputs q1_meas.. and v1_meas..; free are the links'
         masses, with centre and shape as the URDF has them, and the drives' inertias Ia1...
     """
-    bodies = read_arm(urdf)
+    return write_arm(read_arm(urdf), currents(gains), name, columns, rates=True)
+
+
+def write_arm(
+    bodies: Sequence[Body],
+    drives: Sequence[Drive],
+    name: str,
+    columns: Mapping[str, str] | None = None,
+    *,
+    rates: bool = False,
+    fixed_masses: bool = False,
+) -> str:
+    """Write the model file of a chain of rigid bodies, each turned by a drive.
+
+        force_k = sum_j M_kj(q) dv_j/dt + Ia_k dv_k/dt + load_k(q, v)
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        The first one first. Gravity points along -z of what carries it.
+    drives : sequence of Drive
+        One a body.
+    name : str
+        Of the model.
+    columns : mapping of str to str, optional
+        Columns of the recordings, by their role in the model.
+    rates : bool
+        Whether the joints' speeds are measured beside their angles.
+    fixed_masses : bool
+        Whether re-calibration leaves the links' masses alone.
+
+    Returns
+    -------
+    str
+        States q1.. and v1.., outputs q1_meas.. and, with `rates`, v1_meas...
+    """
     numbers = range(1, len(bodies) + 1)
     arm = _Arm(bodies)
     loads, mass = arm.loads(), arm.mass_matrix()
     equations = {f"q{k}": f"v{k}" for k in numbers}
-    equations |= {f"v{k}": f"K{k}*i{k} - ({text_of(loads[k - 1])})" for k in numbers}
+    equations |= {f"v{k}": f"{drives[k - 1].force} - ({text_of(loads[k - 1])})" for k in numbers}
     rows = {
         f"v{j}": {f"v{k}": text_of(mass[j - 1][k - 1]) for k in numbers if mass[j - 1][k - 1]}
         for j in numbers
     }
     for k in numbers:
-        rows[f"v{k}"][f"v{k}"] += f" + Ia{k}"
+        own = rows[f"v{k}"].get(f"v{k}", "")
+        rows[f"v{k}"][f"v{k}"] = f"{own} + Ia{k}" if own else f"Ia{k}"
     used = [*equations.values(), *(text for row in rows.values() for text in row.values())]
-    readings = {f"q{k}_meas": f"q{k}" for k in numbers} | {f"v{k}_meas": f"v{k}" for k in numbers}
-    units = {
-        f"{q}{k}{m}": u
-        for m in ("", "_meas")
-        for q, u in (("q", "rad"), ("v", "rad/s"))
-        for k in numbers
-    } | {f"i{k}": "A" for k in numbers}
-    lists = {
-        "states": [*equations],
-        "inputs": [f"i{k}" for k in numbers],
-        "outputs": [*readings],
-    }
+    measured = [("q", "rad"), ("v", "rad/s")][: 2 if rates else 1]
+    readings = {f"{q}{k}_meas": f"{q}{k}" for q, _ in measured for k in numbers}
+    inputs = {key: unit for drive in drives for key, unit in drive.inputs.items()}
+    units = {f"{q}{k}": u for q, u in (("q", "rad"), ("v", "rad/s")) for k in numbers}
+    units |= {f"{q}{k}_meas": u for q, u in measured for k in numbers} | inputs
+    lists = {"states": [*equations], "inputs": [*inputs], "outputs": [*readings]}
     lines = ["[model]", f'name = "{name}"', 'time = "t"']
     lines += [f"{key} = [{', '.join(_quoted(names))}]" for key, names in lists.items()]
     lines += ['input_hold = "linear"', ""]
@@ -104,16 +132,27 @@ def arm_model(
         inner = ", ".join(f'{key} = "{text}"' for key, text in entries.items())
         lines.append(f"{row} = {{ {inner} }}")
     lines += ["", *_table("readings", readings), "[parameters]"]
-    lines += [_parameter(f"K{k}", gain, "N*m/A") for k, gain in enumerate(gains, start=1)]
-    # A first link that turns about the vertical does nothing but add to its drive's inertia.
-    idle = abs((bodies[0].turn @ bodies[0].axis)[2]) > 1.0 - SNAP
-    for k, mass_k in enumerate((body.mass for body in bodies), start=1):
-        reach = 0.0 if idle and k == 1 else SPREAD * mass_k
-        lines.append(_parameter(f"m{k}", mass_k, "kg", *_around(mass_k, reach)))
-    lines += [_parameter(f"Ia{k}", DRIVE, "kg*m^2", 0.0, HEAVIEST_DRIVE) for k in numbers]
-    lines += [_parameter("g", GRAVITY, "m/s^2"), _parameter("metre", 1.0, "m"), ""]
+    lines += [line for drive in drives for line in drive.parameters]
+    lines += _masses(bodies, fixed_masses)
+    lines += [
+        parameter(f"Ia{k}", drive.rotor, "kg*m^2", 0.0, drive.heaviest)
+        for k, drive in enumerate(drives, start=1)
+    ]
+    lines += [parameter("g", GRAVITY, "m/s^2"), parameter("metre", 1.0, "m"), ""]
     lines += _table("units", units) + (_table("columns", dict(columns)) if columns else [])
     return "\n".join(lines)
+
+
+def _masses(bodies: Sequence[Body], fixed: bool) -> list[str]:
+    """Return the links' masses; a link without mass has no parameter."""
+    # A first link that turns about the vertical does nothing but add to its drive's inertia.
+    idle = abs((bodies[0].turn @ bodies[0].axis)[2]) > 1.0 - SNAP
+    lines = []
+    for k, mass in enumerate((body.mass for body in bodies), start=1):
+        reach = 0.0 if fixed or (idle and k == 1) else SPREAD * mass
+        if mass:
+            lines.append(parameter(f"m{k}", mass, "kg", *_around(mass, reach)))
+    return lines
 
 
 def _quoted(texts: Iterable[str]) -> list[str]:
@@ -127,11 +166,6 @@ def _table(name: str, entries: dict[str, str]) -> list[str]:
 def _around(value: float, reach: float) -> tuple[float, ...]:
     """Return bounds at a distance, none for no distance."""
     return (value - reach, value + reach) if reach else ()
-
-
-def _parameter(name: str, value: float, unit: str, *bounds: float) -> str:
-    more = f", bounds = [{bounds[0]:.4g}, {bounds[1]:.4g}]" if bounds else ""
-    return f'{name} = {{ value = {value!r}, unit = "{unit}"{more} }}'
 
 
 class _Arm:

@@ -5,25 +5,34 @@ from __future__ import annotations
 import difflib
 import hashlib
 import importlib.resources
+import logging
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
 import pooch
 
+from jaxsr._files import atomic_write_text
 from jaxsr._result import InputError
 from jaxsr.datasets import (
+    bam_xl330,
     cascaded_tanks,
+    ced,
     dfki_pendulum,
     emps,
     falling_balls,
+    go2,
+    kvlcc2,
+    multiarm_pendulum,
     silverbox,
+    tx40,
     ur10e,
 )
-from jaxsr.datasets.registry import DATASETS, ORIGIN, Dataset, SourceFile
+from jaxsr.datasets.dataset import ORIGIN, Dataset, SourceFile
+from jaxsr.datasets.registry import DATASETS
 
 LOCAL_FOLDER_VARIABLE = "JAXSR_DATA_DIR"
 
@@ -36,10 +45,25 @@ _CONVERTERS: Mapping[str, Converter] = {
     "silverbox": silverbox.convert,
     "cascaded_tanks": cascaded_tanks.convert,
     "falling_balls": falling_balls.convert,
+    "bam_xl330": bam_xl330.convert,
+    "ced": ced.convert,
+    "go2": go2.convert,
+    "kvlcc2": kvlcc2.convert,
+    "multiarm_pendulum": multiarm_pendulum.convert,
+    "tx40": tx40.convert,
 }
-# Models that are written from a data set's own sources, beside the textbook simulator.
+# Models that are written from a data set's own sources, the one under the set's name first.
 _MODELS: Mapping[str, Callable[[Mapping[str, Path]], Mapping[str, str]]] = {
     "ur10e": ur10e.models,
+    "go2": go2.models,
+    "tx40": tx40.models,
+}
+# Text of a file that is made from what the origin holds in a form of its own.
+_MAKERS: Mapping[str, Callable[[str, Sequence[Path]], str]] = {
+    "bam_xl330": bam_xl330.make,
+    "kvlcc2": kvlcc2.make,
+    "multiarm_pendulum": multiarm_pendulum.make,
+    "tx40": tx40.make,
 }
 
 
@@ -119,13 +143,54 @@ def _check(path: Path, expected: str) -> None:
 
 
 def _download(dataset: Dataset, source: SourceFile) -> Path:
-    url = dataset.url(source, ORIGIN)
-    cache = Path(pooch.os_cache("jaxsr")) / dataset.name
+    if source.by_hand:
+        url = dataset.url(source, ORIGIN)
+        raise InputError(f"{source.path}: {source.by_hand}", url, _remedy(dataset, source))
+    if not source.raw:
+        known = f"sha256:{source.sha256}"
+        return _retrieve(dataset, source, dataset.url(source, ORIGIN), source.path, known)
+    made = Path(pooch.os_cache("jaxsr")) / dataset.name / source.path
+    if not made.is_file():
+        _make(dataset, source, made)
+    _check(made, source.sha256)
+    return made
+
+
+def _make(dataset: Dataset, source: SourceFile, made: Path) -> None:
+    """Write a file from the origin's own form; it is kept only where its checksum is right."""
+    urls = [dataset.address(upstream, source.commit, ORIGIN) for upstream in source.raw]
+    named = zip(urls, source.raw, strict=True)
+    raw = [_retrieve(dataset, source, url, f"raw/{name}", None) for url, name in named]
     try:
+        text = _MAKERS[dataset.name](source.path, raw)
+        found = hashlib.sha256(text.encode()).hexdigest()
+        what = f"the download gives SHA-256 {found}, expected {source.sha256}"
+    except (ValueError, KeyError, IndexError, TypeError) as error:
+        found = ""
+        what = f"the download is not of the form that is known ({type(error).__name__})"
+    if found != source.sha256:
+        for path in raw:  # the next try downloads again
+            path.unlink(missing_ok=True)
+        raise InputError(what, urls[0], _remedy(dataset, source))
+    atomic_write_text(made, text)
+
+
+def _remedy(dataset: Dataset, source: SourceFile) -> str:
+    return f"Set {LOCAL_FOLDER_VARIABLE} to a folder that holds {dataset.name}/{source.path}"
+
+
+def _retrieve(
+    dataset: Dataset, source: SourceFile, url: str, name: str, known_hash: str | None
+) -> Path:
+    cache = Path(pooch.os_cache("jaxsr")) / dataset.name
+    log, level = pooch.get_logger(), pooch.get_logger().level
+    try:
+        if known_hash is None:  # pooch would advise to write the checksum into the code
+            log.setLevel(logging.WARNING)
         found = pooch.retrieve(
             url,
-            known_hash=f"sha256:{source.sha256}",
-            fname=source.path.replace("/", "_"),
+            known_hash=known_hash,
+            fname=name.replace("/", "_"),
             path=cache,
         )
     except ValueError as error:
@@ -143,6 +208,8 @@ def _download(dataset: Dataset, source: SourceFile) -> Path:
             f"Check the network, or set {LOCAL_FOLDER_VARIABLE} to a folder that holds "
             f"{dataset.name}/{source.path}",
         ) from error
+    finally:
+        log.setLevel(level)
     return Path(found)
 
 
@@ -160,9 +227,7 @@ def _write(
         built = Path(scratch)
         for file_name, table in tables.items():
             table.to_csv(built / file_name, index=False, lineterminator="\n")
-        models = importlib.resources.files("jaxsr.datasets") / "models"
-        model_text = (models / dataset.model).read_text(encoding="utf-8")
-        texts = {f"{dataset.name}.toml": model_text, **further}
+        texts = {**_packaged_models(dataset), **further}
         for file_name, text in texts.items():
             (built / file_name).write_text(text, encoding="utf-8")
         notices = [source for source in dataset.sources if source.notice]
@@ -172,3 +237,11 @@ def _write(
         for file_name in names:
             os.replace(built / file_name, target / file_name)
     return [target / file_name for file_name in names]
+
+
+def _packaged_models(dataset: Dataset) -> dict[str, str]:
+    """Return the set's model files of this package by the names under which they are written."""
+    models = importlib.resources.files("jaxsr.datasets") / "models"
+    names = {f"{dataset.name}.toml": dataset.model} if dataset.model else {}
+    names |= {name: name for name in dataset.further}
+    return {name: (models / own).read_text(encoding="utf-8") for name, own in names.items()}

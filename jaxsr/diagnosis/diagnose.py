@@ -52,6 +52,7 @@ from jaxsr.diagnosis.search.stepwise import grow
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.diagnosis.thinning import prepare_search, time_for
 from jaxsr.models import Simulator
+from jaxsr.models.python_base import with_function
 from jaxsr.models.states import spread
 from jaxsr.recordings import Recording
 
@@ -140,6 +141,8 @@ def diagnose(
     progress = progress or Silent()
     budget = as_budget(budget)
     rng = np.random.default_rng(seed)
+    if simulator.function is not None:
+        simulator = with_function(simulator.model, simulator.function)
     prepared, whole = prepare_search(simulator.model, data)
     progress.stage("screening mechanisms in the weak view")
     failures = Failures(progress)
@@ -266,7 +269,11 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     base = starts[0][1][: len(case.simulator.model.parameters)]
     stepping = with_smooth(stepping, case.simulator, case.prepared, base)
     scale = 0.01 * spread(np.concatenate([p.outputs for p in case.prepared]))
-    outlook = Outlook(super_model, case.prepared, stepping, scale, simulator)
+
+    def stop() -> bool:
+        return case.search.exhausted
+
+    outlook = Outlook(super_model, case.prepared, stepping, scale, simulator, stop)
     starts = outlook.usable_starts(starts)
     if beyond is None:
         leader = starts[min(1, len(starts) - 1)][0]
@@ -280,10 +287,6 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     arena = replace(arena, patience=min(PATIENCE * case.budget.seconds, MOST_PATIENCE))
     arena = with_rounded_jumps(arena)
     case.progress.stage("telling sets of mechanisms from the path of the re-calibrated model")
-
-    def stop() -> bool:
-        return case.search.exhausted
-
     arena, null = _recalibrated(arena, headline, starts[0][1], stop)
     entries = [null]
     # Where re-calibration is near the noise, larger sets grow from single ones.

@@ -5,19 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import InputError
 from jaxsr.diagnosis.contest.scoring import free_run, horizons
-from jaxsr.discovery import discover
-from jaxsr.discovery.result import Discovery
 from jaxsr.expressions import to_text
 from jaxsr.models import Model, Parameter, Simulator
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
-from jaxsr.recordings import Recording, read_recording
+from jaxsr.recordings import Recording, read_recording, unwrap
+
+if TYPE_CHECKING:
+    from jaxsr.discovery.result import Discovery
 
 SAME = 1e-3
 """Difference, in standard deviations, up to which a channel is the same in both files."""
@@ -83,6 +85,8 @@ def learn_simulator(
     InputError
         The numbers of files differ, no channel differs, or no equations reproduce the files.
     """
+    from jaxsr.discovery import discover  # slow to load, and few simulators are black boxes
+
     if len(simulated) != len(data):
         raise InputError(f"{len(simulated)} simulated files for {len(data)} of DATA", "--simulated")
     show, limit = progress or Silent(), as_budget(budget)
@@ -124,7 +128,7 @@ def learn_simulator(
 
 
 def _opened(item: str | Path | Recording) -> Recording:
-    return item if isinstance(item, Recording) else read_recording(item)
+    return unwrap(item if isinstance(item, Recording) else read_recording(item))
 
 
 def _roles(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from jaxsr._files import atomic_directory, dump_json
+from jaxsr._files import atomic_directory, atomic_write_text, dump_json
 from jaxsr._progress import Budget
 from jaxsr.models import Model, model_text
 
@@ -47,21 +48,48 @@ class Diagnosis:
         """The verdict in a sentence."""
         return verdict_sentence(self.verdict, self.findings)
 
-    def save(self, directory: str | Path, budget: Budget | None = None) -> Path:
+    def save(
+        self,
+        directory: str | Path,
+        *,
+        more: Mapping[str, str] | None = None,
+        budget: Budget | None = None,
+    ) -> Path:
         """Write diagnosis.json, explained.toml, report.html and figures, all or nothing.
 
-        Figures for which no time of a `budget` is left are left out.
+        Parameters
+        ----------
+        directory : path
+        more : mapping of str to str, optional
+            Texts of further files of the set, by name.
+        budget : Budget, optional
+            Figures for which no time of it is left are left out.
         """
-        from jaxsr.report import write_diagnosis_report
-
         directory = Path(directory)
         with atomic_directory(directory) as out:
-            (out / "diagnosis.json").write_text(dump_json(self.document), encoding="utf-8")
-            (out / "explained.toml").write_text(model_text(self.model), encoding="utf-8")
-            limit = budget or Budget()
-            late = lambda: limit.remaining == 0.0  # noqa: E731  # an interrupt leaves time
-            write_diagnosis_report(self.document, self.evidence, out, late)
+            self.write(out, more=more, budget=budget)
         return directory
+
+    def write(
+        self,
+        folder: Path,
+        *,
+        more: Mapping[str, str] | None = None,
+        budget: Budget | None = None,
+    ) -> None:
+        """Write the files of `save` into a folder that is there, each whole, the report last."""
+        from jaxsr.report import write_diagnosis_report
+
+        atomic_write_text(folder / "diagnosis.json", dump_json(self.document))
+        atomic_write_text(folder / "explained.toml", model_text(self.model))
+        for name, text in (more or {}).items():
+            atomic_write_text(folder / name, text)
+        limit = budget or Budget()
+
+        def late() -> bool:
+            return limit.remaining == 0.0  # an interrupt leaves time
+
+        write_diagnosis_report(self.document, self.evidence, folder, late)
 
 
 def verdict_sentence(verdict: str, findings: list[dict[str, Any]]) -> str:

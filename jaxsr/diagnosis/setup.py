@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator
 from jaxsr.models.segments import Prepared
 from jaxsr.models.states import output_table
-from jaxsr.recordings import Recording, read_recording
+from jaxsr.recordings import Recording, check_time_units, read_recording, unwrap
 from jaxsr.views.half_width import FEWEST, LONGEST, SHORTEST, choose_half_width
 
 NARROWEST = 8
@@ -30,15 +31,21 @@ QUANTILES = np.linspace(0.0, 1.0, 21)
 
 
 def open_recording(model: Model, item: str | Path | Recording) -> Recording:
-    """Read a file with the model's time column; recordings pass through."""
-    if isinstance(item, Recording):
-        return item
-    return read_recording(item, time=model.columns.get(model.time), sample_time=model.sample_time)
+    """Read a file with the model's time column; angles that wrap are counted on."""
+    if not isinstance(item, Recording):
+        time = model.columns.get(model.time)
+        item = read_recording(item, time=time, sample_time=model.sample_time)
+    # a model that reads an angle within one turn wants it so
+    folded = {y for y, e in model.readings.items() if re.search(r"\b(floor|atan2)\s*\(", e)}
+    used = [c for c in (*model.inputs, *model.outputs) if c not in folded]
+    return unwrap(item, [model.column(c) for c in used])
 
 
 def prepare(model: Model, items: Sequence[str | Path | Recording]) -> tuple[Prepared, ...]:
     """Read recordings and estimate their states."""
-    return tuple(Prepared.build(model, open_recording(model, item)) for item in items)
+    opened = [open_recording(model, item) for item in items]
+    check_time_units(opened)
+    return tuple(Prepared.build(model, recording) for recording in opened)
 
 
 def prepare_data(model: Model, items: Sequence[str | Path | Recording]) -> tuple[Prepared, ...]:
@@ -121,6 +128,9 @@ class Screened:
 def screen_all(simulator: Simulator, prepared: Sequence[Prepared]) -> Screened | None:
     """Screen every force mechanism, where the equations can be read off the sensors."""
     model = simulator.model
+    # A test function across a jump of the state would see an impulse that no equation says.
+    if model.events:
+        return None
     half_width = half_width_of(prepared)
     if half_width is None:
         return None

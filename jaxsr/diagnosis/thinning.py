@@ -15,7 +15,7 @@ import numpy as np
 from jaxsr.diagnosis.setup import check_data, open_recording
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
-from jaxsr.recordings import Recording
+from jaxsr.recordings import Recording, check_time_units
 from jaxsr.recordings.decimation import decimated, is_uniform
 from jaxsr.views import choose_half_width
 
@@ -78,6 +78,7 @@ def prepare_search(
         Everything, where that is more than a search should work on.
     """
     recordings = tuple(open_recording(model, item) for item in items)
+    check_time_units(recordings)
     if checked:
         check_data(model, recordings)
     few = len(recordings) <= MOST_RECORDINGS

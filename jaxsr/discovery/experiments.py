@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxsr.discovery.samples import Roles, Samples, Trace, hold_back, samples
-from jaxsr.recordings import Recording, read_recording
+from jaxsr.recordings import Recording, check_time_units, read_recording, unwrap
 
 Source = Recording | str | Path
 
@@ -58,9 +58,11 @@ def read_experiments(
         Whether every fourth recording is held back, and not blocks of rows.
     """
     opened = tuple(read_source(source, time) for source in recordings)
+    others = [read_source(source, time) for source in validation]
+    check_time_units([*opened, *others])
     rows = samples(opened, roles)
     if validation:
-        judge = samples([read_source(source, time) for source in validation], roles)
+        judge = samples(others, roles)
         return Experiments(roles, opened, rows, rows, judge, judge.traces)
     held = rows.group % 4 == 3 if whole else hold_back(rows.group)
     if not np.any(held):
@@ -70,5 +72,5 @@ def read_experiments(
 
 
 def read_source(source: Source, time: str | None) -> Recording:
-    """Return a recording, read from its file where it is a path."""
-    return source if isinstance(source, Recording) else read_recording(source, time=time)
+    """Return a recording, read from its file where it is a path; wrapped angles are counted on."""
+    return unwrap(source if isinstance(source, Recording) else read_recording(source, time=time))

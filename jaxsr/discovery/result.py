@@ -12,7 +12,7 @@ import pandas as pd
 import sympy
 
 import jaxsr
-from jaxsr._files import atomic_directory, dump_json
+from jaxsr._files import atomic_directory, atomic_write_text, dump_json
 from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation, weighted_sum
 from jaxsr.discovery.hybrid import Hybrid, Mode, RareMode
@@ -200,12 +200,18 @@ class Discovery:
 
     def save(self, directory: str | Path) -> None:
         """Write ``discovery.json``, ``model.toml``, ``report.html`` and figures, all or none."""
+        with atomic_directory(Path(directory)) as folder:
+            self.write(folder)
+
+    def write(self, folder: Path, *, more: Mapping[str, str] | None = None) -> None:
+        """Write the files of `save`, and texts by name, into a folder: each whole, report last."""
         from jaxsr.discovery.page import write_page
 
-        with atomic_directory(Path(directory)) as folder:
-            (folder / "discovery.json").write_text(dump_json(self.to_dict()), encoding="utf-8")
-            (folder / "model.toml").write_text(model_text(self.model), encoding="utf-8")
-            write_page(self, folder)
+        atomic_write_text(folder / "discovery.json", dump_json(self.to_dict()))
+        atomic_write_text(folder / "model.toml", model_text(self.model))
+        for name, text in (more or {}).items():
+            atomic_write_text(folder / name, text)
+        write_page(self, folder)
 
 
 def term_at(equation: Equation, index: int | None = None) -> Term:

@@ -8,17 +8,12 @@ any unit, so it fits everywhere: ``x + 2.0*v`` and ``sin(2.0*x)`` have a meaning
 from __future__ import annotations
 
 import enum
-import re
-import tokenize
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
 
 from jaxsr._result import InputError
 from jaxsr.expressions.term import Term
-
-if TYPE_CHECKING:
-    import pint
+from jaxsr.expressions.unit_text import dimensionality
 
 BASES = (
     "[length]",
@@ -29,8 +24,6 @@ BASES = (
     "[substance]",
     "[luminosity]",
 )
-_TOKEN = re.compile(r"\s*(\*\*|[*/^()]|-?\d{1,2}(?:\.\d{1,3})?|[A-Za-zµΩ°%]+)")
-_MAX_EXPONENT = 9.0
 _MOST_KEPT = 200_000  # terms whose dimension is remembered
 
 Dimension = tuple[float, ...]
@@ -50,49 +43,6 @@ _SAME = frozenset({"add", "sub", "max", "min"})
 _COMPARE = frozenset({"lt", "le", "gt", "ge", "eq", "ne"})
 _KEEP = frozenset({"neg", "abs", "floor"})
 _LOSE = frozenset({"sign", "heaviside", "and", "or", "not"})
-
-
-@lru_cache(maxsize=1)
-def _registry() -> pint.UnitRegistry:
-    import pint
-
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
-
-
-@lru_cache(maxsize=512)
-def dimensionality(text: str, where: str = "") -> Any:
-    """Return pint's dimensionality of a unit text such as ``"N*s/m"``; ``"1"`` has none.
-
-    Raises
-    ------
-    InputError
-        The text holds anything but unit names, ``* / ^ **``, brackets and small powers.
-    """
-    import pint
-
-    position, power = 0, False
-    while position < len(text.rstrip()):
-        match = _TOKEN.match(text, position)
-        if match is None:
-            raise InputError(f"unit {text!r} is not a unit", where, "Write e.g. N*s/m or m/s^2")
-        token, position = match.group(1), match.end()
-        if token[-1].isdigit() and abs(float(token)) > (_MAX_EXPONENT if power else 1.0):
-            raise InputError(f"unit {text!r}: number {token} is out of place", where)
-        power = token in ("**", "^")
-    try:
-        plain = text.replace("^", "**") if text.strip() != "1" else ""
-        return _registry().Unit(plain).dimensionality
-    except (
-        pint.PintError,
-        tokenize.TokenError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        SyntaxError,
-    ):
-        raise InputError(
-            f"unknown unit {text!r}", where, "Write e.g. m/s, N*s/m, kg*m^2 or 1"
-        ) from None
 
 
 def dimension(text: str, where: str = "") -> Dimension:

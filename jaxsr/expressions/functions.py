@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsr.expressions.primitives import PRIMITIVES
-from jaxsr.expressions.term import BOOLEAN, Term
+from jaxsr.expressions.term import BOOLEAN, LARGE, Term
 
 Environment = Mapping[str, Any]
 
@@ -33,6 +33,13 @@ def evaluate(
         terms are evaluated once.
     """
     shared = {} if shared is None else shared
+    if term.size > LARGE:
+        for node in term.upward(shared):
+            _evaluate(node, environment, library, shared)
+    return _evaluate(term, environment, library, shared)
+
+
+def _evaluate(term: Term, environment: Environment, library: str, shared: dict[Term, Any]) -> Any:
     known = shared.get(term)
     if known is not None:
         return known
@@ -42,7 +49,7 @@ def evaluate(
         return environment[term.name]
     if term.op == BOOLEAN:
         return bool(term.value)
-    args = [evaluate(arg, environment, library, shared) for arg in term.args]
+    args = [_evaluate(arg, environment, library, shared) for arg in term.args]
     value = getattr(PRIMITIVES[term.op], library)(*args)
     shared[term] = value
     return value

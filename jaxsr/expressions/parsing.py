@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import difflib
 import functools
 import keyword
 import math
 import re
 from collections.abc import Collection
 
+from jaxsr._quoting import closest, hint, quoted
 from jaxsr._result import InputError
 from jaxsr.expressions.primitives import FUNCTIONS_BY_TEXT, INTEGRALS
 from jaxsr.expressions.printing import to_text
 from jaxsr.expressions.term import Term
 
+LONGEST = 10_000
+"""Characters of an expression that is read from a file or a user."""
 MAX_CHARACTERS = 100_000
+"""Characters of one that the package itself puts together, such as all mechanisms at once."""
 MAX_NESTING = 100
 MAX_LEVELS = 250  # of operators: a flat sum nests to the left, and walks are recursive
 MAX_POWER = 1e6
@@ -67,6 +70,7 @@ def parse(
     where: str = "",
     *,
     integrals: bool = False,
+    longest: int = LONGEST,
 ) -> Term:
     """Read an expression of the model grammar.
 
@@ -81,6 +85,8 @@ def parse(
     integrals : bool
         Whether ``integral(f)`` and ``integral_over(f, g)`` may occur: terms of a search may hold
         them, a model file may not.
+    longest : int
+        Characters that are read.
 
     Returns
     -------
@@ -93,11 +99,10 @@ def parse(
         construct outside the grammar.
     """
     if not isinstance(text, str):
-        raise InputError(f"an expression must be text, got {text!r}", where, 'Write "..."')
-    if len(text) > MAX_CHARACTERS:
-        raise InputError(
-            f"expression of {len(text)} characters", where, f"At most {MAX_CHARACTERS} are read"
-        )
+        raise InputError(f"an expression must be text, got {quoted(text)}", where, 'Write "..."')
+    if len(text) > longest:
+        what = f"expression of {len(text)} characters"
+        raise InputError(what, where, f"At most {longest} are read")
     if text.count("(") > MAX_NESTING and _nesting(text) > MAX_NESTING:
         raise InputError(f"expression nested deeper than {MAX_NESTING}", where, "Split it")
     return _Reader(text, symbols, where, integrals).whole()
@@ -123,13 +128,19 @@ def _nesting(text: str) -> int:
     return deepest
 
 
-def _levels(term: Term) -> int:
-    """Return the levels below the root, without recursion."""
-    levels, row = -1, [term]
-    while row:
-        levels += 1
-        row = [arg for node in row for arg in node.args]
-    return levels
+def levels(term: Term, met: dict[Term, int] | None = None) -> int:
+    """Return the levels of a term below its root, without recursion.
+
+    Parameters
+    ----------
+    term : Term
+    met : dict, optional
+        Levels of subtrees met before; filled on the way.
+    """
+    met = {} if met is None else met
+    for node in term.upward(met):
+        met[node] = 1 + max(met.get(arg, 0) for arg in node.args)
+    return met.get(term, 0)
 
 
 @functools.lru_cache(maxsize=_REMEMBERED)
@@ -148,7 +159,8 @@ def _leaf(token: str) -> Term | None:
 class _Reader:
     """Take tokens from the front and build terms.
 
-    ``level`` counts the operators around a place: Python's own stack is not unlimited.
+    ``level`` counts the operators and brackets around a place: Python's own stack is not
+    unlimited.
     """
 
     __slots__ = ("integrals", "symbols", "text", "tokens", "where")
@@ -165,7 +177,7 @@ class _Reader:
         term = self.expression(0, 0)
         if self.tokens[-1] != _END:
             raise self.unexpected("an operator")
-        if term.size > MAX_LEVELS and _levels(term) > MAX_LEVELS:
+        if term.size > MAX_LEVELS and levels(term) > MAX_LEVELS:
             raise self.too_deep()
         return term
 
@@ -207,7 +219,7 @@ class _Reader:
         token = self.tokens[-1]
         if token == "(":
             self.tokens.pop()
-            inner = self.expression(0, level)
+            inner = self.expression(0, level + 1)
             self.take(")")
             return inner
         if token not in ("-", "+"):
@@ -298,7 +310,7 @@ class _Reader:
         return InputError(what, self.where, remedy)
 
     def too_deep(self) -> InputError:
-        what = f"expression of more than {MAX_LEVELS} levels of operators"
+        what = f"expression of more than {MAX_LEVELS} levels of operators and brackets"
         return self.fail(what, "Split it")
 
     def unexpected(self, wanted: str) -> InputError:
@@ -318,12 +330,12 @@ class _Reader:
         return self.fail(what, _INSTEAD.get(token, _GRAMMAR))
 
     def unknown_symbol(self, name: str) -> InputError:
-        close = difflib.get_close_matches(name, list(self.symbols or ()), 1)
-        hint = f"Did you mean {close[0]!r}?" if close else "Declare it in [parameters]"
-        return self.fail(f"unknown symbol {_short(name)!r}", hint)
+        near = closest(name, self.symbols or ())
+        remedy = f"Did you mean {near!r}?" if near else "Declare it in [parameters]"
+        return self.fail(f"unknown symbol {_short(name)!r}", remedy)
 
     def unknown_function(self, name: str) -> InputError:
-        close = difflib.get_close_matches(name, FUNCTIONS_BY_TEXT, 1)
-        hint = f"Did you mean {close[0]!r}?" if close else ""
-        known = f"Known: {', '.join(FUNCTIONS_BY_TEXT)}"
-        return self.fail(f"unknown function {_short(name)!r}", hint or known)
+        if name == "d":
+            remedy = "Write the right-hand side of the state's equation"
+            return self.fail("d(...), the rate of a state, cannot be read here", remedy)
+        return self.fail(f"unknown function {_short(name)!r}", hint(name, FUNCTIONS_BY_TEXT))

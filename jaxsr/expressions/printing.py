@@ -5,6 +5,7 @@ The negative of a constant alone comes back as the negative constant.
 
 from __future__ import annotations
 
+from jaxsr._quoting import shortened
 from jaxsr.expressions.primitives import PRIMITIVES
 from jaxsr.expressions.term import BOOLEAN, Term
 
@@ -12,6 +13,7 @@ _SYMBOL = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**"}
 _COMPARE = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
 _PRECEDENCE = {"add": 2, "sub": 2, "mul": 3, "div": 3, "neg": 4, "pow": 5}
 _ATOM = 6
+_EXCERPT = 60  # nodes of a term that is printed whole in a message
 
 
 def number_text(value: float, digits: int | None = None) -> str:
@@ -37,6 +39,19 @@ def to_text(term: Term, digits: int | None = None) -> str:
         Significant digits of constants; exact when None.
     """
     return _text(term, digits)[0]
+
+
+def excerpt(term: Term, digits: int = 4) -> str:
+    """Print a term for a message: of a large one the top alone, with dots for what is below."""
+    return shortened(to_text(term if term.size <= _EXCERPT else _top(term, 4), digits))
+
+
+def _top(term: Term, depth: int) -> Term:
+    if term.size == 1:
+        return term
+    if depth == 0:
+        return Term.variable("...")
+    return Term(term.op, tuple(_top(arg, depth - 1) for arg in term.args))
 
 
 def _text(term: Term, digits: int | None) -> tuple[str, int]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxsr.expressions.primitives import PRIMITIVES
 from jaxsr.expressions.tape import Traced
-from jaxsr.expressions.term import BOOLEAN, Term
+from jaxsr.expressions.term import BOOLEAN, LARGE, Term
 
 Array = Any
 Slopes = dict[str, Array]
@@ -51,6 +51,18 @@ def evaluate_with_slopes(
     conditions) zero.
     """
     shared = {} if shared is None else shared
+    if term.size > LARGE:
+        for node in term.upward(shared):
+            _with_slopes(node, environment, by, shared)
+    return _with_slopes(term, environment, by, shared)
+
+
+def _with_slopes(
+    term: Term,
+    environment: Mapping[str, Array],
+    by: Collection[str],
+    shared: dict[Term, Valued],
+) -> Valued:
     known = shared.get(term)
     if known is not None:
         return known
@@ -60,7 +72,7 @@ def evaluate_with_slopes(
         return environment[term.name], {term.name: 1.0} if term.name in by else {}
     if term.op == BOOLEAN:
         return bool(term.value), {}
-    pairs = [evaluate_with_slopes(arg, environment, by, shared) for arg in term.args]
+    pairs = [_with_slopes(arg, environment, by, shared) for arg in term.args]
     args, slopes = [a for a, _ in pairs], [s for _, s in pairs]
     if term.op == "pow" and not slopes[1]:
         value, partial = _power(args[0], args[1], bool(slopes[0]))
@@ -92,7 +104,7 @@ def _chained(op: str, args: list[Array], slopes: list[Slopes], value: Array) -> 
             return _summed([slopes[0], _scaled(slopes[1], -1.0)])
         case "max" | "min" | "piecewise":
             return _selected(op, args, slopes)
-    partials = _PARTIALS.get(op)
+    partials = _PARTIALS.get(op) or getattr(PRIMITIVES[op], "partials", None)
     if partials is None:
         if op in _FLAT:
             return {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -11,6 +11,8 @@ from jaxsr.expressions.primitives import PRIMITIVES, Primitive
 CONSTANT = "constant"
 VARIABLE = "variable"
 BOOLEAN = "boolean"
+LARGE = 200
+"""Nodes from which on a term may be too deep for walks that call themselves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -85,9 +87,11 @@ class Term:
             return True
         if not isinstance(other, Term) or self._hash != other._hash:
             return False
-        return (self.op, self.name, self.value) == (other.op, other.name, other.value) and (
-            self.args == other.args
-        )
+        if (self.op, self.name, self.value) != (other.op, other.name, other.value):
+            return False
+        if self.size > LARGE:
+            return _equal(self, other)
+        return self.args == other.args
 
     @property
     def is_constant(self) -> bool:
@@ -117,6 +121,32 @@ class Term:
             new = [arg for arg in dict.fromkeys(node.args) if arg not in seen]
             seen.update(new)
             stack.extend(reversed(new))
+
+    def upward(self, done: Container[Term] = ()) -> Iterator[Term]:
+        """Yield every different subtree that has arguments once, arguments first.
+
+        Walks that call themselves for arguments run out of Python's stack on deep terms; where
+        they keep what they found, they can go through a large term in this order beforehand.
+
+        Parameters
+        ----------
+        done : container of Term
+            Subtrees that are passed over, with all that is below them.
+        """
+        seen: set[Term] = set()
+        stack: list[Term] = [self]
+        while stack:
+            node = stack[-1]
+            if not node.args or node in seen or node in done:
+                stack.pop()
+                continue
+            waiting = [a for a in node.args if a.args and a not in seen and a not in done]
+            if waiting:
+                stack.extend(reversed(waiting))
+                continue
+            stack.pop()
+            seen.add(node)
+            yield node
 
     @property
     def depth(self) -> int:
@@ -153,6 +183,26 @@ class Term:
                 return Term(self.op, (*self.args[:i], changed, *self.args[i + 1 :]))
             position += size
         raise IndexError(f"`index` must be below the size {self.size}, got {index}")
+
+
+def _equal(first: Term, second: Term) -> bool:
+    """Compare large terms node by node, each pair of subtrees once.
+
+    Two terms that share their subtrees can have more nodes than can ever be visited.
+    """
+    met: set[tuple[int, int]] = set()
+    pairs = [(first, second)]
+    while pairs:
+        a, b = pairs.pop()
+        if a is b or (id(a), id(b)) in met:
+            continue
+        met.add((id(a), id(b)))
+        if (a._hash, a.op, a.name, a.value) != (b._hash, b.op, b.name, b.value):
+            return False
+        if len(a.args) != len(b.args):
+            return False
+        pairs.extend(zip(a.args, b.args, strict=True))
+    return True
 
 
 class _Draft:

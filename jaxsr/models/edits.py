@@ -82,10 +82,18 @@ def with_values(model: Model, values: Mapping[str, float]) -> Model:
     return replace(model, parameters=parameters)
 
 
-def add_to_equation(model: Model, state: str, term: str) -> tuple[str, str]:
-    """Return key and new text of the equation of `state` with `term` (signed text) appended."""
-    table = "additions" if model.base is not None else "equations"
+def add_to_equation(
+    model: Model, state: str, term: str, beside: str = "additions"
+) -> tuple[str, str]:
+    """Return key and new text of the equation of `state` with `term` (signed text) appended.
+
+    The equations of a Python function stay as they are: the term goes to the table `beside` them,
+    "additions" to the rate or "forces".
+    """
+    own = model.base is None or state in model.equations
+    table = "equations" if own else beside
     old = getattr(model, table).get(state, "")
     if not old or old.strip() in ("0", "0.0"):
-        return f"{table}.{state}", term.removeprefix("+ ").replace("- ", "-", 1)
+        first = f"-{term[2:]}" if term.startswith("- ") else term.removeprefix("+ ")
+        return f"{table}.{state}", first
     return f"{table}.{state}", f"{old} {term}"

@@ -88,13 +88,19 @@ class Field:
         }
         return own
 
+    def column(self, chosen: Array) -> Field:
+        """Return the field at some of the samples, one below the other: shape (chosen, 1)."""
+        own = self.picked(chosen)
+        own._constants = {n: v[:, None] if np.ndim(v) else v for n, v in own._constants.items()}
+        return own
+
     def rates(self, at: Point) -> list[Array]:
         """Return dx/dt, an array a state."""
-        return self._whole(at, self._calculated(Field._rates, self._environment(at)))
+        return self._whole(at, self._calculated(Field._rates, self.environment(at)))
 
     def slopes(self, at: Point) -> tuple[list[Array], list[Row]]:
         """Return dx/dt and, a row a state, its derivatives by states, parameters and inputs."""
-        rates, rows = self._calculated(Field._slopes, self._environment(at))
+        rates, rows = self._calculated(Field._slopes, self.environment(at))
         return self._whole(at, rates), rows
 
     def newton(
@@ -111,7 +117,7 @@ class Field:
         rows : list of mapping
             Derivatives of f, as `slopes` returns them.
         """
-        env = self._environment(at)
+        env = self.environment(at)
         env["size"] = size
         env.update(zip(self._guesses, k, strict=True))
         return self._calculated(Field._newton, env)
@@ -153,7 +159,7 @@ class Field:
     def forces(self, at: Point) -> dict[str, Valued]:
         """Return the right-hand sides with their slopes: generalised forces with a mass matrix."""
         shared: dict[Term, Valued] = {}
-        env = self._environment(at)
+        env = self.environment(at)
         return {
             s: evaluate_with_slopes(e, env, self.by, shared) for s, e in self._equations.items()
         }
@@ -161,17 +167,23 @@ class Field:
     def masses(self, at: Point) -> dict[tuple[str, str], Valued]:
         """Return the entries of the mass matrix with their slopes."""
         shared: dict[Term, Valued] = {}
-        env = self._environment(at)
+        env = self.environment(at)
         return {
             (i, j): evaluate_with_slopes(term, env, self.by, shared)
             for i, row in self._mass.items()
             for j, term in row.items()
         }
 
+    def evaluated(self, terms: Mapping[Any, Term], at: Point) -> dict[Any, Valued]:
+        """Return other terms with their slopes."""
+        shared: dict[Term, Valued] = {}
+        env = self.environment(at)
+        return {key: evaluate_with_slopes(t, env, self.by, shared) for key, t in terms.items()}
+
     def readings(self, at: Point) -> tuple[list[Array], list[Row]]:
         """Return what the sensors read, with derivatives."""
         shared: dict[Term, Any] = {}
-        env = self._environment(at)
+        env = self.environment(at)
         pairs = [
             evaluate_with_slopes(self._readings[y], env, self.by, shared)
             for y in self.model.outputs
@@ -179,7 +191,8 @@ class Field:
         like = np.zeros(np.shape(at.states[0]))
         return [value + like for value, _ in pairs], [slopes for _, slopes in pairs]
 
-    def _environment(self, at: Point) -> dict[str, Array]:
+    def environment(self, at: Point) -> dict[str, Array]:
+        """Return the values of all symbols at a point."""
         model = self.model
         env = {model.time: at.time, **self._constants}
         env.update(zip(model.states, at.states, strict=True))
@@ -191,7 +204,7 @@ class Field:
         rows = self._rows
         matrix: list[list[Any]] = [[0.0 for _ in rows] for _ in rows]
         loads = {}
-        for i, row in enumerate(rows):
+        for i, row in enumerate(self.simulator.mass_rows):
             for column, term in self._mass[row].items():
                 if column in rows:
                     matrix[i][rows.index(column)] = value(term)
@@ -201,7 +214,7 @@ class Field:
 
     def _accelerations(self, matrix: Any, loads: Any, values: dict) -> dict:
         right = []
-        for row in self._rows:
+        for row in self.simulator.mass_rows:
             known = sum(m * values[c] for (r, c), m in loads.items() if r == row)
             right.append(values[row] - known)
         return dict(zip(self._rows, factorised(matrix)(tuple(right)), strict=True))
@@ -213,7 +226,7 @@ class Field:
         entries = [[m if isinstance(m, tuple) else (0.0, {}) for m in row] for row in matrix]
         solve = factorised([[m for m, _ in row] for row in entries])
         right, parts = [], []
-        for row in self._rows:
+        for row in self.simulator.mass_rows:
             force, slopes = found[row]
             for (r, c), (mass, by) in loads.items():
                 if r == row:
@@ -290,18 +303,20 @@ def folded(term: Term, values: Mapping[str, float], done: dict[Term, Term] | Non
 
     `done` holds subtrees met before and is filled on the way.
     """
+    done = {} if done is None else done
+    for node in term.upward(done):
+        done[node] = _folded(node, values, done)
+    return _inserted(term, values, done)
+
+
+def _inserted(term: Term, values: Mapping[str, float], done: Mapping[Term, Term]) -> Term:
     if term.is_variable and term.name in values:
         return Term.constant(values[term.name])
-    if not term.args:
-        return term
-    done = {} if done is None else done
-    if term not in done:
-        done[term] = _folded(term, values, done)
-    return done[term]
+    return done.get(term, term)
 
 
-def _folded(term: Term, values: Mapping[str, float], done: dict[Term, Term]) -> Term:
-    args = tuple(folded(arg, values, done) for arg in term.args)
+def _folded(term: Term, values: Mapping[str, float], done: Mapping[Term, Term]) -> Term:
+    args = tuple(_inserted(arg, values, done) for arg in term.args)
     zero = [a.is_constant and a.value == 0.0 for a in args]
     one = [a.is_constant and a.value == 1.0 for a in args]
     match term.op:

@@ -26,7 +26,7 @@ def with_hidden(
     coordinate starts from rest at zero, a state of another kind from its first guess.
     """
     hidden = [i for i, s in enumerate(model.states) if s in estimate.hidden]
-    if not hidden or model.base is not None:
+    if not hidden or not model.formulas:
         return estimate
     simulator = Simulator(model)
     field = Field(simulator, simulator.values())

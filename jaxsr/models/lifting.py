@@ -28,6 +28,7 @@ from jaxsr.models.alone import alone
 from jaxsr.models.delays import delay_of, delayed_stages, smoothly_interpolated, stage_of
 from jaxsr.models.directions import Directions
 from jaxsr.models.field import Field, Point
+from jaxsr.models.jumps import Jumps
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments, values_over
 from jaxsr.models.sensitivity import advanced, condensed
@@ -44,8 +45,8 @@ LEAST_WINDOW, MOST_WINDOW, CLOSING_WINDOW = 8, 128, 6
 
 
 def liftable(simulator: Simulator) -> bool:
-    """Whether a simulator consists of formulas without jumps of the state."""
-    return simulator.function is None and not simulator.model.events
+    """Whether a simulator consists of formulas."""
+    return simulator.function is None
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,6 +234,7 @@ class _Ground:
     field: Field
     to: Directions
     stages: tuple[Array, dict[int, Array]]
+    jumps: Jumps | None
     own: Array  # 0 where a recording has a value of its own
 
     @staticmethod
@@ -253,7 +255,9 @@ class _Ground:
         own = np.ones((to.count, segments.number))
         own[len(model.states) :] = np.isnan(segments.override[list(active)])
         stages = delayed_stages(model, segments, values, chosen)
-        return _Ground(stepping, segments, values, field, to, stages, own)
+        along = Point(segments.time, list(segments.course), list(segments.inputs))
+        jumps = Jumps.of(field, along)
+        return _Ground(stepping, segments, values, field, to, stages, jumps, own)
 
     def step(self, path: Array, first: int = 0, tangents: bool = True) -> tuple[Array, Array]:
         """Integrate from every sample to the next, with derivatives in all directions.
@@ -271,6 +275,7 @@ class _Ground:
             self.segments.time[here],
             self.segments.length[here],
             functools.partial(stage_of, *stages),
+            self.jumps,
         )
         return np.stack(ends), slopes
 
@@ -321,7 +326,8 @@ class _Ground:
         """Simulate from the start of a path, one sample after the other; None if it diverges."""
         path = path.copy()
         own = any(np.ndim(value) for value in self.values)
-        if path.shape[2] == 1 and self.stepping.method == "rk4" and not own:
+        plain = self.jumps is None and self.stepping.method == "rk4"
+        if path.shape[2] == 1 and plain and not own:
             return alone(self.field, self.segments, self.stages[0], path, stop, first)
         for k in range(path.shape[1] - 1):
             path[:, k + 1] = self.step(path[:, k : k + 2], first + k, tangents=False)[0][:, 0]

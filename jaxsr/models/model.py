@@ -5,9 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
+from jaxsr._result import InputError
 from jaxsr.expressions import Term, parse
+from jaxsr.expressions.parsing import MAX_CHARACTERS
+
+if TYPE_CHECKING:
+    from jaxsr.models.vector_field import VectorField
 
 FREE = "free"
 DRIVEN = "driven"
@@ -38,6 +43,16 @@ class Event:
     reset: Mapping[str, str]
 
 
+def _in_order(error: InputError, later: Mapping[str, str], known: Mapping[str, None]) -> InputError:
+    """Say of an unknown symbol that is a definition further down that it is one."""
+    for name in later:
+        if name not in known and error.what == f"unknown symbol {name!r}":
+            what = f"{name!r} is defined by itself or further down"
+            remedy = "Order definitions so that each uses earlier ones alone"
+            return InputError(what, error.where, remedy)
+    return error
+
+
 @dataclass(frozen=True)
 class Model:
     """A model file as a value (CONTRACT.md, section 1).
@@ -47,7 +62,10 @@ class Model:
         sum_j inertia[i][j] * dx_j/dt = equations[i]        (identity where no row is given)
         output_k(t) = readings_k at time clock_k(t) - delay_k
 
-    Expressions are kept as the text of the file; `term` parses them.
+    Expressions are kept as the text of the file; `term` parses them. Where the model stands on a
+    Python function (`base`), `vector_field` holds what that function says; it is in no file, and
+    no part of what makes two models equal. `forces` are forces on it by the state along which they
+    act, in no file either: a file says in [additions] what they add to the rates.
     """
 
     name: str
@@ -69,9 +87,12 @@ class Model:
     delays: Mapping[str, float | str] = field(default_factory=dict)
     clock: Mapping[str, str] = field(default_factory=dict)
     noise: Mapping[str, float] = field(default_factory=dict)
+    resolution: Mapping[str, float] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     columns: Mapping[str, str] = field(default_factory=dict)
+    vector_field: VectorField | None = field(default=None, compare=False, repr=False)
+    forces: Mapping[str, str] = field(default_factory=dict)
 
     def __hash__(self) -> int:
         return hash((self.name, self.states, tuple(self.equations.items())))
@@ -84,25 +105,58 @@ class Model:
     @cached_property
     def definition_terms(self) -> dict[str, Term]:
         """Definitions with earlier ones substituted."""
-        terms: dict[str, Term] = {}
+        given = {} if self.vector_field is None else self.vector_field.gains
+        terms = {name: term for name, term in given.items() if name not in self.definitions}
+        known = dict.fromkeys((*self.symbols, *terms))
         for name, text in self.definitions.items():
-            symbols = (*self.symbols, *terms)
-            terms[name] = parse(text, symbols, f"[definitions] {name}").substitute(terms)
+            try:
+                term = parse(text, known.keys(), f"[definitions] {name}", longest=MAX_CHARACTERS)
+            except InputError as error:
+                raise _in_order(error, self.definitions, known) from None
+            terms[name] = term.substitute(terms)
+            known[name] = None
         return terms
+
+    @cached_property
+    def _names(self) -> frozenset[str]:
+        return frozenset((*self.symbols, *self.definition_terms, *self._promised))
 
     def term(self, text: str, where: str = "", extra: tuple[str, ...] = ()) -> Term:
         """Parse an expression of this model, definitions substituted."""
-        symbols = (*self.symbols, *self.definition_terms, *extra)
-        return parse(text, symbols, where).substitute(self.definition_terms)
+        names = self._names.union(extra) if extra else self._names
+        term = parse(text, names, where, longest=MAX_CHARACTERS)
+        known = self.definition_terms
+        return term.substitute(known) if known else term
+
+    @property
+    def _promised(self) -> tuple[str, ...]:
+        """Symbols that a Python function gives a meaning, once it is loaded."""
+        if self.base is None or self.vector_field is not None:
+            return ()
+        return tuple(f"{s}_per_{u}" for s in self.states for u in self.inputs)
+
+    @property
+    def formulas(self) -> bool:
+        """Whether all equations are known: a Python function has to be loaded for it."""
+        return self.base is None or self.vector_field is not None
 
     @cached_property
     def equation_terms(self) -> dict[str, Term]:
         """Right-hand side by state, additions included."""
         terms = {s: self.term(e, f"[equations] {s}") for s, e in self.equations.items()}
+        if self.vector_field is not None:
+            forces = {s: self.term(f, f"force along {s}") for s, f in self.forces.items()}
+            terms = self.vector_field.forced(forces, self.term) | terms
         for state, text in self.additions.items():
             added = self.term(text, f"[additions] {state}")
             terms[state] = Term.apply("add", terms[state], added) if state in terms else added
         return terms
+
+    def entries(self, state: str) -> tuple[tuple[str, str], ...]:
+        """Return the rates to which a force along a state adds, with the text of its factors."""
+        if self.vector_field is None or state not in self.vector_field.columns:
+            return ((state, ""),)
+        return self.vector_field.columns[state].rows
 
     @cached_property
     def reading_terms(self) -> dict[str, Term]:

@@ -72,6 +72,8 @@ class Search:
         low, high = self.bounds
         theta = np.array(theta, dtype=float)
         theta[self.active] = np.clip(theta[self.active], low[self.active], high[self.active])
+        if self.problem.simulator.model.events and not self.closing:
+            return replace(self, closing=True).run(theta, x0, path, max_iterations, stop)
         best = self._begun(theta, x0, path)
         damping = 1e-3
         for _ in range(max_iterations):
@@ -140,6 +142,8 @@ class Search:
                 start[:, 0] = x0
             return self.at(theta, start)
 
+        if self.problem.simulator.model.events:
+            return self.at(theta, self._simulated(theta, x0, path))
         best = attempt(segments.course if path is None else path)
         far = best.gap > FAR**2 * self.variation
         driven = bool(self.problem.simulator.model.driven)
@@ -149,6 +153,16 @@ class Search:
             if other.fit.usable and (not best.fit.usable or other.fit.cost < best.fit.cost):
                 return other
         return best
+
+    def _simulated(
+        self, theta: np.ndarray, x0: np.ndarray | None, path: np.ndarray | None
+    ) -> np.ndarray:
+        """Return a simulation from known starts, or a path that diverges as it is."""
+        start = np.array(self.problem.segments.course if path is None else path)
+        if x0 is not None:
+            start[:, 0] = x0
+        found = closed(*self.setting, theta, start)
+        return start if found is None else found
 
     def at(self, theta: np.ndarray, path: np.ndarray) -> Attempt:
         """Linearise about a path."""

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from jaxsr.models.directions import Directions, Stages
-from jaxsr.models.field import Field
+from jaxsr.models.field import Field, Point
+from jaxsr.models.jumps import Jumps
 from jaxsr.models.steps import METHODS
 from jaxsr.models.transitions import Taken, transition
 
@@ -29,6 +30,7 @@ def advanced(
     time: Array,
     length: Array,
     stages: Callable[[int], Stages],
+    jumps: Jumps | None = None,
 ) -> tuple[list[Array], Array]:
     """Advance by all substeps between neighbouring samples.
 
@@ -42,6 +44,8 @@ def advanced(
     length : ndarray, shape (steps, substeps, segments)
     stages : callable
         Number of a substep to its inputs.
+    jumps : Jumps, optional
+        Of the states, where the model has events.
 
     Returns
     -------
@@ -49,16 +53,48 @@ def advanced(
         States at the later samples.
     slopes : ndarray, shape (states, directions, steps, segments)
     """
-    states, taken, shape = list(x), list[Taken](), np.shape(x[0])
+    states, taken, shape, begin = list(x), list[Taken](), np.shape(x[0]), time
     tableau, step = METHODS[method]
+    jumping = np.zeros(shape, dtype=bool)
     for number in range(length.shape[1]):
         h, own = length[:, number], stages(number)
+        before = states
         states, rows = step(field, states, time, h, own, to is not None)
         taken.append(Taken(h, rows, own))
+        if jumps is not None:
+            here, there = Point(time, before, own.at(0.0)), Point(time + h, states, own.at(1.0))
+            jumping |= jumps.crossed(field, here, there, h + np.zeros(shape)).any(axis=0)
         time = time + h
     if to is None:
-        return states, np.zeros((len(states), 0, *shape))
-    return states, transition(tableau, to, taken, shape)
+        slopes = np.zeros((len(states), 0, *shape))
+    else:
+        slopes = transition(tableau, to, taken, shape)
+    if jumps is None or not jumping.any():
+        return states, slopes
+    states = [np.array(state) for state in states]
+    part = _part(begin, length, stages, jumping)
+    ends, by = jumps.through(
+        field.column(jumping), to, method, [a[jumping][:, None] for a in x], *part
+    )
+    for state, end in zip(states, ends, strict=True):
+        state[jumping] = end[:, 0]
+    slopes[:, :, jumping] = by[..., 0]
+    return states, slopes
+
+
+def _part(
+    time: Array, length: Array, stages: Callable[[int], Stages], chosen: Array
+) -> tuple[Array, Array, Callable[[int], Stages]]:
+    """Return times, lengths and inputs of some of the samples, one below the other."""
+
+    def cut(number: int) -> Stages:
+        own = stages(number)
+        rates = {k: rate[:, chosen][..., None] for k, rate in own.rates.items()}
+        return Stages(own.values[:, :, chosen][..., None], rates)
+
+    time = np.broadcast_to(time, chosen.shape)[chosen][:, None]
+    wide = np.broadcast_to(length, (chosen.shape[0], length.shape[1], chosen.shape[1]))
+    return time, np.moveaxis(wide, 1, 2)[chosen][:, :, None], cut
 
 
 def condensed(slopes: Array, defects: Array) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxsr._result import InputError
 from jaxsr.expressions import DISCONTINUOUS, Term, evaluate
+from jaxsr.models.mass_matrix import pivoted_rows
 from jaxsr.models.model import Model
 from jaxsr.models.stepping import factorised
 
@@ -30,7 +31,8 @@ class Simulator(eqx.Module):
     function : callable, optional
         A Python vector field ``f(t, x, u, p) -> dx`` with x and u arrays in the order of the
         model's states and inputs and p a mapping from parameter names to values; replaces the
-        model's [equations].
+        model's [equations]. It is called as it is; `from_file` reads it as formulas where it can
+        (`vector_field`), which runs faster.
 
     Notes
     -----
@@ -43,8 +45,15 @@ class Simulator(eqx.Module):
     function: Callable[..., Any] | None = eqx.field(static=True, default=None)
 
     @staticmethod
-    def from_file(path: str | Path) -> Simulator:
+    def from_file(path: str | Path, model: str | Path | None = None) -> Simulator:
         """Read a simulator from ``model.toml`` or from ``path/file.py:function``.
+
+        Parameters
+        ----------
+        path : path
+        model : path, optional
+            For a Python function: the model file that stands on it, such as the explained.toml
+            of a diagnosis; by default ``path/file.toml``.
 
         Raises
         ------
@@ -56,15 +65,18 @@ class Simulator(eqx.Module):
 
         text = str(path)
         if ".py:" in text or text.endswith(".py"):
-            return read_python_simulator(text)
-        model = read_model(path)
-        if model.base is not None:
+            return read_python_simulator(text, model)
+        if model is not None:
+            raise InputError("two model files", f"{text} and {model}", "Name one of them")
+        found = read_model(path)
+        if found.base is not None:
             raise InputError(
-                f"the model stands on Python ({model.base})",
+                f"the model stands on Python ({found.base})",
                 text,
-                f"Name it in the call: {Path(text).parent / model.base}",
+                f"Name it in the call: {Path(text).parent / found.base}"
+                + (f" --model {text}" if Path(text).stem != Path(found.base).stem else ""),
             )
-        return Simulator(model)
+        return Simulator(found)
 
     # Compiled runs are kept by simulator: properties already computed must not tell two apart,
     # and parameters in another order must, since they are passed by position.
@@ -75,6 +87,7 @@ class Simulator(eqx.Module):
         if not isinstance(other, Simulator):
             return False
         same = self.model == other.model and self.function is other.function
+        same = same and self.model.vector_field is other.model.vector_field
         return same and tuple(self.model.parameters) == tuple(other.model.parameters)
 
     @cached_property
@@ -175,14 +188,12 @@ class Simulator(eqx.Module):
 
     def _smooth(self, term: Term, known: dict[Term, Term]) -> Term:
         """Return a term with rounded steps; `known` holds those of subtrees met before."""
-        if not term.args:
-            return term
-        if term not in known:
-            known[term] = self._rounded(term, known)
-        return known[term]
+        for node in term.upward(known):
+            known[node] = self._rounded(node, known)
+        return known.get(term, term)
 
     def _rounded(self, term: Term, known: dict[Term, Term]) -> Term:
-        args = tuple(self._smooth(arg, known) for arg in term.args)
+        args = tuple(known.get(arg, arg) for arg in term.args)
         if term.op in SMOOTHED and term.args[0] in self.smoothed_arguments:
             width = Term.variable(f"width {self.smoothed_arguments.index(term.args[0])}")
             sign = Term.apply("tanh", Term.apply("div", args[0], width))
@@ -192,12 +203,17 @@ class Simulator(eqx.Module):
             return Term.apply("add", half, Term.apply("mul", half, sign))
         return term if args == term.args else Term(term.op, args)
 
+    @cached_property
+    def mass_rows(self) -> tuple[str, ...]:
+        """States with a row in [inertia], in the order in which the rows are eliminated."""
+        return pivoted_rows(self.model)
+
     def _accelerations(self, rates: dict, env: dict, shared: dict) -> dict:
         """Solve the mass matrix for the rates of the states that have a row in it."""
         rows = tuple(s for s in self.model.states if s in self.model.inertia)
         matrix = [[0.0 for _ in rows] for _ in rows]
         right = []
-        for i, row in enumerate(rows):
+        for i, row in enumerate(self.mass_rows):
             force = rates[row]
             for column, term in self.model.inertia_terms[row].items():
                 entry = evaluate(term, env, "jax", shared)

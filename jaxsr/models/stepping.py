@@ -6,6 +6,7 @@ compiled scan advances all segments of all recordings together.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -106,13 +107,22 @@ def factorised(
 ) -> Callable[[tuple[Array, ...]], tuple[Array, ...]]:
     """Factorise a small matrix of arrays and return its solver.
 
-    Elimination is written out, skips entries that are the number zero, and does not pivot: the
-    matrices met here are mass matrices (positive definite) and 1 - h*gamma*J, dominated by its
-    diagonal.
+    Elimination is written out and skips entries that are the number zero. A pivot that is the
+    number zero gives way to the first row below that has another entry there: which entries are
+    nothing is known before any array is, so that rows are not compared by size. The matrices met
+    here are mass matrices, their rows in the order of `pivoted_rows`, and 1 - h*gamma*J, which
+    is dominated by its diagonal. A singular matrix gives NaN.
     """
     count = len(matrix)
     lu = [list(row) for row in matrix]
+    order = list(range(count))
     for k in range(count):
+        chosen = next((i for i in range(k, count) if not nothing(lu[i][k])), None)
+        if chosen is None:
+            lu[k][k] = math.nan
+            continue
+        lu[k], lu[chosen] = lu[chosen], lu[k]
+        order[k], order[chosen] = order[chosen], order[k]
         for i in range(k + 1, count):
             if nothing(lu[i][k]):
                 continue
@@ -123,7 +133,7 @@ def factorised(
                     lu[i][j] = lu[i][j] - lu[i][k] * lu[k][j]
 
     def solve(b: tuple[Array, ...]) -> tuple[Array, ...]:
-        y = list(b)
+        y = [b[i] for i in order]
         for i in range(count):
             for j in range(i):
                 if not nothing(lu[i][j]):

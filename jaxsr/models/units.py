@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from jaxsr._result import InputError
-from jaxsr.expressions import Term, to_text
-from jaxsr.expressions.dimensions import dimensionality as dimension
+from jaxsr.expressions import Term
+from jaxsr.expressions.printing import excerpt
 from jaxsr.expressions.term import BOOLEAN
+from jaxsr.expressions.unit_text import dimensionality as dimension
 
 if TYPE_CHECKING:
     from jaxsr.models.model import Model
@@ -66,6 +67,7 @@ def check_units(model: Model, source: str) -> None:
             raise InputError(
                 f"the reading has dimension {found}, but {output} is declared {known[output]}",
                 f"{source} [readings] {output}",
+                "Check [units] and the parameters' units",
             )
 
 
@@ -84,14 +86,26 @@ def unit_of(
     the same `known`, and is filled on the way.
     """
     met = {} if met is None else met
-    key = term, argument
-    if key not in met:
-        met[key] = _unit_of(term, known, where, argument, met)
-    return met[key]
+    # Arguments first, without recursion: a formula may be deeper than Python's stack.
+    stack = [(term, argument)]
+    while stack:
+        node, within = stack[-1]
+        if (node, within) in met:
+            stack.pop()
+            continue
+        inside = within or node.op in _SCALE_FREE
+        waiting = [(arg, inside) for arg in node.args if (arg, inside) not in met]
+        if waiting:
+            stack.extend(reversed(waiting))
+            continue
+        stack.pop()
+        parts = [met[arg, inside] for arg in node.args]
+        met[node, within] = _unit_of(node, parts, known, where, within)
+    return met[term, argument]
 
 
 def _unit_of(
-    term: Term, known: dict[str, Dimension], where: str, argument: bool, met: Met
+    term: Term, parts: list[Dimension], known: dict[str, Dimension], where: str, argument: bool
 ) -> Dimension:
     if term.is_constant:
         return None if argument else dimension("")
@@ -99,8 +113,6 @@ def _unit_of(
         return known.get(term.name)
     if term.op == BOOLEAN:
         return dimension("")
-    inside = argument or term.op in _SCALE_FREE
-    parts = [unit_of(arg, known, where, inside, met) for arg in term.args]
     if term.op in ("add", "sub", "max", "min", "lt", "le", "gt", "ge", "eq", "ne"):
         return _same(term, list(zip(term.args, parts, strict=True)), where)
     if term.op == "piecewise":
@@ -125,7 +137,7 @@ def _unit_of(
         return None if root is None else root**0.5
     if parts[0] != dimension(""):
         raise InputError(
-            f"{to_text(term, 4)}: {term.op} of dimension {parts[0]}", where, "Make it dimensionless"
+            f"{excerpt(term)}: {term.op} of dimension {parts[0]}", where, "Make it dimensionless"
         )
     return dimension("")
 
@@ -136,7 +148,8 @@ def _power(term: Term, parts: list[Dimension], where: str) -> Dimension:
     if exponent.is_constant:
         return base**exponent.value
     if parts[1] is not None and parts[1] != dimension(""):
-        raise InputError(f"{to_text(term, 4)}: the power has a unit", where)
+        what = f"{excerpt(term)}: the power has a unit"
+        raise InputError(what, where, "Make the power dimensionless")
     return dimension("") if parts[0] == parts[1] == dimension("") else None
 
 
@@ -147,8 +160,8 @@ def _same(term: Term, pairs: list[tuple[Term, Dimension]], where: str) -> Dimens
     for arg, unit in quantities[1:]:
         if unit != quantities[0][1]:
             raise InputError(
-                f"{to_text(quantities[0][0], 4)!r} has dimension {quantities[0][1]} but "
-                f"{to_text(arg, 4)!r} has {unit}",
+                f"{excerpt(quantities[0][0])!r} has dimension {quantities[0][1]} but "
+                f"{excerpt(arg)!r} has {unit}",
                 where,
                 "Check [units] and the parameters' units",
             )

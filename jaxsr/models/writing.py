@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import json
+import numbers
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from jaxsr._files import atomic_write_text
+from jaxsr._quoting import quoted
+from jaxsr._result import InputError
 from jaxsr.models.model import FREE, Model, Parameter
 
 _BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
 
 
 def model_text(model: Model) -> str:
-    """Return the text of the model file; `parse_model(model_text(m)) == m`."""
+    """Return the text of the model file; `parse_model(model_text(m)) == m`.
+
+    Raises
+    ------
+    InputError
+        A name holds half a surrogate pair, as names of files do whose bytes are no text.
+    """
     head: dict[str, Any] = {"name": model.name, "time": model.time, "states": list(model.states)}
     head["inputs"], head["outputs"] = list(model.inputs), list(model.outputs)
     head["input_hold"] = model.input_hold
@@ -35,10 +44,11 @@ def model_text(model: Model) -> str:
     parts.append(_table("delays", model.delays))
     parts.append(_table("clock", model.clock))
     parts.append(_table("noise", model.noise))
+    parts.append(_table("resolution", model.resolution))
     for event in model.events:
         table = {"when": event.when, "direction": event.direction, "reset": dict(event.reset)}
         parts.append(_table("events", table, array=True))
-    parts.append(_table("units", model.units))
+    parts.append(_table("units", {name: _unit(text) for name, text in model.units.items()}))
     parts.append(_table("columns", model.columns))
     return "\n".join(part for part in parts if part)
 
@@ -51,10 +61,15 @@ def write_model(model: Model, path: str | Path) -> None:
 def _parameter(parameter: Parameter) -> dict[str, Any]:
     entry: dict[str, Any] = {"value": parameter.value}
     if parameter.unit is not None:
-        entry["unit"] = parameter.unit
+        entry["unit"] = _unit(parameter.unit)
     if parameter.bounds is not None:
         entry["bounds"] = list(parameter.bounds)
     return entry
+
+
+def _unit(text: str) -> str:
+    # No unit is dimensionless to those who build a model in Python; a file says so by 1.
+    return text if text.strip() else "1"
 
 
 def _table(name: str, table: Mapping[str, Any], array: bool = False) -> str:
@@ -66,17 +81,27 @@ def _table(name: str, table: Mapping[str, Any], array: bool = False) -> str:
 
 
 def _key(key: str) -> str:
-    return key if key and set(key) <= _BARE else json.dumps(key)
+    return key if key and set(key) <= _BARE else _quoted(key)
+
+
+def _quoted(text: str) -> str:
+    """Return a basic string of TOML: JSON's, but for one control character and any half pair."""
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:
+        what = f"{quoted(text)} holds characters that no text file can"
+        raise InputError(what, "model", "Rename what it names") from None
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, float):
+        return _quoted(value)
+    if isinstance(value, numbers.Integral):
+        return str(int(value))
+    if isinstance(value, numbers.Real):
         return repr(float(value))
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from jaxsr.recordings.data_check import DataCheck
 from jaxsr.recordings.lag import Lag, find_lags
 from jaxsr.recordings.noise import noise_level, quantisation_step
 from jaxsr.recordings.recording import Recording
@@ -15,32 +15,8 @@ GAP = 1.5  # medians of the sample time
 _UNEVEN = 0.01  # of the median interval
 _VISIBLE = 1e-6  # of a channel's range: below it neither noise nor step is worth a word
 _OUTLIER = 8.0  # standard deviations of the prediction from four neighbours
+_LARGEST = 1e100  # no sensor reads it, and squares of larger values overflow
 _RUN = 3  # equal samples that can be a clipped stretch
-
-
-@dataclass(frozen=True)
-class DataCheck:
-    """A finding about the data of one file.
-
-    Attributes
-    ----------
-    file : str
-    channel : str
-        Column, or "time".
-    check : str
-        One of ``non_uniform_time``, ``gap``, ``missing_samples``, ``constant``, ``clipping``,
-        ``quantisation``, ``noise``, ``outliers``, ``lag``.
-    message : str
-        A plain sentence.
-    value : float or None
-        The number the message is about, in the channel's unit or in seconds.
-    """
-
-    file: str
-    channel: str
-    check: str
-    message: str
-    value: float | None = None
 
 
 def check_recording(
@@ -68,8 +44,14 @@ def check_recording(
         usable = {k: ~np.isnan(v).all() & ~np.isinf(v).any() for k, v in recording.channels.items()}
         channels = [name for name, fit in usable.items() if fit]
     values = {name: recording.channel(name) for name in channels}
-    found = list(_time(recording))
-    for name, y in values.items():
+    found = [r for r in recording.remarks if r.channel in (*channels, "time", "file")]
+    found += _time(recording)
+    for name, y in list(values.items()):
+        if np.nanmax(np.abs(y)) > _LARGEST:
+            text = f"{name} reaches {y[np.nanargmax(np.abs(y))]:.3g}, which no sensor reads"
+            found.append(DataCheck(recording.name, name, "outliers", text))
+            del values[name]
+            continue
         found += _channel(recording, name, y, name in inputs)
     moving = {name: y for name, y in values.items() if name not in inputs}
     found += [_lag(recording.name, lag) for lag in find_lags(recording.time, moving)]

@@ -10,8 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jaxsr._result import InputError
+from jaxsr.recordings.data_check import DataCheck
+from jaxsr.recordings.table import listed, quoted
 
 MIN_SAMPLES = 3
+RESTARTED = 8
+"""Mean samples between steps back in time from which a clock began anew; rows in disorder step
+back every few samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +37,10 @@ class Recording:
         Checksum of that file's bytes.
     set_aside : mapping of str to str, optional
         Columns of the file that hold no numbers, each with the reason.
+    remarks : tuple of DataCheck, optional
+        How the file was read, where that is not plain.
+    time_stated : bool, optional
+        Whether the file says in which unit its time is.
 
     Raises
     ------
@@ -50,6 +59,8 @@ class Recording:
     source: Path | None = None
     sha256: str | None = None
     set_aside: Mapping[str, str] = field(default_factory=dict)
+    remarks: tuple[DataCheck, ...] = ()
+    time_stated: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _frozen(self.time))
@@ -92,13 +103,13 @@ class Recording:
             is infinite.
         """
         if name in self.set_aside:
-            raise InputError(f"column '{name}' {self.set_aside[name]}", self.name)
+            raise InputError(f"column '{quoted(name)}' {self.set_aside[name]}", self.name)
         if name not in self.channels:
-            available = ", ".join(self.channels) or "none"
             raise InputError(
-                f"no column '{name}'",
+                f"no column '{quoted(name)}'",
                 self.name,
-                f"Available: {available}. Name it in [columns] of the model or choose another",
+                f"Available: {listed(list(self.channels))}. Choose one of these, or name it under "
+                "[columns] of the model",
             )
         values = self.channels[name]
         if np.isnan(values).all():
@@ -157,15 +168,30 @@ def _check_time(name: str, time: np.ndarray) -> None:
         )
     wrong = np.flatnonzero(np.diff(time) <= 0.0)
     if wrong.size:
-        before, at, row = time[wrong[0]], time[wrong[0] + 1], wrong[0] + 2
-        if before == at:
+        at, row = time[wrong[0] + 1], wrong[0] + 2
+        if time[wrong[0]] == at:
             raise InputError(
                 f"time {at:.12g} s of row {row} repeats row {row - 1}",
                 name,
-                "Remove duplicate samples",
+                "Remove duplicate samples; if the clock is too coarse, write it with more digits",
             )
-        raise InputError(
-            f"time is not increasing at row {row}: {before:.12g} s, then {at:.12g} s",
+        raise _went_back(name, time, wrong)
+
+
+def _went_back(name: str, time: np.ndarray, wrong: np.ndarray) -> InputError:
+    """Tell a clock that began anew from rows in disorder."""
+    before, at, row = time[wrong[0]], time[wrong[0] + 1], wrong[0] + 2
+    where = f"row {row}: {before:.12g} s, then {at:.12g} s"
+    stretches = np.diff(np.concatenate([[0], wrong + 1, [time.size]]))
+    if stretches.min() >= MIN_SAMPLES and stretches.mean() >= RESTARTED:
+        times = "once" if wrong.size == 1 else f"{wrong.size} times"
+        return InputError(
+            f"the clock goes back {times}, first at {where}",
             name,
-            "Sort the rows by time, and give each experiment its own file",
+            "If it was restarted there, give each stretch its own file; if it overflowed, count on",
         )
+    return InputError(
+        f"time is not increasing at {where}",
+        name,
+        "Sort the rows by time, and give each experiment its own file",
+    )

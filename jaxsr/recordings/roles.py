@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from jaxsr._result import InputError
 from jaxsr.recordings.recording import Recording
+from jaxsr.recordings.table import listed, quoted
 
 
 def rename(recording: Recording, columns: Mapping[str, str]) -> Recording:
@@ -33,9 +34,10 @@ def rename(recording: Recording, columns: Mapping[str, str]) -> Recording:
     """
     for role, column in columns.items():
         if column not in recording.channels and column not in recording.set_aside:
-            available = ", ".join(recording.channels) or "none"
             raise InputError(
-                f"no column '{column}' for '{role}'", recording.name, f"Available: {available}"
+                f"no column '{quoted(column)}' for '{quoted(role)}'",
+                recording.name,
+                f"Available: {listed(list(recording.channels))}",
             )
     used = set(columns.values())
     kept = {k: v for k, v in recording.channels.items() if k not in used and k not in columns}

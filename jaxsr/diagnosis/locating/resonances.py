@@ -79,6 +79,7 @@ def reaction(speed: np.ndarray, rate: float, pace: float, damping: float) -> np.
     With V the speed, qh'' is s**2*(w**2/s + 2*z*w)*V/(s**2 + 2*z*w*s + w**2). At first the mass
     goes with the motion.
     """
+
     numerator = [-2.0 * damping * pace, -(pace**2), 0.0]
     denominator = [1.0, 2.0 * damping * pace, pace**2]
     from scipy.signal import bilinear, lfilter  # slow to load, and not always asked for

@@ -22,10 +22,7 @@ def actuator(model: Model, signals: Mapping[str, np.ndarray] | None = None) -> I
     """Yield a wrong gain, a limit and a dead zone of every input.
 
     `signals` holds the samples of the inputs; without them thresholds are as for a unit input.
-    Models that stand on a Python function do not say where an input enters, and get none.
     """
-    if model.base is not None:
-        return
     for u in model.inputs:
         columns = _columns(model, u)
         if columns is not None:
@@ -91,6 +88,9 @@ def _columns(model: Model, u: str) -> list[tuple[str, str]] | None:
 
     None where it enters nowhere, or not linearly.
     """
+    if model.vector_field is not None:  # a change of an input is a force beside it
+        columns = model.vector_field.columns.items()
+        return [(state, "") for state, entry in columns if entry.beside == u] or None
     found = []
     for state, term in model.equation_terms.items():
         if u not in term.variables:

@@ -9,7 +9,9 @@ from typing import Any
 
 from jaxsr._result import Verdict
 from jaxsr.models import Edit, Model, Parameter, apply_edit
+from jaxsr.models.balance import Balance
 from jaxsr.models.edits import add_to_equation
+from jaxsr.models.force_columns import written
 from jaxsr.models.model import DRIVEN, FREE
 from jaxsr.models.simulator import SMOOTHED
 
@@ -81,7 +83,8 @@ class Candidate:
     Attributes
     ----------
     terms : tuple of (state, template)
-        Signed terms appended to equations.
+        Signed terms appended to equations; forces where the model says how a force along a state
+        enters its rates (`entering`).
     inertia : tuple of (row, column, template)
         Terms added to the mass matrix.
     readings : tuple of (output, template)
@@ -203,8 +206,9 @@ class Candidate:
         for symbol, template in self.replaced:
             switch = None if values else self.switch(names)
             _replace_symbol(draft, symbol, template.format(**local), switch, local.values())
-        for state, template in self.terms:
-            draft.put(*add_to_equation(draft.model, state, template.format(**local)))
+        table = "additions" if values else "forces"
+        for state, template in self.entering(model) if values else self.terms:
+            draft.put(*add_to_equation(draft.model, state, template.format(**local), table))
         for row, column, template in self.inertia:
             entry = draft.model.inertia.get(row, {}).get(column, "1" if row == column else "0")
             draft.put(f"inertia.{row}.{column}", f"{entry} + {template.format(**local)}")
@@ -225,9 +229,35 @@ class Candidate:
         if self.quiet:
             first = names[self.parameters[0].name]
             draft.put(f"per_recording.{first}", dict.fromkeys(self.quiet, 0.0))
+        if values:
+            _define_gains(draft)
         if self.replaced and not values:
             draft.put(f"parameters.{self.switch(names)}", Parameter(0.0, None, (0.0, 5.0)))
         return Edit(draft.changes)
+
+    def entering(self, model: Model) -> tuple[tuple[str, str], ...]:
+        """Return the terms as parts of rates.
+
+        A force on a Python vector field enters as the inputs do: by the column of df/du beside
+        which it acts, or by the factor common to the terms of the rate.
+        """
+        return tuple(
+            (row, times(factor, template))
+            for state, template in self.terms
+            for row, factor in model.entries(state)
+        )
+
+    def balancing(self, model: Model) -> tuple[tuple[str, str], ...]:
+        """Return the terms with the states in whose rows of the weak view they stand.
+
+        Those of a `Balance` are balances of forces: there a force stands for itself, alone.
+        """
+        balance = Balance.of(model)
+        if balance is None:
+            return self.terms
+        own = [(s, template) for s, template in self.terms if s in balance.states]
+        others = [(s, t) for s, t in self.entering(model) if s not in balance.states]
+        return (*own, *others)
 
     def switch(self, names: Mapping[str, str]) -> str:
         """Return the name of the switch of a candidate with replaced symbols."""
@@ -282,21 +312,47 @@ class _Draft:
         self.model = apply_edit(self.model, Edit({key: value}))
 
 
+def times(factor: str, template: str) -> str:
+    """Return a factor times a signed template; an empty factor is 1."""
+    if not factor:
+        return template
+    factor = factor if re.fullmatch(r"[\w.]+", factor) else f"({factor})"
+    own = f"-{template[2:]}" if template.startswith("- ") else template.removeprefix("+ ")
+    return f"+ {factor}*({own})"
+
+
+def _define_gains(draft: _Draft) -> None:
+    """Write the gains that additions name among the definitions, so that the file says them."""
+    model, used = draft.model, " ".join(str(v) for v in draft.changes.values())
+    gains = {} if model.vector_field is None else model.vector_field.gains
+    for name, gain in gains.items():
+        if name in model.definitions or not re.search(rf"\b{name}\b", used):
+            continue
+        text = written(gain)
+        if text is not None:
+            draft.put(f"definitions.{name}", text)
+
+
 def _replace_symbol(
     draft: _Draft, symbol: str, text: str, switch: str | None, added: Iterable[str]
 ) -> None:
     """Write `text` for an input in definitions and equations, those of `added` states apart.
 
-    With a switch, the input itself stands there where the switch is 0.
+    With a switch, the input itself stands there where the switch is 0. A Python function keeps
+    its input; by how that enters, the difference is added to its rates.
     """
     new = f"({text})" if switch is None else f"({symbol} + {switch}*({text} - {symbol}))"
     if switch is None and re.fullmatch(r"\w+", text):
         new = text
     word, own = re.compile(rf"\b{re.escape(symbol)}\b"), set(added)
-    for table in ("definitions", "equations"):
+    for table in ("definitions", "equations", "additions", "forces"):
         for key, old in dict(getattr(draft.model, table)).items():
             if key not in own and word.search(old):
                 draft.put(f"{table}.{key}", word.sub(lambda _: new, old))
+    if draft.model.vector_field is not None:
+        for state, factor in draft.model.vector_field.inputs.get(symbol, ()):
+            change = times(factor, f"+ ({new} - {symbol})")
+            draft.put(*add_to_equation(draft.model, state, change))
 
 
 def _readable(spec: ParameterSpec, value: float) -> tuple[float, float]:

@@ -43,8 +43,6 @@ def memory_candidates(
     step : float
         Sample interval in s: what is faster cannot be told.
     """
-    if model.base is not None:  # a Python vector field takes no further states
-        return []
     found = list(actuator_lags(model, step))
     for site in sites_of(model, scale):
         if site.reverses:  # a loop and a resonance show in motion that returns
@@ -55,7 +53,9 @@ def memory_candidates(
 
 def actuator_lags(model: Model, step: float) -> Iterator[Candidate]:
     """Yield a first-order lag, uf' = (u - uf)/tau with uf in place of u, at every input."""
-    for u, first in itertools.product(model.inputs, LAGS):
+    # In a Python function an input is replaced where it enters linearly.
+    inputs = model.inputs if model.vector_field is None else tuple(model.vector_field.inputs)
+    for u, first in itertools.product(inputs, LAGS):
         yield Candidate(
             "actuator_lag",
             "memory",

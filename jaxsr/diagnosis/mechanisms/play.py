@@ -47,8 +47,6 @@ def play(site: Site) -> Iterator[Candidate]:
     in every equation in which u pulls. A spring between two bodies is play at the last of their
     equations.
     """
-    if site.model.base is not None:
-        return
     springs = springs_of(site.model)
     for deflection in dict.fromkeys(s.deflection for s in springs):
         mine = [s for s in springs if s.deflection == deflection]
@@ -57,8 +55,12 @@ def play(site: Site) -> Iterator[Candidate]:
             continue
         u = to_text(deflection)
         unit = _unit(site.model, deflection)
+        forces = [_force(site.model, s) for s in mine]
+        if None in forces:
+            continue
         terms = tuple(
-            (s.state, f"+ ({to_text(s.stiffness)})*Max(Min({u}, {{b}}), -{{b}})") for s in mine
+            (s.state, f"+ ({force})*Max(Min({u}, {{b}}), -{{b}})")
+            for s, force in zip(mine, forces, strict=True)
         )
         for share in SHARES:
             yield Candidate(
@@ -68,7 +70,7 @@ def play(site: Site) -> Iterator[Candidate]:
                 (Threshold("b", unit, low=0.0, high=2.0 * reach, seed=share * reach),),
                 f"The spring on {u} in {{site}} has play before it engages.",
                 terms=terms,
-                borrowed=(("kb", to_text(mine[0].stiffness).removeprefix("-")),),
+                borrowed=(("kb", str(forces[0]).removeprefix("-")),),
                 source="Nordin & Gutman, Automatica 38 (2002)",
             )
 
@@ -89,6 +91,15 @@ def springs_of(model: Model) -> list[Spring]:
                 u, way = _oriented(moving[0])
                 found.append(Spring(state, u, _product(others, -sign * way)))
     return found
+
+
+def _force(model: Model, spring: Spring) -> str | None:
+    """Return the stiffness of a spring as a force's, where it was read off a rate."""
+    rows = model.entries(spring.state)
+    if [state for state, _ in rows] != [spring.state]:
+        return None
+    text, ((_, factor),) = to_text(spring.stiffness), rows
+    return f"({text})/({factor})" if factor else text
 
 
 def _summands(term: Term, sign: float) -> Iterator[tuple[float, Term]]:

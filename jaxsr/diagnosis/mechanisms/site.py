@@ -177,11 +177,20 @@ def _is_angle(model: Model, position: str) -> bool:
 
 def _force_unit(model: Model, state: str) -> str | None:
     """Find a short unit text for the terms of an equation, an input's where it fits."""
+    entry = None if model.vector_field is None else model.vector_field.columns.get(state)
+    if entry is not None and entry.beside is not None:
+        return model.units.get(entry.beside)
     known = {n: dimension(u) for n, u in model.units.items()}
     known |= {n: dimension(p.unit) for n, p in model.parameters.items() if p.unit is not None}
     known.setdefault(model.time, dimension("s"))
     try:
         found = unit_of(model.equation_terms[state], known)
+        if entry is not None and found is not None:
+            ((_, factor),) = entry.rows
+            by = unit_of(model.term(factor), known)
+            found = None if by is None else found / by
+            if by is None:
+                return None
     except ValueError:
         return None
     if found is None and state in model.units and state not in model.inertia:

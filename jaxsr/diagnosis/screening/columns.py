@@ -125,7 +125,7 @@ def _effect(
         full = np.broadcast_to((high - low) / step, columns.signals[model.time].shape)
         return np.nan_to_num(full, posinf=0.0, neginf=0.0)
 
-    for state, template in candidate.terms:
+    for state, template in candidate.balancing(model):
         mine = system.state == model.states.index(state)
         if mine.any():
             rows[mine] += columns.grid.integrate(slope(template))[system.row[mine]]

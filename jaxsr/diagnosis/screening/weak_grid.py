@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from jaxsr.models.balance import Balance
 from jaxsr.models.model import Model
 from jaxsr.models.segments import Prepared
 from jaxsr.views import WeakView
@@ -107,7 +108,10 @@ class WeakGrid:
 
 def used_states(model: Model, state: str) -> set[str]:
     """Return the states that stand in the equation of `state`, with those that it accelerates."""
-    used = set(model.equation_terms[state].variables) | {state}
+    used, balance = set(model.equation_terms[state].variables) | {state}, Balance.of(model)
+    if balance is not None and state in balance.states:
+        beside = balance.row(state)
+        used |= set(beside).union(*(model.equation_terms[s].variables for s in beside))
     for column, term in model.inertia_terms.get(state, {}).items():
         used |= term.variables | {column}
     return used & set(model.states)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsr.diagnosis.screening.weak_grid import WeakGrid
+from jaxsr.models.balance import Balance
 from jaxsr.models.driven import known_states
 from jaxsr.models.field import Field, Point
 from jaxsr.models.model import Model
@@ -168,7 +169,14 @@ def _by_formula(
     at = Point(time, list(x), list(u))
     with np.errstate(all="ignore"):
         found, masses = field.forces(at), field.masses(at)
-        quiet = field.forces(Point(time, list(x), [0.0 * a for a in u]))
+        still = Point(time, list(x), [0.0 * a for a in u])
+        quiet = field.forces(still)
+        balance = Balance.of(simulator.model)
+        if balance is not None:
+            gains = field.evaluated(balance.gains, at)
+            forces, masses = balance.weighed(gains, found, time.size)
+            found |= forces
+            quiet |= balance.weighed(gains, quiet, time.size)[0]
 
     def wide(value: Any) -> np.ndarray:
         return np.broadcast_to(np.asarray(value, dtype=float), time.shape)
@@ -244,7 +252,9 @@ def _equation(
     force = value["forces"][state]
     residual = view.integrate(force)
     jacobian = view.integrate(np.nan_to_num(slope["forces"][state]))
-    row = model.inertia.get(state)
+    row, balance = tuple(model.inertia.get(state, ())), Balance.of(model)
+    if balance is not None and state in balance.states:
+        row = balance.row(state)
     for column in row or (state,):
         mass = value["mass"][(state, column)] if row else np.ones_like(force)
         residual = residual - inertia_force(model, view, item, column, mass[:, None])[:, 0]

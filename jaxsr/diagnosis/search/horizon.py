@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -54,13 +54,17 @@ class Headline:
 
 @dataclass(frozen=True, eq=False)
 class Outlook:
-    """What all arenas of a diagnosis share but the length of their segments."""
+    """What all arenas of a diagnosis share but the length of their segments.
+
+    `stop` is asked before every estimation: what is known by then is taken.
+    """
 
     super_model: SuperModel
     prepared: tuple[Prepared, ...]
     stepping: Stepping
     scale: np.ndarray
     simulator: Simulator
+    stop: Callable[[], bool] = lambda: False
 
     def arena(self, seconds: float) -> Arena:
         """Cut the recordings into segments of `seconds`."""
@@ -77,13 +81,16 @@ class Outlook:
         base, neutral = super_model.base_index(), neutral_values(super_model)
         better: list[Start] = []
         for members, start in starts:
+            if self.stop():
+                better.append((members, start))
+                continue
             given = start.copy()
             given[base] = neutral[base]
             own = reduce(arena.problem, super_model, members)
             costs = [_cost(own.problem, theta[own.parameters]) for theta in (start, given)]
             better.append((members, start if costs[0] <= costs[1] else given))
         # Re-calibrated over the shortest horizon, the given structure tells how its errors grow.
-        calibrated = enter(arena, (), better[0][1]).fit
+        calibrated = enter(arena, (), better[0][1], stop=self.stop).fit
         if calibrated.usable:
             better[0] = ((), calibrated.theta)
         return better
@@ -92,9 +99,9 @@ class Outlook:
         """Take the longest segments over which the re-calibrated model can be simulated."""
         for seconds in headline.lengths:
             arena, known = self.arena(seconds), headline.calibrated.get(seconds)
-            if known is not None and known.fit.usable:
+            if self.stop() or (known is not None and known.fit.usable):
                 break
-            if enter(arena, (), start, max_iterations=4).fit.usable:
+            if enter(arena, (), start, stop=self.stop, max_iterations=4).fit.usable:
                 break
         return arena
 
@@ -116,20 +123,24 @@ class Outlook:
         headline, growing, scores, theta = options[0], False, list[float](), starts[0][1]
         calibrated = {}
         for horizon in options:
+            if scores and self.stop():
+                break
             if horizon in fitting:
                 arena = self.arena(horizon)
-                calibrated[horizon] = entry = enter(arena, (), theta, max_iterations=8)
+                entry = enter(arena, (), theta, stop=self.stop, max_iterations=8)
+                calibrated[horizon] = entry
                 fitted = entry.fit
                 theta = fitted.theta if fitted.usable else theta
                 score = _relative_error(arena, fitted) if fitted.usable else np.inf
             else:
-                whole = lean(self.super_model, self.simulator, self.stepping, ())
-                score = whole.free_run(self.prepared, theta, horizon).nrmse
+                plain = lean(self.super_model, self.simulator, self.stepping, ())
+                score = plain.free_run(self.prepared, theta, horizon).nrmse
             growing |= bool(scores) and not (score <= SMALL or score <= SATURATED * scores[-1])
             scores.append(score)
             if not growing:
                 headline = horizon
-        if growing and scores[-1] <= min(SATURATED * scores[-2], FORGOTTEN):
+        whole = len(scores) == len(options)
+        if whole and growing and scores[-1] <= min(SATURATED * scores[-2], FORGOTTEN):
             headline = options[-1]
         fitting = [h for h in fitting if h <= headline]
         least = MANY_SEGMENTS

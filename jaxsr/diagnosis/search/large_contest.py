@@ -200,7 +200,7 @@ def _arena(case: Case, super_model: SuperModel, starts: list[Start]) -> tuple[Ar
     stepping = choose_stepping(simulator, case.prepared, starts[1][1])
     stepping = rounded_explicit(stepping, simulator, case.prepared, starts[1][1])
     scale = 0.01 * spread(np.concatenate([p.outputs for p in case.prepared]))
-    outlook = Outlook(super_model, case.prepared, stepping, scale, simulator)
+    outlook = Outlook(super_model, case.prepared, stepping, scale, simulator, _stop(case))
     starts = outlook.usable_starts(starts)
     headline = outlook.headline(starts)
     return outlook.first_usable(headline, starts[0][1]), headline.seconds

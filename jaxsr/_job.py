@@ -1,0 +1,77 @@
+"""The job of a command: its budget, its progress, and where its results go."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import math
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Any
+
+from jaxsr._output import print_line, save_results
+from jaxsr._process import Run
+from jaxsr._progress import Budget, Progress, progress_on
+
+RUN: ContextVar[Run] = ContextVar("run")
+"""The run that a command is part of."""
+
+
+def command_budget(seconds: float | None) -> Budget:
+    """Return a budget that began with the command and ends early when a signal asks for it.
+
+    Parameters
+    ----------
+    seconds : float, optional
+        Unlimited by default.
+    """
+    run = RUN.get()
+    return Budget(math.inf if seconds is None else float(seconds), run.began, run.asked)
+
+
+@contextlib.contextmanager
+def session() -> Iterator[Progress]:
+    """Show progress, and keep what is compiled."""
+    from jaxsr.evaluation import keep_compiled
+
+    keep_compiled()
+    with progress_on() as progress:
+        yield progress
+
+
+def loaded(work: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function of the library, now that it is loaded: from here on a signal ends it early.
+
+    Drawing is loaded too, so that its time counts before the search shares out what is left.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        A signal came already.
+    """
+    importlib.import_module("jaxsr.report.page")
+    importlib.import_module("matplotlib.figure")
+    run = RUN.get()
+    run.keeps = True
+    if run.asked.is_set():
+        raise KeyboardInterrupt
+    return work
+
+
+def save(found: Any, folder: Path, summary: str, **options: Any) -> None:
+    """Save results and print what they are and where.
+
+    Parameters
+    ----------
+    found : Diagnosis or Discovery
+    folder : Path
+    summary : str
+        The results in words.
+    **options
+        What `found.save` and `found.write` take besides.
+    """
+    save_results(found, folder, summary, **options)
+    RUN.get().outcome = f"the best so far is in {folder}"
+    print_line(summary)
+    print_line(f"Report: {folder / 'report.html'}")
