@@ -198,7 +198,7 @@ def diagnose(
                 progress=progress,
                 command=command,
             )
-        save(diagnosis, folder, _verdict(diagnosis), **learnt)
+        save(diagnosis, folder, _verdict(diagnosis), budget=limit, **learnt)
 
     return job
 
@@ -276,7 +276,7 @@ def demo(out: Out = "jaxsr-demo") -> Job:
                 progress=progress,
                 command=command,
             )
-        save(diagnosis, folder, _verdict(diagnosis))
+        save(diagnosis, folder, _verdict(diagnosis), budget=limit)
 
     return job
 

@@ -54,7 +54,7 @@ class Recorded:
         for name, text in {"report.html": "whole", **(more or {})}.items():
             (directory / name).write_text(text)
 
-    def write(self, directory: Path) -> None:
+    def write(self, directory: Path, **options: Any) -> None:
         (directory / "diagnosis.json").write_text("{}")
 
 
@@ -196,7 +196,7 @@ def test_a_learnt_simulator_is_saved_with_the_rest(
 def test_a_report_that_breaks_leaves_the_answer(
     files: Path, library: Recorded, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    def save(directory: Path) -> None:
+    def save(directory: Path, budget: Any = None) -> None:
         raise ZeroDivisionError
 
     monkeypatch.setattr(tempfile, "tempdir", str(files))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,8 @@ from diagnosis_systems import CART
 from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.reduced import lean
+from jaxsr.diagnosis.explaining import experiment
 from jaxsr.diagnosis.explaining.experiment import _shapes, best_experiment
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -82,3 +85,36 @@ def test_no_excitation_is_tried_when_the_time_is_spent():
     parts, rival = parts_of(2e-3)
     parts.case.budget = Budget(1e-9)
     assert best_experiment(parts, rival) is None
+
+
+def test_experiments_that_do_not_hold_are_found_by_halves(monkeypatch):
+    """All go side by side first; one that diverges costs a few more passes, not one for each."""
+    passes = []
+
+    def failing(simulator, stepping, segments, theta, path, stop, near):
+        passes.append(segments.number)
+        if np.abs(segments.inputs).max() > 100.0:
+            return None
+        return closed(simulator, stepping, segments, theta, path, stop, near)
+
+    monkeypatch.setattr(experiment, "closed", failing)
+    parts, rival = parts_of(2e-3)
+    items = [item for _, item in experiment._excitations(parts)]
+    sides = tuple(
+        lean(parts.arena.super_model, parts.arena.problem.simulator, Stepping("rk4", 2), e.members)
+        for e in (parts.chosen, rival)
+    )
+    noise = np.array([2e-3])
+
+    def separations(items):
+        return experiment._separations(items, sides, (parts.chosen, rival), noise, lambda: False)
+
+    whole = separations(items)
+    assert passes == [len(items)] * 2
+    np.testing.assert_allclose(whole[:2], separations(items[:2]), rtol=1e-5)
+    passes.clear()
+    wild = replace(items[3], inputs=np.full_like(items[3].inputs, 1000.0))
+    found = separations([*items[:3], wild, *items[4:]])
+    assert np.isnan(found[3]) and np.isfinite(np.delete(found, 3)).all()
+    np.testing.assert_allclose(np.delete(found, 3), np.delete(whole, 3), rtol=1e-5)
+    assert len(passes) < len(items)

@@ -143,6 +143,16 @@ def test_inputs_that_act_nonlinearly_get_no_actuator_mechanism():
     assert "actuator" not in found
 
 
+def test_the_place_of_an_input_is_read_off_without_computer_algebra(monkeypatch):
+    """An arm's definitions, simplified by SymPy, took a third of a diagnosis."""
+    import sympy
+
+    monkeypatch.setattr(sympy, "simplify", None)
+    monkeypatch.setattr(sympy, "diff", None)
+    found = list(actuator(read_model(ARM_FILE)))
+    assert {c.site for c in found} == {f"input:{u}" for u in read_model(ARM_FILE).inputs}
+
+
 @pytest.mark.parametrize(("side", "lever"), [(1.0, "Max"), (-1.0, "Min")])
 def test_an_end_stop_with_loss_never_gives_back_more_than_its_spring(side, lever):
     candidate = next(

@@ -82,6 +82,12 @@ def test_a_resonator_is_located_where_it_swings(seed: int) -> None:
     assert found["equation:vb"].tried > 10
 
 
+def test_nothing_is_located_once_time_has_ended() -> None:
+    arena, null = arena_of(3, MASS, 5.0)
+    wider, entries = with_located(arena, [null], lambda: True)
+    assert wider is arena and entries == [null]
+
+
 @pytest.mark.parametrize("horizon", [1.0, 5.0, 20.0])
 def test_its_constants_are_estimated_over_segments_of_any_length(horizon: float) -> None:
     """A second is half a period: how the starts follow the constants decides."""

@@ -18,7 +18,13 @@ from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.laws.naming import named
 from jaxsr.diagnosis.laws.newcomers import _places, with_candidates
-from jaxsr.diagnosis.laws.tangent import TangentView, surface
+from jaxsr.diagnosis.laws.tangent import (
+    Factor,
+    TangentView,
+    cost_left,
+    states_between,
+    surface,
+)
 from jaxsr.diagnosis.laws.tangent_laws import chosen_among, laws_at, places
 from jaxsr.diagnosis.laws.unnamed import has_a_name
 from jaxsr.diagnosis.locating.responses import Responses
@@ -230,3 +236,60 @@ def test_products_of_two_states_have_no_name():
 
     assert has_a_name(proposal("x**2*Abs(x)"))
     assert not has_a_name(proposal("x**2*v"))
+
+
+def test_a_pivoted_factor_is_the_form_that_eigenvectors_give():
+    """|y - R'f|^2 needs no R of eigenvectors: the products are the same to what counts."""
+    rng = np.random.default_rng(0)
+    smooth = np.vander(np.linspace(-1.0, 1.0, 60), 12) @ rng.normal(size=(12, 300))
+    gram, moment = smooth @ smooth.T, smooth @ rng.normal(size=(300, 3))
+    factor = Factor.of(gram)
+    assert factor.rows.shape[1] <= 12
+    np.testing.assert_allclose(factor.rows @ factor.rows.T, gram, atol=1e-9 * gram.max())
+    np.testing.assert_allclose(
+        factor.rows @ factor.solved(moment), moment, atol=1e-8 * np.abs(moment).max()
+    )
+    nothing = Factor.of(np.zeros((4, 4)))
+    assert nothing.rows.shape == (4, 0) and nothing.solved(np.zeros((4, 2))).shape == (0, 2)
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_cost_of_few_forces_needs_no_response_to_all(number):
+    """Directly, by the compressed view, and by the responses to a force at every step."""
+    arena, null = field(film)
+    responses, view = viewed(arena, null, number)
+    kept, variables = np.ones(null.fit.active.size, bool), states_between(responses)
+    columns = surface([variables["b"], variables["vb"]], (3, 2))
+    acting = 0.02 * variables["b"] ** 2
+    direct = cost_left(responses, number, kept, columns, acting)
+    assert direct == pytest.approx(view.without(acting).cost(columns), rel=1e-6)
+    dense = _by_all_responses(responses, number, columns, acting)
+    assert direct == pytest.approx(dense, rel=1e-8)
+
+
+def _by_all_responses(responses, number, columns, acting):
+    """The same with every response at once, all readings one after another."""
+    rows, target, sample = [], [], 0
+    for s in range(responses.segments.number):
+        steps, part = int(responses.segments.count[s]) - 1, responses.parts[s]
+        residual = responses.residual[:, : steps + 1, s]
+        flat = part.projected(responses.to(number, s, np.eye(steps)), residual).flat
+        there = slice(sample, sample + steps)
+        sample += steps
+        left = residual.ravel()
+        left = left - (part.starts @ left) @ part.inverse @ part.starts
+        rows.append(np.concatenate([part.thetas, columns[there].T @ flat]).T)
+        target.append(left + acting[there] @ flat)
+    every, whole = np.concatenate(rows), np.concatenate(target)
+    return float(np.sum((whole - every @ np.linalg.lstsq(every, whole, rcond=1e-9)[0]) ** 2))
+
+
+def test_equations_are_ranked_without_a_factor_of_all_responses(monkeypatch):
+    """A view is compressed where a law is written, not where one is promised."""
+    arena, null = field(film)
+    calls = []
+    monkeypatch.setattr(Factor, "of", staticmethod(lambda gram: calls.append(gram)))
+    places.cache_clear()
+    assert len(places(arena, null)) == 2 and places(arena, null) is places(arena, null)
+    places.cache_clear()
+    assert not calls

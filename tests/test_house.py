@@ -123,6 +123,7 @@ DIAGNOSIS = (
     "mechanisms",
     "screening",
     "setup",
+    "thinning",
     "case",
     "contest",
     "judging",

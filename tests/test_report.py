@@ -245,6 +245,16 @@ def test_bare_document_of_every_verdict_makes_a_page(tmp_path: Path, verdict: Ve
     assert "None" not in page.text
 
 
+def test_figures_for_which_no_time_is_left_are_left_out(tmp_path: Path) -> None:
+    """One of each kind is drawn whatever the time; the page says how many are not."""
+    evidence = drive_evidence()
+    write_diagnosis_report(drive_document(), evidence, tmp_path, lambda: True)
+    page = Page(tmp_path / "report.html")
+    assert len(list(tmp_path.glob("free_run_*.png"))) == 1
+    assert len(list(tmp_path.glob("mismatch_*.png"))) == 1
+    assert f"{len(evidence.trajectories) - 1} more free runs are not drawn" in page.text
+
+
 def test_unknown_verdict_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="fine"):
         write_diagnosis_report({"verdict": "fine"}, Evidence("pendulum"), tmp_path / "out")

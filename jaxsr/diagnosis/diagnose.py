@@ -49,7 +49,8 @@ from jaxsr.diagnosis.search.horizon import Headline, Outlook
 from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_equations
 from jaxsr.diagnosis.search.regrouping import settled
 from jaxsr.diagnosis.search.stepwise import grow
-from jaxsr.diagnosis.setup import prepare_data, screen_all
+from jaxsr.diagnosis.setup import screen_all
+from jaxsr.diagnosis.thinning import prepare_search, time_for
 from jaxsr.models import Simulator
 from jaxsr.models.python_base import with_function
 from jaxsr.models.states import spread
@@ -142,12 +143,12 @@ def diagnose(
     rng = np.random.default_rng(seed)
     if simulator.function is not None:
         simulator = with_function(simulator.model, simulator.function)
-    prepared = prepare_data(simulator.model, data)
+    prepared, whole = prepare_search(simulator.model, data)
     progress.stage("screening mechanisms in the weak view")
     failures = Failures(progress)
     screened = failures.attempt("screening", lambda: screen_all(simulator, prepared), None)
     # What was slow to read and to screen is slow to report.
-    reading = budget.elapsed
+    reading = max(budget.elapsed, time_for(whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress, failures)
@@ -175,6 +176,7 @@ def diagnose(
         seed=seed,
         command=command,
         stopped=grown,
+        whole=whole,
     )
     return assemble(ingredients)
 
@@ -310,7 +312,7 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
         short = case.search.remaining < LOCATING * case.budget.seconds
         known = arena, entries
         if not (stop() or (short and _at_noise(arena, entries))):
-            known = attempt("locating forces", lambda: with_located(*known), known)
+            known = attempt("locating forces", lambda: with_located(*known, stop), known)
         arena, entries = known
         entries, stopped = _grown(case, arena, entries)
         arena, entries = in_widths_of_best(arena, entries)

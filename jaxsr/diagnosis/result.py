@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxsr._files import atomic_directory, atomic_write_text, dump_json
+from jaxsr._progress import Budget
 from jaxsr.models import Model, model_text
 
 SCHEMA = "jaxsr.diagnosis/1"
@@ -47,7 +48,13 @@ class Diagnosis:
         """The verdict in a sentence."""
         return verdict_sentence(self.verdict, self.findings)
 
-    def save(self, directory: str | Path, *, more: Mapping[str, str] | None = None) -> Path:
+    def save(
+        self,
+        directory: str | Path,
+        *,
+        more: Mapping[str, str] | None = None,
+        budget: Budget | None = None,
+    ) -> Path:
         """Write diagnosis.json, explained.toml, report.html and figures, all or nothing.
 
         Parameters
@@ -55,13 +62,21 @@ class Diagnosis:
         directory : path
         more : mapping of str to str, optional
             Texts of further files of the set, by name.
+        budget : Budget, optional
+            Figures for which no time of it is left are left out.
         """
         directory = Path(directory)
         with atomic_directory(directory) as out:
-            self.write(out, more=more)
+            self.write(out, more=more, budget=budget)
         return directory
 
-    def write(self, folder: Path, *, more: Mapping[str, str] | None = None) -> None:
+    def write(
+        self,
+        folder: Path,
+        *,
+        more: Mapping[str, str] | None = None,
+        budget: Budget | None = None,
+    ) -> None:
         """Write the files of `save` into a folder that is there, each whole, the report last."""
         from jaxsr.report import write_diagnosis_report
 
@@ -69,7 +84,12 @@ class Diagnosis:
         atomic_write_text(folder / "explained.toml", model_text(self.model))
         for name, text in (more or {}).items():
             atomic_write_text(folder / name, text)
-        write_diagnosis_report(self.document, self.evidence, folder)
+        limit = budget or Budget()
+
+        def late() -> bool:
+            return limit.remaining == 0.0  # an interrupt leaves time
+
+        write_diagnosis_report(self.document, self.evidence, folder, late)
 
 
 def verdict_sentence(verdict: str, findings: list[dict[str, Any]]) -> str:

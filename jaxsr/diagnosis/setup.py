@@ -21,6 +21,7 @@ from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator
 from jaxsr.models.segments import Prepared
+from jaxsr.models.states import output_table
 from jaxsr.recordings import Recording, check_time_units, read_recording, unwrap
 from jaxsr.views.half_width import FEWEST, LONGEST, SHORTEST, choose_half_width
 
@@ -48,26 +49,31 @@ def prepare(model: Model, items: Sequence[str | Path | Recording]) -> tuple[Prep
 
 
 def prepare_data(model: Model, items: Sequence[str | Path | Recording]) -> tuple[Prepared, ...]:
-    """Read the recordings that choices rest on.
+    """Read recordings that choices rest on, and check that they can (`check_data`)."""
+    prepared = prepare(model, items)
+    check_data(model, [p.recording for p in prepared])
+    return prepared
+
+
+def check_data(model: Model, recordings: Sequence[Recording]) -> None:
+    """Refuse recordings that no choice can rest on.
 
     Raises
     ------
     InputError
-        A recording cannot be read, no recording has a sample of some output, or no output moves.
+        No recording has a sample of some output, or no output moves.
     """
-    prepared = prepare(model, items)
-    values = np.concatenate([p.outputs for p in prepared])
+    values = np.concatenate([output_table(model, r) for r in recordings])
     for k, output in enumerate(model.outputs):
         if not np.isfinite(values[:, k]).any():
-            prepared[0].recording.channel(model.column(output))  # says what is wrong with it
+            recordings[0].channel(model.column(output))  # says what is wrong with it
     seen = np.isfinite(values)
     if all(np.ptp(column[own]) == 0.0 for column, own in zip(values.T, seen.T, strict=True)):
         raise InputError(
             f"nothing moves: {', '.join(model.outputs)} are constant throughout",
-            prepared[0].recording.name,
+            recordings[0].name,
             "Name the columns of the sensors in [columns], or record a motion",
         )
-    return prepared
 
 
 def state_scale(model: Model, prepared: Sequence[Prepared]) -> dict[str, np.ndarray]:

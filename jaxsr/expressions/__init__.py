@@ -1,5 +1,6 @@
 """Expressions: primitives, immutable terms, text and SymPy in and out."""
 
+from jaxsr.expressions.affine import affine_slope
 from jaxsr.expressions.defined import define_primitive
 from jaxsr.expressions.functions import evaluate, to_jax, to_numpy
 from jaxsr.expressions.parsing import is_identifier, parse
@@ -14,6 +15,7 @@ __all__ = [
     "PRIMITIVES",
     "Primitive",
     "Term",
+    "affine_slope",
     "define_primitive",
     "evaluate",
     "from_sympy",

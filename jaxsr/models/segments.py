@@ -21,20 +21,28 @@ WASHED = 4
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A recording with the model's roles read off: what every cut into segments starts from."""
+    """A recording with the model's roles read off: what every cut into segments starts from.
+
+    `begins` says whether the experiment does at its first sample, where [initial] holds; a piece
+    out of it begins anywhere.
+    """
 
     recording: Recording
     time: np.ndarray
     inputs: np.ndarray
     outputs: np.ndarray
     states: StateEstimate
+    begins: bool = True
 
     @staticmethod
-    def build(model: Model, recording: Recording) -> Prepared:
+    def build(model: Model, recording: Recording, begins: bool = True) -> Prepared:
         """Read inputs and outputs and estimate the states."""
+        if not begins:
+            model = replace(model, initial={})
         inputs, time = input_table(model, recording), recording.time
         states = with_hidden(model, estimate_states(model, recording), time, inputs)
-        return Prepared(recording, time, inputs, output_table(model, recording), states)
+        measured = output_table(model, recording)
+        return Prepared(recording, time, inputs, measured, states, begins)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +174,9 @@ def build_segments(
     parts: dict[str, list[np.ndarray]] = {
         k: [] for k in "time length stages inputs outputs guess course free over".split()
     }
+    driven = np.array([s in model.driven for s in model.states])
+    given = driven | np.array([model.initial.get(s, FREE) != FREE for s in model.states])
+    over = [values_of(model, item.recording.name) for item in prepared]
     for number, (r, start, stop) in enumerate([*wide, *[wide[-1]] * spare]):
         item = prepared[r]
         pick = np.minimum(np.arange(start, start + size), stop - 1)
@@ -182,12 +193,8 @@ def build_segments(
         parts["outputs"].append(measured)
         parts["guess"].append(known[r][start])
         parts["course"].append(known[r][pick].T)
-        fixed = [
-            s in model.driven or (start == 0 and model.initial.get(s, FREE) != FREE)
-            for s in model.states
-        ]
-        parts["free"].append(~np.array(fixed))
-        parts["over"].append(values_of(model, item.recording.name))
+        parts["free"].append(~(given if start == 0 and item.begins else driven))
+        parts["over"].append(over[r])
     array = {key: np.stack(values, axis=-1) for key, values in parts.items()}
     index = np.array([*wide, *[(*wide[-1][:2], wide[-1][1])] * spare], dtype=int).reshape(-1, 3)
     return Segments(

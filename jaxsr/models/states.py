@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxsr.expressions import Term, evaluate, to_sympy
+from jaxsr.expressions import Term, affine_slope, evaluate
 from jaxsr.models.inputs import fill_missing
 from jaxsr.models.model import FREE, Model
 from jaxsr.recordings import Recording
@@ -152,10 +152,9 @@ def _read_state(model: Model, output: str) -> str | None:
         return None
     if term.is_variable:
         return states[0]
-    import sympy
-
-    second = sympy.diff(to_sympy(term), sympy.Symbol(states[0], real=True), 2)
-    return states[0] if second == 0 else None
+    slope = affine_slope(term, states[0])
+    flat = slope is None or (slope.is_constant and slope.value == 0.0)
+    return None if flat else states[0]
 
 
 def _inverted(model: Model, output: str, state: str, signal: np.ndarray) -> np.ndarray | None:

@@ -152,7 +152,7 @@ def _newton(
         k = [own + s for own, s in zip(k, moves, strict=True)]
         hard = np.zeros(np.shape(now), dtype=bool)
         for own, s in zip(k, moves, strict=True):
-            reach = float(np.nanmax(np.abs(own), initial=0.0)) + 1e-300
+            reach = float(np.fmax.reduce(np.abs(own), axis=None, initial=0.0)) + 1e-300
             hard |= np.abs(s) > _SETTLED * reach
         if not hard.any():
             break

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,10 @@ _INDISTINGUISHABLE, _HARD = 10.0, 30.0  # degrees
 
 
 def write_diagnosis_report(
-    document: Mapping[str, Any], evidence: Evidence, directory: Path
+    document: Mapping[str, Any],
+    evidence: Evidence,
+    directory: Path,
+    stop: Callable[[], bool] = lambda: False,
 ) -> None:
     """Write ``report.html``, one file with its figures inside, and the figures as PNG.
 
@@ -48,6 +51,8 @@ def write_diagnosis_report(
         What is drawn and listed beside it.
     directory : Path
         Where to write; made when absent.
+    stop : callable
+        Whether to leave out the figures that are not drawn yet.
 
     Raises
     ------
@@ -58,8 +63,8 @@ def write_diagnosis_report(
     """
     fit = document.get("fit") or {}
     findings = document.get("findings") or []
-    runs = free_runs(evidence.trajectories, fit.get("headline_s"))
-    sites = mismatches(evidence.residuals, findings)
+    runs = free_runs(evidence.trajectories, fit.get("headline_s"), stop)
+    sites = mismatches(evidence.residuals, findings, stop)
     units = _units(evidence)
     considered = [_considered(row) for row in evidence.considered]
     context = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,9 @@ _LEAST_IN_BIN = 5
 
 
 def mismatches(
-    residuals: Sequence[ForceResidual], findings: Sequence[Mapping[str, Any]]
+    residuals: Sequence[ForceResidual],
+    findings: Sequence[Mapping[str, Any]],
+    stop: Callable[[], bool] = lambda: False,
 ) -> list[Drawing]:
     """Draw the residual of each site, sites with findings first.
 
@@ -42,6 +44,8 @@ def mismatches(
         Recordings of a site are pooled over the state; over time one of them is drawn.
     findings : sequence of mapping
         Their sites give the order, their regions are shaded.
+    stop : callable
+        Asked before every figure but the first.
 
     Returns
     -------
@@ -56,6 +60,8 @@ def mismatches(
     order = sorted(sites, key=lambda site: found.index(site) if site in found else len(found))
     drawings = []
     for number, site in enumerate(order[:MOST_SITES], start=1):
+        if drawings and stop():
+            break
         panel = _Panel(sites[site], _regions(findings, site, sites[site][0].state_name))
         drawings.append(
             Drawing(
@@ -92,7 +98,8 @@ class _Panel:
         self.state = np.concatenate([part.state for part in parts])
         over = f"Lines: medians over {self.shown.state_name}."
         time = f" Right: {self.shown.recording}"
-        time += f", the largest of {len(parts)} recordings." if len(parts) > 1 else "."
+        names = {part.recording for part in parts}
+        time += f", the largest of {len(names)} recordings." if len(names) > 1 else "."
         self.note = over + (" Shaded: where the finding acts." if regions else "") + time
 
     def paint(self, figure: Figure) -> None:

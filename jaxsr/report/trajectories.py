@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import groupby
 
 import numpy as np
@@ -33,7 +33,11 @@ _WINDOW_SWINGS = 24
 _MOST_MARKS = 40  # of segment borders
 
 
-def free_runs(trajectories: Sequence[Trajectory], headline_s: float | None) -> list[Drawing]:
+def free_runs(
+    trajectories: Sequence[Trajectory],
+    headline_s: float | None,
+    stop: Callable[[], bool] = lambda: False,
+) -> list[Drawing]:
     """Draw the free runs that tell most.
 
     Held-out recordings come first, then the headline horizon, then the largest error before;
@@ -44,6 +48,8 @@ def free_runs(trajectories: Sequence[Trajectory], headline_s: float | None) -> l
     trajectories : sequence of Trajectory
     headline_s : float or None
         The horizon that the verdict rests on.
+    stop : callable
+        Asked before every figure but the first.
 
     Returns
     -------
@@ -51,17 +57,20 @@ def free_runs(trajectories: Sequence[Trajectory], headline_s: float | None) -> l
         At most `MOST_PANELS`.
     """
     chosen = choose(trajectories, headline_s)
-    wide = len(chosen) <= 2
-    return [
-        Drawing(
-            name=f"free_run_{number}.png",
-            png=draw((10.0, 4.5) if wide else (6.6, 4.5), _Panel(run).paint),
-            caption=caption(run),
-            note=_Panel(run).note,
-            wide=wide,
+    wide, drawn = len(chosen) <= 2, list[Drawing]()
+    for number, run in enumerate(chosen, start=1):
+        if drawn and stop():
+            break
+        drawn.append(
+            Drawing(
+                name=f"free_run_{number}.png",
+                png=draw((10.0, 4.5) if wide else (6.6, 4.5), _Panel(run).paint),
+                caption=caption(run),
+                note=_Panel(run).note,
+                wide=wide,
+            )
         )
-        for number, run in enumerate(chosen, start=1)
-    ]
+    return drawn
 
 
 def choose(trajectories: Sequence[Trajectory], headline_s: float | None) -> list[Trajectory]:

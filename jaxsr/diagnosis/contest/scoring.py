@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.lifting import liftable
-from jaxsr.models.rollout import Stepping
+from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import Prepared, Segments, build_segments, cut
 from jaxsr.models.shooting import fit, simulate
 from jaxsr.models.simulator import Simulator
@@ -20,6 +20,8 @@ START_SHARE = 0.05
 LONG = 3000
 """Samples from which only the beginning of a segment is simulated to estimate its start, where
 every length of it is compiled anew."""
+ONE_BY_ONE = 50_000
+"""Samples of a segment from which it is simulated by one compiled program from sample to sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,10 @@ def free_run(
     problem = Problem(simulator, stepping, begin, _scales(prepared).mean(0))
     none = np.zeros(0, dtype=int)
     start = fit(problem, theta, none, (theta, theta), max_iterations=8, tolerance=1e-3)
-    y = simulate(Problem(simulator, stepping, segments, problem.scale), theta, start.x0)
+    if segments.time.shape[0] > ONE_BY_ONE:
+        y = outputs(simulator, stepping, segments, theta, start.x0)
+    else:
+        y = simulate(Problem(simulator, stepping, segments, problem.scale), theta, start.x0)
     simulated = [np.full_like(p.outputs, np.nan) for p in prepared]
     for s, (r, a, b) in enumerate(rows):
         simulated[r][a:b] = y[:, : b - a, s].T

@@ -29,8 +29,29 @@ def covariance(arena: Arena, result: Fit) -> np.ndarray:
     motion.
     """
     hessian, gradient = result.normal_equations()
-    total = hessian.sum(0)
-    count = result.active.size
+    used = arena.problem.segments.weights.sum()
+    unknowns = result.active.size + np.sum(arena.problem.segments.free_start)
+    length = correlation_length(result.residual)
+    variance = result.cost / max(used - unknowns, 1.0) * length
+    blocks = _in_blocks(arena, hessian), _in_blocks(arena, gradient)
+    return covariance_of(hessian.sum(0), variance, blocks)
+
+
+def covariance_of(
+    total: np.ndarray, variance: float, blocks: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Return the larger of the two estimates of a covariance, parameter by parameter.
+
+    Parameters
+    ----------
+    total : ndarray, shape (parameters, parameters)
+        Hessian, starts projected out.
+    variance : float
+        Of an independent residual.
+    blocks : tuple of ndarray, shapes (blocks, parameters, parameters) and (blocks, parameters)
+        Hessians and gradients of parts of the recordings.
+    """
+    count = len(total)
     if count == 0:
         return np.zeros((0, 0))
     if not np.isfinite(total).all():
@@ -39,15 +60,10 @@ def covariance(arena: Arena, result: Fit) -> np.ndarray:
     values, vectors = np.linalg.eigh(total / size / size[:, None])
     seen = values > RANK * values[-1]
     root = vectors[:, seen] / np.sqrt(values[seen]) / size[:, None]
-    used = arena.problem.segments.weights.sum()
-    unknowns = count + np.sum(arena.problem.segments.free_start)
-    length = correlation_length(result.residual)
-    variance = result.cost / max(used - unknowns, 1.0)
-    plain = root @ root.T * variance * length
-    blocks = _in_blocks(arena, gradient)
-    if len(blocks) <= count + 1:
+    plain = root @ root.T * variance
+    if len(blocks[1]) <= count + 1:
         return plain
-    spread = spread_over_blocks(root, _in_blocks(arena, hessian), blocks)
+    spread = spread_over_blocks(root, *blocks)
     ratio = np.sqrt(np.maximum(spread / np.maximum(np.diag(plain), 1e-300), 1.0))
     return plain * ratio[:, None] * ratio[None, :]
 
@@ -142,8 +158,13 @@ def _in_blocks(arena: Arena, values: np.ndarray) -> np.ndarray:
 def half_widths(arena: Arena, result: Fit) -> np.ndarray:
     """Half the 95 % interval of every estimated parameter, by what the data tell."""
     blocks = 1 + max(b for b, *_ in arena.pieces)
+    return half_widths_of(covariance(arena, result), blocks)
+
+
+def half_widths_of(covariance: np.ndarray, blocks: int) -> np.ndarray:
+    """Half the 95 % interval of every parameter, where so many blocks tell the spread."""
     quantile = float(scipy.stats.t.ppf(0.975, max(blocks - 1, 3)))
-    return quantile * np.sqrt(np.maximum(np.diag(covariance(arena, result)), 0.0))
+    return quantile * np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
 def untold(arena: Arena, result: Fit) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from jaxsr._result import InputError, StoppedBy
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.scoring import FreeRun
-from jaxsr.diagnosis.contest.uncertainty import sensitivities
+from jaxsr.diagnosis.contest.uncertainty import Sensitivities, sensitivities
 from jaxsr.diagnosis.explaining.evidence import Forces, build_evidence, force_errors
 from jaxsr.diagnosis.explaining.explain import (
     calibration_rows,
@@ -20,12 +20,22 @@ from jaxsr.diagnosis.explaining.explain import (
     next_experiment,
 )
 from jaxsr.diagnosis.explaining.judge import Ingredients, Judged, explained, judge
+from jaxsr.diagnosis.explaining.whole_runs import Runs, whole_horizons, whole_runs
 from jaxsr.diagnosis.result import SCHEMA, Diagnosis
-from jaxsr.diagnosis.setup import prepare
+from jaxsr.diagnosis.setup import open_recording
+from jaxsr.diagnosis.thinning import Whole, prepare_search
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 from jaxsr.models.states import is_absent
 from jaxsr.recordings import Recording, check_recording
+
+FIRST = 1000
+"""Samples of a held-out recording that tell whether it can be used."""
+LEFT = 0.05
+"""Share of the time budget that evidence leaves for drawing and writing."""
+SHORT, FULL = 0.35, 0.6
+"""Shares of the time left after which runs over all of long recordings end: short ones, and those
+over whole recordings."""
 
 
 def assemble(parts: Ingredients) -> Diagnosis:
@@ -35,21 +45,20 @@ def assemble(parts: Ingredients) -> Diagnosis:
     judged = judge(parts)
     explained_model = explained(judged)
     case.progress.stage("free runs on the training recordings")
-    train = _runs(parts, judged, case.prepared)
-    held, unread = _held_out(parts)
+    train = _runs(parts, judged, case.prepared, parts.whole)
+    held, held_whole, unread = _held_out(parts)
+    held_runs = None
     if held:
         case.progress.stage("free runs on the held-out recordings")
-    held_runs = _runs(parts, judged, held) if held else None
+        held_runs = _runs(parts, judged, held, held_whole)
     forces, others = case.failures.attempt(
         "comparing forces", lambda: _forces(parts, judged, held), (None, None)
     )
     force = force_errors(case.simulator.model, forces, others)
-    document = _document(parts, judged, train, held_runs, held, force)
+    document = _document(parts, judged, train, held_runs, force)
     document["data_checks"] += [*unread, *_broken(case)]
     remarks = len(document["data_checks"])
-    evidence = build_evidence(
-        parts, judged, explained_model, train, held_runs, held, forces, remarks
-    )
+    evidence = build_evidence(parts, judged, explained_model, train, held_runs, forces, remarks)
     return Diagnosis(
         verdict=judged.verdict.value,
         findings=judged.findings,
@@ -61,17 +70,28 @@ def assemble(parts: Ingredients) -> Diagnosis:
     )
 
 
-def _held_out(parts: Ingredients) -> tuple[tuple[Prepared, ...], list[dict[str, str]]]:
+def _horizons(parts: Ingredients) -> list[float]:
+    """Horizons of the report in s, the last one the whole recording."""
+    return parts.horizons if parts.whole is None else whole_horizons(parts.whole, parts.horizons)
+
+
+def _held_out(
+    parts: Ingredients,
+) -> tuple[tuple[Prepared, ...], Whole | None, list[dict[str, str]]]:
     """Open the held-out recordings; those that cannot be used are named, and nothing is lost."""
-    held, unread = [], []
+    model, good, unread = parts.case.simulator.model, [], []
     for item in parts.held_out:
         try:
-            held += prepare(parts.case.simulator.model, [item])
+            recording = open_recording(model, item)
+            Prepared.build(model, recording.select(slice(0, FIRST)))
+            good.append(recording)
         except InputError as error:
             name = item.name if isinstance(item, Recording | Path) else Path(item).name
             unread.append({"file": name, "channel": "", "check": "held_out", "message": str(error)})
             parts.case.progress.stage(f"left out of the held-out recordings: {error}")
-    return tuple(held), unread
+    if not good:
+        return (), None, unread
+    return *prepare_search(model, good, checked=False), unread
 
 
 def _broken(case: Case) -> list[dict[str, str]]:
@@ -92,67 +112,69 @@ def _forces(
 
 
 def _runs(
-    parts: Ingredients, judged: Judged, prepared: Sequence[Prepared]
-) -> dict[str, list[FreeRun]]:
-    """Free runs of the three models at every horizon."""
+    parts: Ingredients, judged: Judged, prepared: Sequence[Prepared], whole: Whole | None
+) -> Runs:
+    """Free runs of the three models at every horizon; piece by piece over `whole`, if given."""
     before, after = judged.recalibrated, judged.explained
-    neutral = neutral_values(parts.arena.super_model)
     own = after.theta if prepared is parts.case.prepared else after.elsewhere
-    runs: dict[str, list[FreeRun]] = {"given": [], "recalibrated": [], "explained": []}
-    for horizon in parts.horizons:
-        whole = None if horizon == parts.horizons[-1] else horizon
-        for name, estimate, theta in (
-            ("given", before, neutral),
-            ("recalibrated", before, before.theta),
-            ("explained", after, own),
-        ):
-            if name == "explained" and after is before:
-                runs[name].append(runs["recalibrated"][-1])
-                continue
-            runs[name].append(
-                estimate.lean.free_run(prepared, theta, whole, like=parts.case.prepared)
-            )
-    return runs
+    models = {
+        "given": (before.lean, neutral_values(parts.arena.super_model)),
+        "recalibrated": (before.lean, before.theta),
+        "explained": (after.lean, own),
+    }
+    if after is before:
+        del models["explained"]
+    horizons = _horizons(parts)
+    if whole is None:
+        runs: dict[str, list[FreeRun]] = {name: [] for name in models}
+        for horizon in horizons:
+            length = None if horizon == horizons[-1] else horizon
+            for name, (lean, theta) in models.items():
+                runs[name].append(lean.free_run(prepared, theta, length, like=parts.case.prepared))
+        found = Runs(runs, tuple(p.recording for p in prepared))
+    else:
+        stops = _until(parts, SHORT), _until(parts, FULL)
+        found = whole_runs(whole, models, horizons, parts.headline, stops)
+    found.models.setdefault("explained", found.models["recalibrated"])
+    return found
+
+
+def _until(parts: Ingredients, share: float) -> Callable[[], bool]:
+    budget = parts.case.budget.share(share)
+    return lambda: budget.exhausted
 
 
 def _document(
     parts: Ingredients,
     judged: Judged,
-    train: dict[str, list[FreeRun]],
-    held_runs: dict[str, list[FreeRun]] | None,
-    held: Sequence[Prepared],
+    train: Runs,
+    held_runs: Runs | None,
     force: dict[str, Any] | None,
 ) -> dict[str, Any]:
     case, model = parts.case, parts.case.simulator.model
     attempt = case.failures.attempt
-
-    def confusable() -> list[list[Any]]:
-        return confusable_rows(parts, sensitivities(parts.arena, parts.null.fit))
-
-    def detectable() -> dict[str, Any]:
-        own = sensitivities(parts.arena, parts.chosen.fit, exclude=parts.chosen.members)
-        return detectable_rows(parts, own)
-
+    inner, outer = attempt("comparing effects", lambda: _sensitivities(parts), (None, None))
     fit: dict[str, Any] = {
         "measure": "free-run NRMSE",
-        "horizons_s": parts.horizons,
+        "horizons_s": _horizons(parts),
         "headline_s": parts.headline,
-        "train": {name: [r.nrmse for r in runs] for name, runs in train.items()},
+        "train": {name: [r.nrmse for r in runs] for name, runs in train.models.items()},
         "held_out": None,
         "force": force,
     }
     if held_runs is not None:
-        scores = {name: [r.nrmse for r in runs] for name, runs in held_runs.items()}
-        fit["held_out"] = {**scores, "files": [p.recording.name for p in held]}
-    checks = [row for p in case.prepared for row in _checks(model, p.recording)]
+        scores = {name: [r.nrmse for r in runs] for name, runs in held_runs.models.items()}
+        fit["held_out"] = {**scores, "files": [r.name for r in held_runs.recordings]}
+    checks = [row for r in train.recordings for row in _checks(model, r)]
+    checks += _thinned(parts, judged, train)
     return {
         "schema": SCHEMA,
         "verdict": judged.verdict.value,
         "findings": judged.findings,
         "calibration": calibration_rows(judged.explained, model),
         "fit": fit,
-        "confusable": attempt("comparing effects", confusable, []),
-        "smallest_detectable": attempt("finding what would show", detectable, {}),
+        "confusable": confusable_rows(parts, outer) if outer else [],
+        "smallest_detectable": detectable_rows(parts, inner) if inner else {},
         "next_experiment": attempt(
             "choosing the next experiment", lambda: next_experiment(parts, judged.rivals), None
         ),
@@ -165,9 +187,47 @@ def _document(
             "stopped_by": (
                 StoppedBy.INTERRUPTED if case.budget.interrupted else parts.stopped
             ).value,
-            "data_sha256": {p.recording.name: p.recording.sha256 for p in case.prepared},
+            "data_sha256": {r.name: r.sha256 for r in train.recordings},
         },
     }
+
+
+def _sensitivities(parts: Ingredients) -> tuple[Sensitivities | None, Sensitivities | None]:
+    """Effects of all candidates beside the chosen set and beside re-calibration, if time is left.
+
+    The first tells how long the second takes.
+    """
+    budget = parts.case.budget
+    if budget.remaining < LEFT * budget.seconds:
+        return None, None
+    before = budget.elapsed
+    inner = sensitivities(parts.arena, parts.chosen.fit, exclude=parts.chosen.members)
+    if parts.chosen is parts.null:
+        return inner, inner
+    took = budget.elapsed - before
+    if budget.remaining - took < LEFT * budget.seconds:
+        return inner, None
+    return inner, sensitivities(parts.arena, parts.null.fit)
+
+
+def _thinned(parts: Ingredients, judged: Judged, train: Runs) -> list[dict[str, str]]:
+    """Say what the search worked on, where that is not everything."""
+    whole = parts.whole
+    if whole is None:
+        return []
+    pieces, many = len(parts.case.prepared), len(whole.recordings)
+    every = f", one of {whole.factor} of these" if whole.factor > 1 else ""
+    text = (
+        f"The search worked on {pieces} stretches, {whole.searched} of {whole.samples} samples"
+        f"{every}; the estimate rests on {_percent(judged.explained.share)} of all samples, the "
+        f"errors in free run on {_percent(train.share)}."
+    )
+    file = whole.recordings[0].name if many == 1 else f"{many} recordings"
+    return [{"file": file, "channel": "", "check": "thinned", "message": text}]
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.3g} %"
 
 
 def _checks(model: Model, recording: Recording) -> list[dict[str, str]]:

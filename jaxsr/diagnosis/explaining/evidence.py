@@ -11,15 +11,19 @@ import numpy as np
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.blocks import gain
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.scoring import FreeRun
 from jaxsr.diagnosis.explaining.ladder import ladder
+from jaxsr.diagnosis.explaining.whole_runs import Runs
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.screening.weak_system import WeakSystem
 from jaxsr.models import Model, difference
 from jaxsr.models.segments import Prepared
+from jaxsr.models.states import output_table
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.explaining.judge import Ingredients, Judged
+
+MOST_DRAWN = 20_000
+"""Samples of a course that a figure needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +75,8 @@ def build_evidence(
     parts: Ingredients,
     judged: Judged,
     explained_model: Model,
-    train: dict[str, list[FreeRun]],
-    held_runs: dict[str, list[FreeRun]] | None,
-    held: Sequence[Prepared],
+    train: Runs,
+    held_runs: Runs | None,
     forces: Forces | None,
     checks: int,
 ) -> Any:
@@ -82,10 +85,10 @@ def build_evidence(
 
     given = parts.case.simulator.model
     at = parts.horizons.index(parts.headline)
-    scores = {name: runs[at].nrmse for name, runs in train.items()}
-    trajectories = _trajectories(parts, "train", parts.case.prepared, train)
+    scores = {name: runs[at].nrmse for name, runs in train.models.items()}
+    trajectories = _trajectories(parts, "train", train)
     if held_runs is not None:
-        trajectories += _trajectories(parts, "held_out", held, held_runs)
+        trajectories += _trajectories(parts, "held_out", held_runs)
     return Evidence(
         model_name=given.name,
         diff=_diff(given, explained_model),
@@ -115,26 +118,28 @@ def _diff(before: Model, after: Model) -> list[Any]:
     return rows
 
 
-def _trajectories(
-    parts: Ingredients, role: Any, prepared: Sequence[Prepared], runs: dict[str, list[FreeRun]]
-) -> list[Any]:
+def _trajectories(parts: Ingredients, role: Any, runs: Runs) -> list[Any]:
     from jaxsr.report.evidence import Trajectory
 
     model = parts.case.simulator.model
     at = parts.horizons.index(parts.headline)
     rows = []
-    for r, item in enumerate(prepared):
+    for r, recording in enumerate(runs.recordings):
+        measured = output_table(model, recording)
+        drawn = slice(None, None, -(-len(recording) // MOST_DRAWN))
         for k, output in enumerate(model.outputs):
-            series = {name: found[at].simulated[r][:, k] for name, found in runs.items()}
+            series = {
+                name: found[at].simulated[r][drawn, k].copy() for name, found in runs.models.items()
+            }
             rows.append(
                 Trajectory(
-                    recording=item.recording.name,
+                    recording=recording.name,
                     role=role,
                     output=output,
                     unit=model.units.get(output),
                     horizon_s=parts.headline,
-                    time=item.time,
-                    measured=item.outputs[:, k],
+                    time=recording.time[drawn],
+                    measured=measured[drawn, k],
                     **series,
                 )
             )

@@ -202,10 +202,13 @@ def where(parts: Ingredients, site: str, quiet: tuple[str, ...] = ()) -> dict[st
         if position.size:
             low, high = _densest(position, residual**2)
             region = [{"variable": state, "from": low, "to": high}]
+    recordings = [p.recording for p in acting]
+    if parts.whole is not None:
+        recordings = [r for r in parts.whole.recordings if r.name not in quiet]
     return {
         "region": region,
-        "recordings": [p.recording.name for p in acting],
-        "times": [[float(p.time[0]), float(p.time[-1])] for p in acting],
+        "recordings": [r.name for r in recordings],
+        "times": [[float(r.time[0]), float(r.time[-1])] for r in recordings],
     }
 
 

@@ -26,12 +26,18 @@ from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, model_limited, residual_to_noise
 from jaxsr.diagnosis.judging.refine import Estimate, Ground, refine
+from jaxsr.diagnosis.judging.whole import over_all
+from jaxsr.diagnosis.thinning import Whole
 from jaxsr.models import Edit, Model, apply_edit
 
 UNEXPLAINED = 5.0
 """Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""
+COMPLETING = 0.25
+"""Share of the time left that an estimate over all recordings may take."""
 REFINING = 0.15
 """Share of the time left that leading estimates out of corners and checking them may take."""
+SHARPENING = 0.3
+"""The same for estimates without the rounding of jumps, and their comparison."""
 WRONG = 0.02
 """Log mean square that re-calibration must gain over the given values for these to be wrong."""
 MATTERS = 1e-3
@@ -55,6 +61,7 @@ class Ingredients:
     seed: int
     command: str | None
     stopped: StoppedBy  # why no more sets were tried
+    whole: Whole | None = None  # all recordings, where the search worked on a part of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +86,10 @@ def judge(parts: Ingredients) -> Judged:
         tuple(h for h in parts.horizons if h <= parts.headline),
         case.screened.grid if case.screened else None,
         case.budget.share(REFINING),
+        case.budget.share(SHARPENING),
     )
     recalibrated = refine(ground, parts.null, thorough=not parts.chosen.members)
+    recalibrated = _completed(parts, recalibrated)
     if not parts.chosen.members:
         judged = _without_finding(parts, recalibrated)
         leading = [e for e in parts.entries if e.members and e.fit.cost < parts.null.fit.cost]
@@ -90,13 +99,24 @@ def judge(parts: Ingredients) -> Judged:
             rows, rivals, _ = _rows(parts, leader, refine(ground, leader, thorough=False))
             judged = replace(judged, findings=rows, rivals=rivals)
         return judged
-    best = refine(ground, parts.chosen)
+    best = _completed(parts, refine(ground, parts.chosen))
     rows, rivals, order = _rows(parts, parts.chosen, best)
     verdict = _verdict(parts, order, rivals)
     if verdict is not Verdict.MEASUREMENT and not _simulates_better(parts, recalibrated, best):
         # Short runs of late or clipped readings start from what those do not tell.
         verdict = Verdict.UNDECIDED
     return Judged(recalibrated, best, verdict, rows, rivals, True)
+
+
+def _completed(parts: Ingredients, estimate: Estimate) -> Estimate:
+    """Return an estimate over all recordings, where the search worked on a part of them."""
+    if parts.whole is None:
+        return estimate
+    names = [parts.arena.super_model.candidates[i].label for i in estimate.entry.members]
+    what = " + ".join(names) or "re-calibration"
+    parts.case.progress.stage(f"estimating {what} over all {parts.whole.samples} samples")
+    budget = parts.case.budget.share(COMPLETING)
+    return over_all(parts.whole, estimate, lambda: budget.exhausted)
 
 
 def _rows(

@@ -31,12 +31,13 @@ def ladder(
 
     `scores` holds the free-run errors on DATA of the given, re-calibrated and explained model.
     """
-    prepared = parts.case.prepared
-    samples = sum(p.time.size for p in prepared)
-    files = "recording" if len(prepared) == 1 else "recordings"
+    count, samples = len(parts.case.prepared), sum(p.time.size for p in parts.case.prepared)
+    if parts.whole is not None:
+        count, samples = len(parts.whole.recordings), parts.whole.samples
+    files = "recording" if count == 1 else "recordings"
     remarks = f"{checks} remarks" if checks != 1 else "1 remark"
     steps = [
-        ("Data", f"{len(prepared)} {files}, {samples} samples; {remarks}."),
+        ("Data", f"{count} {files}, {samples} samples; {remarks}."),
         (
             "Calibrate",
             f"Free-run error {_percent(scores['given'])} with the given values, "

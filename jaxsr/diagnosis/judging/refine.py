@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -51,6 +52,8 @@ class Estimate:
         The same by the data alone: without directions of parameters that leave no trace.
     named : SuperModel
         The given model with the set's candidates alone, under the names a reader expects.
+    share : float
+        Of all samples that it rests on, where a search on a part of them went before.
     """
 
     arena: Arena
@@ -59,6 +62,7 @@ class Estimate:
     half: np.ndarray
     told: np.ndarray
     named: SuperModel
+    share: float = 1.0
 
     @cached_property
     def lean(self) -> Lean:
@@ -121,6 +125,7 @@ class Ground:
     horizons: tuple[float, ...]  # those up to the headline
     grid: WeakGrid | None
     budget: Budget = field(default_factory=Budget)  # of what the report can do without
+    patience: Budget = field(default_factory=Budget)  # of what it hardly can
 
 
 def named_super_model(given: Model, candidates: list[Candidate]) -> SuperModel:
@@ -145,14 +150,16 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     arena = ground.arena
     entry, corners = out_of_corners(arena, entry, lambda: ground.budget.exhausted)
     entry = _anchored(arena, entry)
-    theta, numerical = _without_smoothing(arena, entry)
+    theta, numerical = _without_smoothing(arena, entry, lambda: ground.patience.exhausted)
     half = np.zeros_like(theta)
     half[entry.fit.active] = half_widths(arena, entry.fit)
     options = [theta]
     if thorough and not ground.budget.exhausted and model_limited(arena, entry):
         others = _other_estimates(ground, entry.members, theta)
         options += [o for o in others if _acts(arena.super_model, entry.members, o)]
-    best = _least_error(ground, entry.members, options)
+    best = options[0]
+    if not ground.patience.exhausted:
+        best = _least_error(ground, entry.members, options)
     spread = np.std(np.stack(options), axis=0, ddof=1) if len(options) > 1 else 0.0
     told = np.where(
         half > 0, np.sqrt(half**2 + numerical**2 + corners**2 + (2.0 * spread) ** 2), 0.0
@@ -191,7 +198,9 @@ def _acts(super_model: SuperModel, members: tuple[int, ...], theta: np.ndarray) 
     )
 
 
-def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarray]:
+def _without_smoothing(
+    arena: Arena, entry: Entry, stop: Callable[[], bool] = lambda: False
+) -> tuple[np.ndarray, np.ndarray]:
     """Extrapolate the smoothing of sign() away; return the values and a bound of what is left.
 
     Where estimates depend on the widths w in first order, 2 theta(w) - theta(2 w) is free of it;
@@ -205,7 +214,8 @@ def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarr
     used = {arena.super_model.candidates[i].mechanism for i in entry.members}
     given = Simulator(arena.super_model.given)
     none = np.zeros_like(theta)
-    if not stepping.widths or not (used & SMOOTHED_MECHANISMS or given.smoothed_arguments):
+    jumps = used & SMOOTHED_MECHANISMS or given.smoothed_arguments
+    if stop() or not stepping.widths or not jumps:
         return theta, none
     own = reduce(arena.problem, arena.super_model, entry.members).problem
     told = arena.jumps is not None and arena.jumps.estimated(own)
@@ -215,16 +225,16 @@ def _without_smoothing(arena: Arena, entry: Entry) -> tuple[np.ndarray, np.ndarr
         other = replace(stepping, widths=tuple(factor * w for w in stepping.widths))
         problem = replace(arena.problem, simulator=simulator, stepping=other)
         again = replace(arena, problem=problem)
-        return enter(again, entry.members, near.theta, near.path, near=True).fit
+        return enter(again, entry.members, near.theta, near.path, stop, near=True).fit
 
     if told:
         sharper = estimate(0.5, entry.fit)
         return theta, 2.0 * np.abs(sharper.theta - theta) if sharper.usable else none
     wider = estimate(2.0, entry.fit)
-    if not wider.usable:
+    if not wider.usable or stop():
         return theta, none
     widest = estimate(4.0, wider)
-    if not widest.usable:
+    if not widest.usable or stop():
         return theta, np.abs(wider.theta - theta)
     result, left = without_width(theta, wider.theta, widest.theta)
     low, high = parameter_bounds(arena.super_model)

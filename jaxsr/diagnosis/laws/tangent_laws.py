@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.criteria import independent_residuals
 from jaxsr.diagnosis.laws.naming import named
-from jaxsr.diagnosis.laws.tangent import TangentView, surface
+from jaxsr.diagnosis.laws.tangent import TangentView, cost_left, states_between, surface
 from jaxsr.diagnosis.laws.unnamed import (
     FORCES,
     MAX_TERMS,
@@ -48,44 +49,66 @@ class Place:
 
     Attributes
     ----------
-    site : Site
-    view : TangentView
-        Of what is left once the forces that the law is to replace are taken away.
+    responses : Responses
+        To forces along every equation, about the free run of an entry.
+    number : int
+        Of the equation among those.
+    kept : ndarray of bool, shape (active,)
+        Parameters that move along.
+    acting : ndarray, shape (samples,)
+        The forces that the law is to replace.
     entry : Entry
-        About whose free run the view is.
     rest : tuple of int
         Members of the entry that stay beside the law.
     cost : float
         Left by a surface over the position and the rate of the equation, to first order.
     """
 
-    site: Site
-    view: TangentView
+    responses: Responses
+    number: int
+    kept: np.ndarray
+    acting: np.ndarray
     entry: Entry
     rest: tuple[int, ...]
     cost: float
 
+    @property
+    def site(self) -> Site:
+        """The equation."""
+        return self.responses.sites[self.number]
 
-def places(arena: Arena, entry: Entry) -> list[Place]:
+    @cached_property
+    def view(self) -> TangentView:
+        """What is left once the forces that the law is to replace are taken away.
+
+        Dear, and asked for where a law is written only.
+        """
+        return TangentView.of(self.responses, self.number, self.kept).without(self.acting)
+
+
+@lru_cache(maxsize=4)
+def places(arena: Arena, entry: Entry) -> tuple[Place, ...]:
     """Return the equations of motion, first those at which any law would explain most.
 
     At each of them the law stands in the place of the entry's own forces there.
     """
     if not liftable(arena.problem.simulator) or entry.fit.path is None or not entry.fit.usable:
-        return []
+        return ()
     responses = Responses.of(arena, entry, sites_of(arena.super_model.given, {}))
-    found = []
+    variables, found = states_between(responses), list[Place]()
     for number, site in enumerate(responses.sites):
         replaced = tuple(i for i in entry.members if _along(arena, i, site))
         own = [j for i in replaced for j in arena.super_model.index(i)]
-        view = TangentView.of(responses, number, ~np.isin(entry.fit.active, own))
+        kept = ~np.isin(entry.fit.active, own)
+        acting = np.zeros(next(iter(variables.values())).size)
         for i in replaced:
-            view = view.without(_force(arena, entry, i, view.variables))
-        along = [view.variables[s] for s in (site.position, site.state) if s is not None]
-        cost = view.cost(surface(along, DEGREES[-len(along) :]))
+            acting += _force(arena, entry, i, variables)
+        along = [variables[s] for s in (site.position, site.state) if s is not None]
+        columns = surface(along, DEGREES[-len(along) :])
+        cost = cost_left(responses, number, kept, columns, acting)
         rest = tuple(i for i in entry.members if i not in replaced)
-        found.append(Place(site, view, entry, rest, cost))
-    return sorted(found, key=lambda p: p.cost)
+        found.append(Place(responses, number, kept, acting, entry, rest, cost))
+    return tuple(sorted(found, key=lambda p: p.cost))
 
 
 def laws_at(case: Case, place: Place, rng: np.random.Generator) -> list[ProposedForce]:

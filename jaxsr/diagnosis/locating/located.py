@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -21,17 +22,22 @@ from jaxsr.models import Simulator
 from jaxsr.models.lifting import liftable
 
 
-def with_located(arena: Arena, entries: list[Entry]) -> tuple[Arena, list[Entry]]:
-    """Return the arena and its entries with candidates for forces that stand out."""
+def with_located(
+    arena: Arena, entries: list[Entry], stop: Callable[[], bool] = lambda: False
+) -> tuple[Arena, list[Entry]]:
+    """Return the arena and its entries with candidates for forces that stand out.
+
+    `stop` is asked now and then: what stood out until it says so is returned.
+    """
     null = next(e for e in entries if not e.members)
     if not liftable(arena.problem.simulator) or null.fit.path is None or not null.fit.usable:
         return arena, entries
     responses = Responses.of(arena, null, sites_of(arena.super_model.given, {}))
     candidates = [
-        *push_candidates(arena, null, responses),
-        *wave_candidates(arena, null, responses),
-        *resonance_candidates(arena, null, responses),
-        *spring_candidates(arena, null, responses),
+        *push_candidates(arena, null, responses, stop),
+        *wave_candidates(arena, null, responses, stop),
+        *resonance_candidates(arena, null, responses, stop),
+        *spring_candidates(arena, null, responses, stop),
     ]
     return _joined(arena, entries, candidates) if candidates else (arena, entries)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +33,9 @@ class _Push:
     gain: float
 
 
-def push_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Candidate]:
+def push_candidates(
+    arena: Arena, entry: Entry, responses: Responses, stop: Callable[[], bool] = lambda: False
+) -> list[Candidate]:
     r"""Propose pushes in single recordings beside an entry.
 
     A force of Gaussian shape along an equation, in the window (t0, dt) of one recording, moves
@@ -43,6 +45,8 @@ def push_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
     """
     found, gains = [], []
     for push_, gain in _scanned(arena, responses):
+        if stop():
+            break
         found.append(push_)
         gains.append(gain)
     if not found:
@@ -52,7 +56,7 @@ def push_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
     # Where more than noise is left, windows usually gain more than chi-squared's median.
     usual = float(np.median(every)) * independent / entry.fit.cost
     sure = surely(entry.fit.cost, independent / max(usual / 0.455, 1.0), every.size)
-    single = len(arena.prepared) == 1
+    single = len({p.recording.name for p in arena.prepared}) == 1
     least = max(sure, CONCENTRATED * entry.fit.cost if single else 0.0)
     best = sorted((p for p in found if p.gain > least), key=lambda p: -p.gain)
     names = [p.recording.name for p in arena.prepared]

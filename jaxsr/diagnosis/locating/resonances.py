@@ -22,7 +22,9 @@ PERIODS = 2.0
 """Fewest periods in the longest recording."""
 
 
-def resonance_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Candidate]:
+def resonance_candidates(
+    arena: Arena, entry: Entry, responses: Responses, stop: Callable[[], bool] = lambda: False
+) -> list[Candidate]:
     """Propose a hidden resonator along every equation that one would help.
 
     A mass on a spring and a damper reacts with -mh*qh''. Along the recorded motion qh'' follows
@@ -41,6 +43,8 @@ def resonance_candidates(arena: Arena, entry: Entry, responses: Responses) -> li
     for j, site in enumerate(responses.sites):
         if site.position is None or not responses.reverses(site):
             continue  # a motion that does not return excites no resonance
+        if stop():
+            break
         gains, masses = responses.gains(j, _reactions(arena, responses, site, choices), 1)
         gains = np.where(masses[:, 0] > 0.0, gains, 0.0)
         best = int(np.argmax(gains))
@@ -75,9 +79,10 @@ def reaction(speed: np.ndarray, rate: float, pace: float, damping: float) -> np.
     With V the speed, qh'' is s**2*(w**2/s + 2*z*w)*V/(s**2 + 2*z*w*s + w**2). At first the mass
     goes with the motion.
     """
-    import scipy.signal  # slow to load, and only here
 
     numerator = [-2.0 * damping * pace, -(pace**2), 0.0]
     denominator = [1.0, 2.0 * damping * pace, pace**2]
-    b, a = scipy.signal.bilinear(numerator, denominator, fs=rate)
-    return np.asarray(scipy.signal.lfilter(b, a, speed - speed[0]))
+    from scipy.signal import bilinear, lfilter  # slow to load, and not always asked for
+
+    b, a = bilinear(numerator, denominator, fs=rate)
+    return np.asarray(lfilter(b, a, speed - speed[0]))

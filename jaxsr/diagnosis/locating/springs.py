@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +23,9 @@ BETTER = 1.2
 """Gain, relative to that from the places that are tried already, from which another is added."""
 
 
-def spring_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Candidate]:
+def spring_candidates(
+    arena: Arena, entry: Entry, responses: Responses, stop: Callable[[], bool] = lambda: False
+) -> list[Candidate]:
     """Propose second springs and play from where one linearisation says that they engage.
 
     From a place that is hardly reached the law may look useless, whatever it does elsewhere.
@@ -33,6 +35,8 @@ def spring_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[
     found = []
     for j, site in enumerate(responses.sites):
         for laws in _laws(arena, site):
+            if stop():
+                return found
             places = _grid(responses, site, _parts(laws[0])[1])
             tried = np.array([_parts(law)[1].neutral for law in laws])
             gains = _gains(responses, j, laws[0], np.concatenate([places, tried]))

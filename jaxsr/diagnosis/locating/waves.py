@@ -56,7 +56,9 @@ def _of_stiffness(
     return -position * np.cos(values * time), position * np.sin(values * time)
 
 
-def wave_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Candidate]:
+def wave_candidates(
+    arena: Arena, entry: Entry, responses: Responses, stop: Callable[[], bool] = lambda: False
+) -> list[Candidate]:
     """Propose forces that repeat in time or along the path beside an entry.
 
     What a pair of forces in quadrature along an equation gains is compared with what
@@ -67,6 +69,8 @@ def wave_candidates(arena: Arena, entry: Entry, responses: Responses) -> list[Ca
     noise = entry.fit.cost / independent
     candidates = []
     for kind in _kinds(arena, responses):
+        if stop():
+            break
         gains, _ = _gains(responses, kind, kind.grid)
         # Where more than noise is left, frequencies usually gain more than chi-squared's median.
         usual = np.maximum(floor_of(gains), 1.386 * noise)

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-import sympy
 
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Threshold
-from jaxsr.expressions import from_sympy, to_sympy, to_text
+from jaxsr.expressions import affine_slope, to_text
 from jaxsr.models import Model
 
 _SOURCE = "Tao & Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities"
@@ -96,10 +95,11 @@ def _columns(model: Model, u: str) -> list[tuple[str, str]] | None:
     for state, term in model.equation_terms.items():
         if u not in term.variables:
             continue
-        symbol = sympy.Symbol(u, real=True)
-        slope = sympy.simplify(sympy.diff(to_sympy(term), symbol))
-        if slope.has(symbol) or slope.has(sympy.Derivative):
+        slope = affine_slope(term, u)
+        if slope is None or u in slope.variables:
             return None
-        text = to_text(from_sympy(slope))
+        if slope.is_constant and slope.value == 0.0:
+            continue
+        text = to_text(slope)
         found.append((state, "" if text in ("1", "1.0") else f"({text})*"))
     return found or None

@@ -314,6 +314,8 @@ def _tangent(arena: Arena, leader: Entry, numbers: Sequence[int]) -> list[Trial]
     hessian, gradient = hessian / size / size[:, None], gradient / size
     low, high = arena.bounds
     known = [place[j] for j in base]
+    if not np.isfinite(hessian[np.ix_(known, known)]).all():
+        return []  # along this path nothing tells how the set's own parameters act
     inverse = np.linalg.pinv(hessian[np.ix_(known, known)], rcond=1e-10, hermitian=True)
     trials = []
     for number in numbers:
@@ -321,6 +323,8 @@ def _tangent(arena: Arena, leader: Entry, numbers: Sequence[int]) -> list[Trial]
         cross = hessian[np.ix_(new, known)] @ inverse
         left = hessian[np.ix_(new, new)] - cross @ hessian[np.ix_(known, new)]
         pull = gradient[new] - cross @ gradient[known]
+        if not (np.isfinite(left).all() and np.isfinite(pull).all()):
+            continue  # a law that is no number somewhere along the path promises nothing
         step = np.linalg.lstsq(left + 1e-9 * np.eye(len(new)), pull, rcond=1e-9)[0]
         value = theta.copy()
         at = active[new]

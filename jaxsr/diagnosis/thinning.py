@@ -1,0 +1,200 @@
+"""Long and many recordings, thinned: what a search works on, while all of it is kept.
+
+A search that compares hundreds of sets needs every regime of the motion, not every sample of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from jaxsr.diagnosis.setup import check_data, open_recording
+from jaxsr.models import Model
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording, check_time_units
+from jaxsr.recordings.decimation import decimated, is_uniform
+from jaxsr.views import choose_half_width
+
+MOST = 60_000
+"""Samples times states that a search works on."""
+MOST_RECORDINGS = 40
+"""Recordings that a search works on; thinned, there are at most `STRETCHES[1]` pieces."""
+STRETCH, LEAST = 1500, 4000
+"""Usual length of a piece in samples, and the least number of samples in all."""
+STRETCHES = (6, 24)
+"""Fewest and most pieces."""
+PER_WIDTH = 40
+"""Samples in the half-width of a test function beyond which there are more than the motion asks."""
+COMPLETING = 0.2
+"""Half the share of the time budget that is kept for estimates and runs over everything."""
+SEEN = 20_000
+"""Samples that tell how fast the motion is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """All recordings of a diagnosis whose search is on a part of them.
+
+    Attributes
+    ----------
+    model : Model
+    recordings : tuple of Recording
+    factor : int
+        Samples that became one in the search.
+    searched : int
+        Samples that the search works on.
+    """
+
+    model: Model
+    recordings: tuple[Recording, ...]
+    factor: int
+    searched: int
+
+    @property
+    def samples(self) -> int:
+        """Number of all samples."""
+        return sum(len(r) for r in self.recordings)
+
+
+def prepare_search(
+    model: Model, items: Sequence[str | Path | Recording], checked: bool = True
+) -> tuple[tuple[Prepared, ...], Whole | None]:
+    """Read recordings and prepare what a search works on.
+
+    Raises
+    ------
+    InputError
+        A recording cannot be read or, `checked`, no choice can rest on what it holds.
+
+    Returns
+    -------
+    prepared : tuple of Prepared
+        The recordings, or pieces of them under the same names and with the same times.
+    whole : Whole or None
+        Everything, where that is more than a search should work on.
+    """
+    recordings = tuple(open_recording(model, item) for item in items)
+    check_time_units(recordings)
+    if checked:
+        check_data(model, recordings)
+    few = len(recordings) <= MOST_RECORDINGS
+    if few and sum(len(r) for r in recordings) * len(model.states) <= MOST:
+        return tuple(Prepared.build(model, r) for r in recordings), None
+    return thinned(model, recordings)
+
+
+def time_for(whole: Whole | None, seconds: float) -> float:
+    """Return the share of a budget in s, half of what estimates and runs over everything need."""
+    return 0.0 if whole is None else COMPLETING * seconds
+
+
+def thinned(
+    model: Model, recordings: Sequence[Recording]
+) -> tuple[tuple[Prepared, ...], Whole | None]:
+    """Return pieces of recordings that hold what their motion shows, and all of them.
+
+    Where samples follow each other far faster than the motion, fewer of them are taken
+    (`decimated`). Pieces of about `STRETCH` consecutive samples are then chosen, half of them
+    evenly over all recordings, the others where inputs and readings differ most from those of
+    the pieces chosen before, so that rare regimes are seen.
+    """
+    factor = _factor(model, recordings)
+    holds = {model.column(u): model.input_hold for u in model.inputs}
+    coarse = [decimated(r, factor, holds) for r in recordings]
+    total = max(MOST // len(model.states), LEAST)
+    number = int(np.clip(total // STRETCH, *STRETCHES))
+    rows = _tiles(coarse, total // number)
+    chosen = spread(_features(model, coarse, rows), number)
+    prepared = []
+    for r, first, last in (rows[i] for i in chosen):
+        part = coarse[r].select(slice(first, last))
+        prepared.append(Prepared.build(model, part, begins=first == 0))
+    searched = sum(p.time.size for p in prepared)
+    return tuple(prepared), Whole(model, tuple(recordings), factor, searched)
+
+
+def _factor(model: Model, recordings: Sequence[Recording]) -> int:
+    """How many samples may become one: as far as too many ask for it, and the motion allows."""
+    used = [model.column(u) for u in model.inputs]
+    if model.input_hold == "bandlimited" or not all(is_uniform(r, used) for r in recordings):
+        return 1
+    step = max(r.sample_time for r in recordings)
+    if step > 1.01 * min(r.sample_time for r in recordings):
+        return 1
+    asked = sum(len(r) for r in recordings) * len(model.states) / MOST
+    longest = max(recordings, key=len)
+    start = max(len(longest) // 2 - SEEN // 2, 0)
+    part = longest.select(slice(start, start + SEEN))
+    widths = []
+    for output in model.outputs:
+        values = part.channels.get(model.column(output))
+        if values is None:
+            continue
+        known = np.isfinite(values)
+        if known.sum() > PER_WIDTH and np.ptp(values[known]) > 0.0:
+            widths.append(choose_half_width(part.time[known], values[known]))
+    allowed = min(widths, default=0.0) / step / PER_WIDTH
+    shortest = min(len(r) for r in recordings) / STRETCH
+    return max(int(min(asked, allowed, max(shortest, 1.0))), 1)
+
+
+def _tiles(recordings: Sequence[Recording], length: int) -> list[tuple[int, int, int]]:
+    """Cut recordings into pieces of about equal length: (recording, first, last + 1) each."""
+    rows = []
+    for r, recording in enumerate(recordings):
+        count = max(round(len(recording) / length), 1)
+        edges = np.linspace(0, len(recording), count + 1).astype(int)
+        rows += [(r, int(a), int(b)) for a, b in pairwise(edges)]
+    return rows
+
+
+def _features(
+    model: Model, recordings: Sequence[Recording], rows: Sequence[tuple[int, int, int]]
+) -> np.ndarray:
+    """What inputs and readings do in every piece, each feature in its spread over the pieces."""
+    names = [model.column(name) for name in (*model.inputs, *model.outputs)]
+    table = np.zeros((len(rows), 5 * len(names)))
+    for i, (r, first, last) in enumerate(rows):
+        found = []
+        for name in names:
+            values = recordings[r].channels.get(name, np.zeros(0))[first:last]
+            values = values[np.isfinite(values)]
+            if values.size < 2:
+                found += [np.nan] * 5
+                continue
+            moving = np.abs(np.diff(values)).mean()
+            found += [values.mean(), values.std(), values.min(), values.max(), moving]
+        table[i] = found
+    centre = np.nanmean(table, axis=0) if len(table) else 0.0
+    table = np.where(np.isfinite(table), table, centre) - centre
+    size = np.nanstd(table, axis=0)
+    return np.nan_to_num(table / np.where(size > 0, size, 1.0))
+
+
+def spread(features: np.ndarray, number: int) -> list[int]:
+    """Choose rows: half of them evenly, then the farthest from all that are chosen.
+
+    References
+    ----------
+    Gonzalez, Theoretical Computer Science 38 (1985): farthest-first traversal.
+    """
+    count = len(features)
+    if count <= number:
+        return list(range(count))
+    chosen = list(dict.fromkeys(np.linspace(0, count - 1, -(-number // 2)).round().astype(int)))
+    distance = np.full(count, np.inf)
+    for i in chosen:
+        distance = np.minimum(distance, np.sum((features - features[i]) ** 2, axis=1))
+    while len(chosen) < number:
+        far = int(np.argmax(distance))
+        chosen.append(far)
+        distance = np.minimum(distance, np.sum((features - features[far]) ** 2, axis=1))
+        distance[chosen] = -1.0
+    return sorted(int(i) for i in chosen)
+
+
+__all__ = ["Whole", "prepare_search", "spread", "thinned", "time_for"]
