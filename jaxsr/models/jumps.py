@@ -39,6 +39,8 @@ along a cubic through the step, and steps of Newton's method along steps of the 
 BAND = 5e-3
 """Distance beyond a surface, in typical distances from it, from which a state that is on its way
 further is taken to be at it: states come from sensors that have noise."""
+ROUNDING = 1e-6
+"""The same in largest distances: a state at rest on a surface is there but for rounding."""
 NEAR = 1e-3
 """Share of a step at which it shows whether a state at the surface is on its way through."""
 
@@ -70,8 +72,12 @@ class Jumps:
         resets = tuple({s: model.term(r) for s, r in e.reset.items()} for e in model.events)
         env = field.environment(along)
         with np.errstate(all="ignore"):
-            sizes = [float(np.nanstd(np.asarray(evaluate(w, env), dtype=float))) for w in whens]
-        return Jumps(model, whens, resets, tuple(BAND * size for size in sizes))
+            heights = [np.abs(np.asarray(evaluate(w, env), dtype=float)) for w in whens]
+            heights = [h[np.isfinite(h)] if h.ndim else h[None] for h in heights]
+        bands = tuple(
+            BAND * float(np.std(h)) + ROUNDING * float(h.max(initial=0.0)) for h in heights
+        )
+        return Jumps(model, whens, resets, bands)
 
     def crossed(self, field: Field, before: Point, after: Point, length: Array) -> Array:
         """Return, for each event, where it lies between two points; shape (events, ...)."""
