@@ -152,6 +152,7 @@ WRONG = [
     (lambda t, x, u, p: [x[1], float(x[0])], "NumPy array or a Python number"),
     (lambda t, x, u, p: [x[1], p["none"]], "raises KeyError: 'none'"),
     (lambda t, x, u: [x[1], u[0]], "raises TypeError"),
+    (lambda t, x, u, p: [x[1], x[0] * jnp.nan], "the rate of v is nan, whatever the states are"),
     (looped, None),
     (
         lambda t, x, u, p: [
@@ -293,6 +294,18 @@ def test_a_factor_common_to_the_terms_serves_where_no_input_enters() -> None:
     model = read(lambda t, x, u, p: [x[1], -(x[0] + x[1]) / p["m"]]).model
     assert model.entries("v") == (("v", "1.0/m"),)
     assert read(lambda t, x, u, p: [x[1], -x[0] * u[0]]).model.entries("v") == (("v", ""),)
+
+
+def test_an_explained_model_says_how_it_is_run(tmp_path: Path) -> None:
+    (tmp_path / "explained.toml").write_text(HEAD)
+    with pytest.raises(InputError, match=r"path/m.py:f with --model .*explained.toml"):
+        Simulator.from_file(tmp_path / "explained.toml")
+    (tmp_path / "m.py").write_text("def f(t, x, u, p):\n    return x[1], u[0]\n")
+    with pytest.raises(InputError, match=r"/m.py:f with --model .*explained.toml") as caught:
+        Simulator.from_file(tmp_path / "explained.toml")
+    assert "path/m.py" not in str(caught.value)
+    function = f"{tmp_path / 'm.py'}:f"
+    assert Simulator.from_file(function, tmp_path / "explained.toml").model.name == "m"
 
 
 EXPRESSIONS = [

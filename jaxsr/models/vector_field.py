@@ -278,6 +278,14 @@ def _rate(called: _Called, i: int, found: Term | Unreadable, points: Mapping[str
     """Return a rate as a term that agrees with the function."""
     call = jax.vmap(called.component(i, called.names))
     truth = np.asarray(call(*(points[n] for n in called.names)))
+    if isinstance(found, Term) and any(not np.isfinite(n.value) for n in found.distinct()):
+        if not np.isfinite(truth).any():
+            raise InputError(
+                f"the rate of {called.states[i]} is {truth[0]}, whatever the states are",
+                called.where,
+                "Check its numbers",
+            )
+        return called.opaque(i, found.variables)
     if isinstance(found, Term):
         with np.errstate(all="ignore"):
             own = np.broadcast_to(evaluate(found, points), truth.shape)
