@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from model_runs import ball, model
 
-from jaxsr.models import Simulator
+from jaxsr.models import Parameter, Simulator
 from jaxsr.models.lifting import closed, linear
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments, build_segments
+from jaxsr.models.simulation import simulate_to_csv
 from jaxsr.recordings import Recording
 
 TIME = np.arange(151) * 0.01
@@ -97,6 +100,19 @@ def test_a_ball_that_comes_to_rest_stays_on_the_floor() -> None:
     path = run(simulator, segments_of(simulator, time), [0.5, 0.0], theta, "rk4")
     assert np.abs(path[0, 200:]).max() < 1e-3 and np.abs(path[1, -1]) < 1e-3
     assert path[0].min() > -1e-6
+
+
+def test_a_simulated_ball_comes_to_rest() -> None:
+    text = ball().model
+    at = replace(
+        text, initial={"q": 1.0, "v": 0.0}, parameters={"g": Parameter(9.81), "e": Parameter(0.6)}
+    )
+    table = simulate_to_csv(Simulator(at), duration=5.0, dt=0.01)
+    height = table["y"].to_numpy()
+    early = table["t"].to_numpy() < 1.5
+    exact = bounced(table["t"].to_numpy()[early], 1.0, 0.6, 9.81)
+    np.testing.assert_allclose(height[early], exact, atol=1e-8)
+    assert np.abs(height[300:]).max() < 1e-4  # 1.8 s are all its bounces
 
 
 def test_a_start_below_the_surface_by_the_noise_bounces_at_once() -> None:
