@@ -163,9 +163,10 @@ def diagnose(
 ) -> Job:
     """Find where a simulator differs from recordings, and name what was left out."""
     model, data = model_and_data(arguments, simulated, states)
+    tables = table_of(model, table)
     roles = {
         "MODEL": [model] if model is not None and ".py:" not in model else [],
-        **{"--model": table_of(model, table)},
+        **{"--model": tables},
         **{"DATA": data, "--simulated": simulated or [], "--held-out": held_out or []},
     }
     check_roles(roles)
@@ -188,7 +189,7 @@ def diagnose(
                 simulator = learned.simulator
                 learnt = {"more": {"learned.toml": model_text(simulator.model)}}
             else:
-                simulator = jaxsr.Simulator.from_file(model, table)
+                simulator = jaxsr.Simulator.from_file(model, *tables)
             diagnosis = loaded(jaxsr.diagnose)(
                 simulator,
                 data,
@@ -241,7 +242,7 @@ def simulate(
         import jaxsr
         from jaxsr.models.simulation import simulate_to_csv
 
-        simulator = jaxsr.Simulator.from_file(model, table)
+        simulator = jaxsr.Simulator.from_file(model, *tables)
         recording = None
         if data is not None:
             given = simulator.model

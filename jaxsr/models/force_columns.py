@@ -151,7 +151,7 @@ def _opaque_gain(
 
     def gain(*values: Array) -> Array:
         every = [*values[:place], jnp.zeros_like(values[0] if values else 0.0), *values[place:]]
-        return jax.grad(called.function, argnums=place)(*every)
+        return jax.jacfwd(called.function, argnums=place)(*every)
 
     found = opaque(f"{called.name}_by_{u}", gain, others) if others else None
     if found is None:

@@ -111,7 +111,7 @@ def _applied(equation: Any, given: list[Array], systems: list[LinearSystem]) -> 
         if name in _WHOLE:
             return _WHOLE[name](params, systems, *given)
         if name in _ARRANGING:
-            return [_arranged(equation, given)]
+            return _arranged(equation, given)
         if name in _FOLDED:
             return [_folded(_FOLDED[name], symbols(given[0]), params["axes"])]
         if name in ELEMENTWISE:
@@ -153,7 +153,7 @@ def _elementwise(meaning: Callable[..., Term], given: Sequence[Array]) -> Array:
     return _mapped(element, *(symbols(a) for a in given))
 
 
-def _arranged(equation: Any, given: Sequence[Array]) -> Array:
+def _arranged(equation: Any, given: Sequence[Array]) -> list[Array]:
     """Let JAX arrange the numbers of the elements; indices have to be known."""
     moved = _ARRANGING[equation.primitive.name]
     positions = range(len(given)) if moved is None else moved
@@ -168,10 +168,14 @@ def _arranged(equation: Any, given: Sequence[Array]) -> Array:
         own = symbols(array)
         numbered.append(np.arange(len(pool), len(pool) + own.size).reshape(own.shape))
         pool.extend(own.flat)
-    placed = np.asarray(equation.primitive.bind(*numbered, **equation.params))
-    if placed.size and not (placed.min() >= 0 and placed.max() < len(pool)):
-        raise UnreadableError
-    return _mapped(lambda k: pool[int(k)], placed)
+    placed = equation.primitive.bind(*numbered, **equation.params)
+    results = []
+    for part in placed if equation.primitive.multiple_results else [placed]:
+        numbers = np.asarray(part)
+        if numbers.size and not (numbers.min() >= 0 and numbers.max() < len(pool)):
+            raise UnreadableError
+        results.append(_mapped(lambda k: pool[int(k)], numbers))
+    return results
 
 
 def _folded(op: str, array: Array, axes: Sequence[int]) -> Array:
@@ -184,6 +188,17 @@ def _folded(op: str, array: Array, axes: Sequence[int]) -> Array:
         for part in parts[1:]:
             array = _elementwise(lambda a, b: built(op, a, b), (array, _objects(part)))
     return array
+
+
+def _running_sum(params: Any, systems: list[LinearSystem], array: Array) -> list[Array]:
+    """Sum from one end of an axis on."""
+    rows = list(np.moveaxis(symbols(array), params["axis"], 0))
+    rows = rows[::-1] if params["reverse"] else rows
+    sums = [_objects(rows[0])]
+    for row in rows[1:]:
+        sums.append(_elementwise(lambda a, b: built("add", a, b), (sums[-1], _objects(row))))
+    sums = sums[::-1] if params["reverse"] else sums
+    return [np.moveaxis(np.stack(sums), 0, params["axis"])]
 
 
 def _objects(value: Any) -> Array:
@@ -318,6 +333,7 @@ _WHOLE: dict[str, Callable[..., list[Array]]] = {
     "dot_general": _dot,
     "custom_linear_solve": _linear_solve,
     "cond": _cond,
+    "cumsum": _running_sum,
     "scan": _scan,
 }
 _INNER = {
@@ -336,8 +352,10 @@ _ARRANGING: dict[str, tuple[int, ...] | None] = {
         ("reshape", "squeeze", "expand_dims", "broadcast_in_dim", "transpose", "slice", "rev"),
         (0,),
     ),
+    **dict.fromkeys(("split", "unstack", "tile"), (0,)),
     **dict.fromkeys(("dynamic_slice", "gather"), (0,)),
     "concatenate": None,
+    "stack": None,
     "pad": None,
     "dynamic_update_slice": (0, 1),
     "scatter": (0, 2),

@@ -39,6 +39,10 @@ along a cubic through the step, and steps of Newton's method along steps of the 
 BAND = 5e-3
 """Distance beyond a surface, in typical distances from it, from which a state that is on its way
 further is taken to be at it: states come from sensors that have noise."""
+ROUNDING = 1e-6
+"""The same in largest distances: a state at rest on a surface is there but for rounding."""
+SETTLED = 1e-12
+"""Move of a share of a step that changes nothing any more."""
 NEAR = 1e-3
 """Share of a step at which it shows whether a state at the surface is on its way through."""
 
@@ -70,8 +74,12 @@ class Jumps:
         resets = tuple({s: model.term(r) for s, r in e.reset.items()} for e in model.events)
         env = field.environment(along)
         with np.errstate(all="ignore"):
-            sizes = [float(np.nanstd(np.asarray(evaluate(w, env), dtype=float))) for w in whens]
-        return Jumps(model, whens, resets, tuple(BAND * size for size in sizes))
+            heights = [np.abs(np.asarray(evaluate(w, env), dtype=float)) for w in whens]
+            heights = [h[np.isfinite(h)] if h.ndim else h[None] for h in heights]
+        bands = tuple(
+            BAND * float(np.std(h)) + ROUNDING * float(h.max(initial=0.0)) for h in heights
+        )
+        return Jumps(model, whens, resets, bands)
 
     def crossed(self, field: Field, before: Point, after: Point, length: Array) -> Array:
         """Return, for each event, where it lies between two points; shape (events, ...)."""
@@ -193,8 +201,11 @@ class _Walk:
         share = high
         with np.errstate(all="ignore"):
             for _ in range(SECANTS):  # regula falsi with halved ends (Illinois)
+                before = share
                 share = np.nan_to_num(low + (high - low) * a / (a - b))
                 share = np.clip(share, np.minimum(low, high), np.maximum(low, high))
+                if np.abs(np.where(hit, share - before, 0.0)).max() < SETTLED:
+                    break
                 c = height(share)
                 above = c > 0.0
                 b = np.where(above, 0.5 * b, c)
@@ -247,7 +258,10 @@ class _Walk:
             with np.errstate(all="ignore"):
                 change = np.nan_to_num(value / rate, posinf=0.0, neginf=0.0)
             near = np.abs(change) < 0.1
-            share = np.where(near & (share > 0.0), np.clip(share - change, 0.0, 1.0), share)
+            moved = np.where(near & (share > 0.0), np.clip(share - change, 0.0, 1.0), share)
+            far, share = np.abs(moved - share).max(), moved
+            if far < SETTLED:
+                break
         return share
 
     def _slopes_of(self, number: int, at: Point) -> dict[str, Array]:
@@ -356,5 +370,7 @@ class _Part:
 
 def _along(values: Array, share: Array) -> Array:
     """Parabola through values at the start, the middle and the end of a step."""
+    if values.size == 0:
+        return values[0]
     a, b, c = (1 - share) * (1 - 2 * share), 4 * share * (1 - share), share * (2 * share - 1)
     return a * values[0] + b * values[1] + c * values[2]

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr.expressions.slopes import evaluate_with_slopes
 from jaxsr.models.alone import alone
 from jaxsr.models.delays import delay_of, delayed_stages, smoothly_interpolated, stage_of
 from jaxsr.models.directions import Directions
@@ -131,8 +132,7 @@ def one_step(
         By the state at the earlier sample, then by the active parameters; in no direction
         without `tangents`.
     """
-    ground = _Ground.of(simulator, stepping, segments, theta, active)
-    return ground.step(path, tangents=tangents)
+    return _Ground.of(simulator, stepping, segments, theta, active).step(path, tangents=tangents)
 
 
 def readings_along(
@@ -169,7 +169,7 @@ def carried_errors(
     """
     ends, slopes = one_step(simulator, *coarse, theta, path)
     other, _ = one_step(simulator, *fine, theta, path, tangents=False)
-    _, apart = condensed(slopes, other - ends)
+    apart = condensed(slopes, other - ends)[1]
     _, by = readings_along(simulator, *coarse, theta, path)
     return np.einsum("oits,its->ots", by, apart)
 
@@ -189,8 +189,7 @@ def simulated(
         return None
     ground = _Ground.of(simulator, stepping, segments, theta, ())
     y = np.stack(ground.field.readings(ground.at(path))[0])
-    none = np.zeros((0, *y.shape))
-    return _late(simulator, segments, ground.values, ground.to, (y, none))[0]
+    return _late(simulator, segments, ground.values, ground.to, (y, np.zeros((0, *y.shape))))[0]
 
 
 def closed(
@@ -255,8 +254,7 @@ class _Ground:
         own = np.ones((to.count, segments.number))
         own[len(model.states) :] = np.isnan(segments.override[list(active)])
         stages = delayed_stages(model, segments, values, chosen)
-        along = Point(segments.time, list(segments.course), list(segments.inputs))
-        jumps = Jumps.of(field, along)
+        jumps = Jumps.of(field, Point(segments.time, list(segments.course), list(segments.inputs)))
         return _Ground(stepping, segments, values, field, to, stages, jumps, own)
 
     def step(self, path: Array, first: int = 0, tangents: bool = True) -> tuple[Array, Array]:
@@ -326,8 +324,8 @@ class _Ground:
         """Simulate from the start of a path, one sample after the other; None if it diverges."""
         path = path.copy()
         own = any(np.ndim(value) for value in self.values)
-        plain = self.jumps is None and self.stepping.method == "rk4"
-        if path.shape[2] == 1 and plain and not own:
+        plain = self.jumps is None and self.stepping.method == "rk4" and not own
+        if path.shape[2] == 1 and plain:
             return alone(self.field, self.segments, self.stages[0], path, stop, first)
         for k in range(path.shape[1] - 1):
             path[:, k + 1] = self.step(path[:, k : k + 2], first + k, tangents=False)[0][:, 0]
@@ -342,8 +340,7 @@ class _Ground:
 
 def _directions(simulator: Simulator, active: Sequence[str], late: Sequence[str]) -> Directions:
     model = simulator.model
-    n = len(model.states)
-    columns = {name: n + k for k, name in enumerate(active)}
+    columns = {name: len(model.states) + k for k, name in enumerate(active)}
     delays = {model.inputs.index(u): columns[str(model.delays[u])] for u in late}
     return Directions(tuple(model.states), columns, delays, tuple(model.inputs))
 
@@ -399,7 +396,5 @@ def _late(
 
 
 def _clock(simulator: Simulator, output: str, env: dict, by: set[str]) -> tuple[Array, dict]:
-    from jaxsr.expressions.slopes import evaluate_with_slopes
-
-    term = simulator.model.term(simulator.model.clock[output])
-    return evaluate_with_slopes(term, env, by)
+    clock = simulator.model.term(simulator.model.clock[output])
+    return evaluate_with_slopes(clock, env, by)

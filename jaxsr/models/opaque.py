@@ -82,7 +82,7 @@ class Called:
     def derivative(self, position: int) -> str:
         """Register the derivative by an argument, and return its name."""
         if position not in self._derivatives:
-            by = jax.grad(self.function, argnums=position)
+            by = jax.jacfwd(self.function, argnums=position)
             name = f"{self.name}_by_{position}"
             self._derivatives[position] = Called(name, by, self.arity)
             self._derivatives[position].primitive()

@@ -73,8 +73,7 @@ class Simulator(eqx.Module):
             raise InputError(
                 f"the model stands on Python ({found.base})",
                 text,
-                f"Name it in the call: {Path(text).parent / found.base}"
-                + (f" --model {text}" if Path(text).stem != Path(found.base).stem else ""),
+                f"Name it in the call: {_with_table(Path(text), found.base)}",
             )
         return Simulator(found)
 
@@ -240,6 +239,15 @@ class Simulator(eqx.Module):
         batched = jax.vmap(lambda a, b, c, q: jnp.asarray(function(a, b, c, q)))
         p = {name: jnp.broadcast_to(v, xs.shape[:-1]) for name, v in p.items()}
         return tuple(jnp.moveaxis(batched(ts, xs, us, p), -1, 0))
+
+
+def _with_table(table: Path, base: str) -> str:
+    """Return how a Python function is named with its table, as far as the table tells."""
+    beside = table.parent / base
+    if table.stem == Path(base).stem:
+        return str(beside)
+    there = Path(str(beside).rpartition(":")[0]).is_file()
+    return f"{beside if there else f'path/{base}'} with --model {table}"
 
 
 def width_scales(simulator: Simulator, environment: Mapping[str, np.ndarray]) -> tuple[float, ...]:

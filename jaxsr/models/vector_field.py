@@ -8,7 +8,8 @@ adds \partial f/\partial u F to the rates of all states.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -144,7 +145,7 @@ def vector_field(function: Function, model: Model, where: str = "") -> VectorFie
         The function raises, returns another number of rates, or cannot be traced or
         differentiated by JAX.
     """
-    with jax.enable_x64(True):
+    with jax.enable_x64(True), _refusing(where):
         called = _Called(function, model, where)
         found, systems = called.read()
         points = called.points()
@@ -160,6 +161,21 @@ def vector_field(function: Function, model: Model, where: str = "") -> VectorFie
         gains, inputs, columns = force_columns(model, rates, points)
     made = (SolvedRates.of(system, rates, columns) for system in systems)
     return VectorField(rates, gains, inputs, columns, tuple(m for m in made if m is not None))
+
+
+@contextlib.contextmanager
+def _refusing(where: str) -> Iterator[None]:
+    """Turn what JAX says of a function that it can trace, and no more, into one line."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(
+            f"cannot be run for many samples by JAX: {_short(error)}",
+            where,
+            "Write it with jax.numpy",
+        ) from None
 
 
 class _Called:
@@ -262,6 +278,14 @@ def _rate(called: _Called, i: int, found: Term | Unreadable, points: Mapping[str
     """Return a rate as a term that agrees with the function."""
     call = jax.vmap(called.component(i, called.names))
     truth = np.asarray(call(*(points[n] for n in called.names)))
+    if isinstance(found, Term) and any(not np.isfinite(n.value) for n in found.distinct()):
+        if not np.isfinite(truth).any():
+            raise InputError(
+                f"the rate of {called.states[i]} is {truth[0]}, whatever the states are",
+                called.where,
+                "Check its numbers",
+            )
+        return called.opaque(i, found.variables)
     if isinstance(found, Term):
         with np.errstate(all="ignore"):
             own = np.broadcast_to(evaluate(found, points), truth.shape)
