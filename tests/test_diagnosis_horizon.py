@@ -11,9 +11,10 @@ from scipy.integrate import solve_ivp
 from jaxsr._progress import Budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.comparison import contest
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.scoring import horizons
-from jaxsr.diagnosis.diagnose import Decided, contest, looked_further
+from jaxsr.diagnosis.diagnose import Decided, looked_further
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.choice import decide
