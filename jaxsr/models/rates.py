@@ -67,11 +67,8 @@ def with_named_rates(model: Model) -> Model:
     An equation that says no more than a number or another symbol is not looked for. A part of a
     reading is looked at as it is written: definitions written out may be beyond all measure.
     """
-    rates = {
-        term: state
-        for state, term in model.rate_terms.items()
-        if state in model.dynamic_states and term.args
-    }
+    dynamic = set(model.dynamic_states)
+    rates = {t: s for s, t in model.rate_terms.items() if s in dynamic and t.args}
     readings, defined = dict(model.readings), set(model.definitions)
     symbols = {rate: Term.variable(_PREFIX + state) for rate, state in rates.items()}
     for output, term in model.reading_terms.items():
