@@ -200,6 +200,9 @@ def diagnose(
                 command=command,
             )
         save(diagnosis, folder, _verdict(diagnosis), budget=limit, **learnt)
+        for error in diagnosis.unread:
+            what = f"{error.what}; what was found without it is in {folder}"
+            raise InputError(what, error.where, error.remedy)
 
     return job
 

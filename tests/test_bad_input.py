@@ -100,7 +100,7 @@ def test_time_not_increasing(work: Path, capsys: Any, swap: tuple[int, int]) -> 
     i, j = swap
     rows[i], rows[j] = rows[j], rows[i]
     Path("a.csv").write_text(table(rows))
-    refused(capsys, "a.csv", "time", "increas")
+    refused(capsys, "a.csv", "time goes back")
 
 
 def test_time_that_stands_still(work: Path, capsys: Any) -> None:
@@ -161,14 +161,16 @@ def test_directory_that_cannot_be_written(work: Path, capsys: Any) -> None:
     refused(capsys, "a.csv", "--out", argv="diagnose m.toml b.csv --out a.csv/d")
 
 
-def test_bad_held_out_file_leaves_nothing(work: Path, capsys: Any) -> None:
+def test_a_bad_held_out_file_is_told_and_loses_nothing(work: Path, capsys: Any) -> None:
     Path("b.csv").write_text(table(drop(), "time_s,altitude_m"))
     assert main("diagnose m.toml a.csv --held-out b.csv --out d".split()) == 2
-    # It is opened last, so stages stand before the error; nothing stands after it.
+    # It is opened last: the diagnosis that does not need it is written whole.
     *stages, error = capsys.readouterr().err.splitlines()
     assert error.startswith("jaxsr: error: ") and "b.csv" in error and "height_m" in error
     assert not any("error" in line for line in stages)
-    assert not Path("d").exists() or not any(Path("d").iterdir())
+    document = json.loads(Path("d/diagnosis.json").read_text())
+    assert document["fit"]["held_out"] is None and Path("d/report.html").exists()
+    assert [c["file"] for c in document["data_checks"] if c["check"] == "held_out"] == ["b.csv"]
 
 
 def test_refusal_leaves_old_results_alone(work: Path, capsys: Any) -> None:

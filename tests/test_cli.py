@@ -39,6 +39,7 @@ class Recorded:
             verdict="nothing",
             sentence="No mismatch.",
             equations=[],
+            unread=(),
             columns={},
             save=self.save,
             write=self.write,

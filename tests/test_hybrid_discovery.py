@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 import jaxsr
 from jaxsr import Simulator
 from jaxsr._progress import Budget, Silent
-from jaxsr.discovery.discover import _laws
+from jaxsr.discovery.laws import laws
 from jaxsr.evolution import SearchConfig
 from jaxsr.expressions import parse, to_numpy
 from jaxsr.models.simulation import simulate_to_csv
@@ -208,7 +208,7 @@ def test_a_search_for_modes_cut_short_alone_is_told() -> None:
         look=lambda _: SimpleNamespace(sure=False, laws={}),
         find=lambda *_: budget.interrupt(),
     )
-    *found, ended = _laws({}, cast(Any, None), cast(Any, finder), 0, budget, Silent())
+    *found, ended = laws({}, cast(Any, None), cast(Any, finder), 0, budget, Silent())
     assert found == [[], None, None] and ended == "interrupted"
 
 

@@ -224,7 +224,7 @@ def test_one_sure_cell_settles_the_decimal_sign_of_the_file(tmp_path):
 
 def test_a_restarted_clock_has_its_own_remedy(tmp_path):
     rows = "".join(f"{t},{t}\n" for t in [*range(20), *range(20)])
-    with pytest.raises(InputError, match=r"clock goes back once.*row 21.*its own file") as error:
+    with pytest.raises(InputError, match=r"time goes back once.*row 21.*its own file") as error:
         read_recording(_file(tmp_path, "t,q\n" + rows))
     assert "Sort" not in str(error.value)
     with pytest.raises(InputError, match="Sort the rows"):

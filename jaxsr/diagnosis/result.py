@@ -9,6 +9,7 @@ from typing import Any
 
 from jaxsr._files import atomic_directory, atomic_write_text, dump_json
 from jaxsr._progress import Budget
+from jaxsr._result import InputError
 from jaxsr.models import Model, model_text
 
 SCHEMA = "jaxsr.diagnosis/1"
@@ -33,6 +34,8 @@ class Diagnosis:
         All of ``diagnosis.json``.
     evidence : object
         Data of the figures, for the report.
+    unread : tuple of InputError
+        Why held-out recordings could not be used; what was found stands without them.
     """
 
     verdict: str
@@ -42,6 +45,7 @@ class Diagnosis:
     fit: dict[str, Any]
     document: dict[str, Any]
     evidence: Any = field(repr=False, default=None)
+    unread: tuple[InputError, ...] = ()
 
     @property
     def sentence(self) -> str:

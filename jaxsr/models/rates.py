@@ -67,6 +67,8 @@ def with_named_rates(model: Model) -> Model:
     An equation that says no more than a number or another symbol is not looked for. A part of a
     reading is looked at as it is written: definitions written out may be beyond all measure.
     """
+    if all(term.is_variable for term in model.reading_terms.values()):
+        return model
     dynamic = set(model.dynamic_states)
     rates = {t: s for s, t in model.rate_terms.items() if s in dynamic and t.args}
     readings, defined = dict(model.readings), set(model.definitions)
@@ -112,7 +114,9 @@ class _Formula:
     def __mul__(self, other: _Formula) -> _Formula:
         return _Formula(Term.apply("mul", self.term, other.term))
 
-    def __truediv__(self, other: _Formula) -> _Formula:
+    def __truediv__(self, other: _Formula | float) -> _Formula:
+        if not isinstance(other, _Formula):  # the pivot of a singular matrix
+            return _Formula(Term.constant(float(other)))
         if other.term.is_constant and other.term.value == 1.0:
             return self
         return _Formula(Term.apply("div", self.term, other.term))

@@ -186,7 +186,7 @@ def _went_back(name: str, time: np.ndarray, wrong: np.ndarray) -> InputError:
     if stretches.min() >= MIN_SAMPLES and stretches.mean() >= RESTARTED:
         times = "once" if wrong.size == 1 else f"{wrong.size} times"
         return InputError(
-            f"the clock goes back {times}, first at {where}",
+            f"time goes back {times}, first at {where}",
             name,
             "If it was restarted there, give each stretch its own file; if it overflowed, count on",
         )

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
+from numpy.polynomial import Legendre
 from scipy.interpolate import BSpline
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
+from scipy.sparse.linalg import spsolve
 
 CHOICES = ("gcv", "likelihood", "risk", "discrepancy")
 INFLATION = 1.2  # of the degrees of freedom, keeps GCV from the rare fits that follow the noise
@@ -37,6 +39,9 @@ class PenalisedProblem:
 
     x is a spline of degree 2 order - 1 with `count` coefficients c and knots at quantiles of t, so
     that the normal equations (A + strength P) c = b are banded. The weights w have mean 1.
+
+    Polynomials of degree below `order` carry no penalty: the one that fits best is taken out first
+    and put back by `spline`, so that rounding in the normal equations touches the rest alone.
     """
 
     def __init__(
@@ -47,6 +52,8 @@ class PenalisedProblem:
         inner = np.interp(places, np.arange(t.size), t)
         self.knots = np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)])
         self.order, self.samples, self.size = order, t.size, count
+        self.plain = _polynomial(t, y, weights, order)
+        y = y - self.plain(t)
         self.y, self.weights = y, weights
         self.basis = sparse.csr_array(BSpline.design_matrix(t, self.knots, degree))
         weighted = sparse.csr_array(self.basis.multiply(weights[:, None] / t.size))
@@ -86,12 +93,26 @@ class PenalisedProblem:
         return self.knots[2 * self.order - 1 : self.size + 1]
 
     def spline(self, c: np.ndarray) -> BSpline:
-        """Return x(t) of coefficients c."""
-        return BSpline(self.knots, c, 2 * self.order - 1)
+        """Return x(t) of coefficients c, the polynomial put back."""
+        degree = 2 * self.order - 1
+        # at the Greville points interpolation by splines of this degree is well conditioned
+        places = np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], degree).mean(axis=1)
+        design = BSpline.design_matrix(np.clip(places, 0.0, 1.0), self.knots, degree)
+        plain = spsolve(design.tocsc(), self.plain(places))
+        return BSpline(self.knots, c + plain, degree)
 
     def factor(self, strength: float) -> np.ndarray:
         """Cholesky factor of A + strength P in lower band form."""
         return cholesky_banded(self.gram + strength * self.penalty, lower=True, check_finite=False)
+
+    def solvable(self, strength: float) -> bool:
+        """Whether rounding leaves A + strength P positive definite, also where `freedom` looks."""
+        try:
+            self.factor(strength * np.exp(_STEP))
+            self.factor(strength)
+        except LinAlgError:
+            return False
+        return True
 
     def solve(self, strength: float) -> np.ndarray:
         """Coefficients c."""
@@ -152,6 +173,11 @@ class PenalisedProblem:
         bounds = logs[max(least - 1, 0)], logs[min(least + 1, logs.size - 1)]
         found: Any = minimize_scalar(score, bounds=bounds, method="bounded", options={"xatol": 0.1})
         return float(np.exp(found.x if found.fun < scores[least] else logs[least]))
+
+
+def _polynomial(t: np.ndarray, y: np.ndarray, weights: np.ndarray, order: int) -> Legendre:
+    """Return the polynomial of degree below `order` of least weighted squares over [0, 1]."""
+    return Legendre.fit(t, y, order - 1, domain=[0.0, 1.0], w=np.sqrt(weights))
 
 
 def _bands(matrix: sparse.csr_array, degree: int, size: int) -> np.ndarray:

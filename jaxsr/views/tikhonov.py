@@ -252,7 +252,7 @@ class _Samples:
         """Return to seconds and the unit of y."""
         order = problem.order
         knots = self.start + self.span * problem.knots
-        spline = BSpline(knots, c * self.spread + self.middle, 2 * order - 1)
+        spline = BSpline(knots, problem.spline(c).c * self.spread + self.middle, 2 * order - 1)
         score = gcv(problem.residual(c), freedom, self.t.size) + 2.0 * np.log(self.spread)
         return PenalisedSpline(spline, strength * self.span ** (2 * order), freedom, score, order)
 
@@ -273,10 +273,12 @@ def _resolve(
             relative = problem.choose(choice, samples.noise)
         else:
             relative = strength / samples.span ** (2 * order)
+            while not problem.solvable(relative):  # stiffer than rounding lets pass
+                relative /= 10.0
         score = problem.score(relative, "gcv")
         if best is None or score < best[0] - _GAIN:
             best = (score, problem, relative)
-        elif problem.remainder(relative) <= _LEFT * floor:
+        elif not np.isfinite(score) or problem.remainder(relative) <= _LEFT * floor:
             break
     assert best is not None
     return best[1], best[2]

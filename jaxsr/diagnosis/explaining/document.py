@@ -26,11 +26,9 @@ from jaxsr.diagnosis.setup import open_recording
 from jaxsr.diagnosis.thinning import Whole, prepare_search
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
-from jaxsr.models.states import is_absent
+from jaxsr.models.states import input_table, is_absent, output_table
 from jaxsr.recordings import Recording, check_recording
 
-FIRST = 1000
-"""Samples of a held-out recording that tell whether it can be used."""
 LEFT = 0.05
 """Share of the time budget that evidence leaves for drawing and writing."""
 SHORT, FULL = 0.35, 0.6
@@ -56,7 +54,10 @@ def assemble(parts: Ingredients) -> Diagnosis:
     )
     force = force_errors(case.simulator.model, forces, others)
     document = _document(parts, judged, train, held_runs, force)
-    document["data_checks"] += [*unread, *_broken(case)]
+    for name, error in unread.items():
+        row = {"file": name, "channel": "", "check": "held_out", "message": str(error)}
+        document["data_checks"].append(row)
+    document["data_checks"] += _broken(case)
     remarks = len(document["data_checks"])
     evidence = build_evidence(parts, judged, explained_model, train, held_runs, forces, remarks)
     return Diagnosis(
@@ -67,6 +68,7 @@ def assemble(parts: Ingredients) -> Diagnosis:
         fit=document["fit"],
         document=document,
         evidence=evidence,
+        unread=tuple(unread.values()),
     )
 
 
@@ -77,17 +79,17 @@ def _horizons(parts: Ingredients) -> list[float]:
 
 def _held_out(
     parts: Ingredients,
-) -> tuple[tuple[Prepared, ...], Whole | None, list[dict[str, str]]]:
+) -> tuple[tuple[Prepared, ...], Whole | None, dict[str, InputError]]:
     """Open the held-out recordings; those that cannot be used are named, and nothing is lost."""
-    model, good, unread = parts.case.simulator.model, [], []
+    model, good, unread = parts.case.simulator.model, [], {}
     for item in parts.held_out:
         try:
             recording = open_recording(model, item)
-            Prepared.build(model, recording.select(slice(0, FIRST)))
+            _ = input_table(model, recording), output_table(model, recording)
             good.append(recording)
         except InputError as error:
             name = item.name if isinstance(item, Recording | Path) else Path(item).name
-            unread.append({"file": name, "channel": "", "check": "held_out", "message": str(error)})
+            unread[name] = error
             parts.case.progress.stage(f"left out of the held-out recordings: {error}")
     if not good:
         return (), None, unread
