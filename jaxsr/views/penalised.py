@@ -108,8 +108,8 @@ class PenalisedProblem:
     def solvable(self, strength: float) -> bool:
         """Whether rounding leaves A + strength P positive definite, also where `freedom` looks."""
         try:
-            self.factor(strength * np.exp(_STEP))
-            self.factor(strength)
+            for near in (-_STEP, 0.0, _STEP):
+                self.factor(strength * np.exp(near))
         except LinAlgError:
             return False
         return True
