@@ -102,7 +102,7 @@ def diagnose(
     rng = np.random.default_rng(seed)
     if simulator.function is not None:
         simulator = with_function(simulator.model, simulator.function)
-    prepared, whole = prepare_search(simulator.model, data)
+    prepared, whole = prepare_search(simulator.model, data, seconds=budget.seconds)
     progress.stage("screening mechanisms in the weak view")
     failures = Failures(progress)
     screened = failures.attempt("screening", lambda: screen_all(simulator, prepared), None)

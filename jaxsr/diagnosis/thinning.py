@@ -19,8 +19,8 @@ from jaxsr.recordings import Recording, check_time_units
 from jaxsr.recordings.decimation import decimated, is_uniform
 from jaxsr.views import choose_half_width
 
-MOST = 60_000
-"""Samples times states that a search works on."""
+MOST, PER_SECOND = 60_000, 1000
+"""Samples times states that a search works on: in all, and for each second of the time budget."""
 MOST_RECORDINGS = 40
 """Recordings that a search works on; thinned, there are at most `STRETCHES[1]` pieces."""
 STRETCH, LEAST = 1500, 4000
@@ -61,9 +61,12 @@ class Whole:
 
 
 def prepare_search(
-    model: Model, items: Sequence[str | Path | Recording], checked: bool = True
+    model: Model,
+    items: Sequence[str | Path | Recording],
+    checked: bool = True,
+    seconds: float = np.inf,
 ) -> tuple[tuple[Prepared, ...], Whole | None]:
-    """Read recordings and prepare what a search works on.
+    """Read recordings and prepare what a search of so many seconds works on.
 
     Raises
     ------
@@ -81,10 +84,11 @@ def prepare_search(
     check_time_units(recordings)
     if checked:
         check_data(model, recordings)
-    few = len(recordings) <= MOST_RECORDINGS
-    if few and sum(len(r) for r in recordings) * len(model.states) <= MOST:
+    few, most = len(recordings) <= MOST_RECORDINGS, int(min(MOST, PER_SECOND * seconds))
+    samples = sum(len(r) for r in recordings)
+    if few and (samples * len(model.states) <= most or samples <= LEAST):
         return tuple(Prepared.build(model, r) for r in recordings), None
-    return thinned(model, recordings)
+    return thinned(model, recordings, most)
 
 
 def time_for(whole: Whole | None, seconds: float) -> float:
@@ -93,7 +97,7 @@ def time_for(whole: Whole | None, seconds: float) -> float:
 
 
 def thinned(
-    model: Model, recordings: Sequence[Recording]
+    model: Model, recordings: Sequence[Recording], most: int = MOST
 ) -> tuple[tuple[Prepared, ...], Whole | None]:
     """Return pieces of recordings that hold what their motion shows, and all of them.
 
@@ -102,10 +106,10 @@ def thinned(
     evenly over all recordings, the others where inputs and readings differ most from those of
     the pieces chosen before, so that rare regimes are seen.
     """
-    factor = _factor(model, recordings)
+    factor = _factor(model, recordings, most)
     holds = {model.column(u): model.input_hold for u in model.inputs}
     coarse = [decimated(r, factor, holds) for r in recordings]
-    total = max(MOST // len(model.states), LEAST)
+    total = max(most // len(model.states), LEAST)
     number = int(np.clip(total // STRETCH, *STRETCHES))
     rows = _tiles(coarse, total // number)
     chosen = spread(_features(model, coarse, rows), number)
@@ -117,7 +121,7 @@ def thinned(
     return tuple(prepared), Whole(model, tuple(recordings), factor, searched)
 
 
-def _factor(model: Model, recordings: Sequence[Recording]) -> int:
+def _factor(model: Model, recordings: Sequence[Recording], most: int) -> int:
     """How many samples may become one: as far as too many ask for it, and the motion allows."""
     used = [model.column(u) for u in model.inputs]
     if model.input_hold == "bandlimited" or not all(is_uniform(r, used) for r in recordings):
@@ -125,7 +129,7 @@ def _factor(model: Model, recordings: Sequence[Recording]) -> int:
     step = max(r.sample_time for r in recordings)
     if step > 1.01 * min(r.sample_time for r in recordings):
         return 1
-    asked = sum(len(r) for r in recordings) * len(model.states) / MOST
+    asked = sum(len(r) for r in recordings) * len(model.states) / most
     longest = max(recordings, key=len)
     start = max(len(longest) // 2 - SEEN // 2, 0)
     part = longest.select(slice(start, start + SEEN))

@@ -93,7 +93,8 @@ def _held_out(
             parts.case.progress.stage(f"left out of the held-out recordings: {error}")
     if not good:
         return (), None, unread
-    return *prepare_search(model, good, checked=False), unread
+    seconds = parts.case.budget.seconds
+    return *prepare_search(model, good, checked=False, seconds=seconds), unread
 
 
 def _broken(case: Case) -> list[dict[str, str]]:
