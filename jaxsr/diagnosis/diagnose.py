@@ -43,6 +43,8 @@ Decided = tuple[Decision, float, StoppedBy]
 
 SEARCHING, DECIDING = 0.7, 0.78
 """Shares of the time budget after which no more sets are tried, and nothing more is compared."""
+SCREENING = 0.25
+"""Share of the time budget after which no more memories are screened in the weak view."""
 REPORTING = 2.0
 """Time kept for refining and reporting, relative to that of reading and screening."""
 SLOW, MOST_REPORTING = 10.0, 0.45
@@ -104,8 +106,8 @@ def diagnose(
         simulator = with_function(simulator.model, simulator.function)
     prepared, whole = prepare_search(simulator.model, data, seconds=budget.seconds)
     progress.stage("screening mechanisms in the weak view")
-    failures = Failures(progress)
-    screened = failures.attempt("screening", lambda: screen_all(simulator, prepared), None)
+    failures, early = Failures(progress), budget.share(SCREENING)
+    screened = failures.attempt("screening", lambda: screen_all(simulator, prepared, early), None)
     # What was slow to read and to screen is slow to report.
     reading = max(budget.elapsed, time_for(whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)

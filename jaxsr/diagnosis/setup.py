@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxsr._progress import Budget
 from jaxsr._result import InputError
 from jaxsr.diagnosis.mechanisms import Motion, force_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
@@ -125,8 +126,15 @@ class Screened:
         return self.grid.half_width
 
 
-def screen_all(simulator: Simulator, prepared: Sequence[Prepared]) -> Screened | None:
-    """Screen every force mechanism, where the equations can be read off the sensors."""
+def screen_all(
+    simulator: Simulator, prepared: Sequence[Prepared], budget: Budget | None = None
+) -> Screened | None:
+    """Screen every force mechanism, where the equations can be read off the sensors.
+
+    Memories, each of which is integrated along the recordings, are screened as long as the
+    `budget` lasts.
+    """
+    budget = budget or Budget()
     model = simulator.model
     # A test function across a jump of the state would see an impulse that no equation says.
     if model.events:
@@ -149,7 +157,9 @@ def screen_all(simulator: Simulator, prepared: Sequence[Prepared]) -> Screened |
         return Screened(super_model, system, screen_each(system, super_model), grid)
     candidates += memory_candidates(model, scale, sample_step(prepared))
     super_model = SuperModel.build(model, candidates)
-    system = with_memory(with_candidates(columns, given, super_model), super_model, grid)
+    system = with_memory(
+        with_candidates(columns, given, super_model), super_model, grid, lambda: budget.exhausted
+    )
     return Screened(super_model, system, screen(system, super_model), grid)
 
 
