@@ -45,6 +45,13 @@ def test_oscillator_follows_the_cosine() -> None:
     assert np.abs(table.v + 1.5 * np.sin(3.0 * table.t)).max() < 1e-5
 
 
+def test_a_long_gap_of_rows_is_crossed_with_steps_of_its_own() -> None:
+    """Sixty turns between two rows: no even number of steps between rows resolves them."""
+    time = np.concatenate([np.arange(0.0, 1.0, 0.01), 130.0 + np.arange(0.0, 1.0, 0.01)])
+    table = simulate_to_csv(simulator(OSCILLATOR), Recording("gap.csv", time, {}))
+    assert np.abs(table.position - 0.5 * np.cos(3.0 * time)).max() < 1e-4
+
+
 def test_coulomb_friction_stops_a_sliding_block_at_the_right_place() -> None:
     text = (
         OSCILLATOR.replace("-w**2*q", "-2.0*sign(v)")

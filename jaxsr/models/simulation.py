@@ -166,6 +166,10 @@ def _resolved(simulator: Simulator, item: Prepared, theta: np.ndarray, start: np
             if difference / (REFINEMENT ** ORDERS[attempt.method] - 1) <= TOLERANCE:
                 return run
         previous = (attempt.method, run)
+    # Rows far apart, as over a gap of the recording, ask for steps of their own.
+    adaptive = _adaptive(simulator, item, start, always=True) if finite else None
+    if adaptive is not None:
+        return adaptive
     length = item.time[-1] - item.time[0]
     what = "two runs with finer steps do not agree" if finite else "the simulation diverges"
     raise InputError(
@@ -175,14 +179,17 @@ def _resolved(simulator: Simulator, item: Prepared, theta: np.ndarray, start: np
     )
 
 
-def _adaptive(simulator: Simulator, item: Prepared, start: np.ndarray) -> Run | None:
-    """Run laws that switch with steps of their own: a step across a guard is made small there.
+def _adaptive(
+    simulator: Simulator, item: Prepared, start: np.ndarray, always: bool = False
+) -> Run | None:
+    """Run laws that switch, or `always`, with steps of their own: small across a guard.
 
     Fixed steps of any size meet a jump of a law somewhere inside. Jumps of states, [[events]], are
     located by the fixed steps.
     """
     model = simulator.model
-    if model.events or not any(t.uses(_SWITCHED) for t in model.equation_terms.values()):
+    switched = any(t.uses(_SWITCHED) for t in model.equation_terms.values())
+    if model.events or not (switched or always):
         return None
     run = free_run(simulator, item.recording if model.inputs else item.time, start[:, 0])
     if not run.success or not np.all(np.isfinite(run.outputs)):

@@ -196,7 +196,9 @@ class Sensitivities:
     def angle(self, i: int, j: int) -> float:
         """Degrees between two effects."""
         a, b = self.candidates.index(i), self.candidates.index(j)
-        norm = np.sqrt(max(self.gram[a, a] * self.gram[b, b], 0.0)) + 1e-300
+        # one root of the product would overflow
+        sizes = np.sqrt(max(self.gram[a, a], 0.0)), np.sqrt(max(self.gram[b, b], 0.0))
+        norm = sizes[0] * sizes[1] + 1e-300
         return float(np.degrees(np.arccos(min(abs(self.gram[a, b]) / norm, 1.0))))
 
 
