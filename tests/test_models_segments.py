@@ -7,7 +7,7 @@ import pytest
 
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.models import parse_model
-from jaxsr.models.segments import Prepared, Segments, build_segments, cut
+from jaxsr.models.segments import Prepared, Segments, build_segments, cut, unbroken
 from jaxsr.recordings import Recording
 
 MODEL = """
@@ -55,3 +55,17 @@ def test_angles_without_a_unit_are_known_by_their_sine():
     )
     turning = {site.position: site.turning for site in sites_of(parse_model(stated), {})}
     assert turning == {"phi": True, "x": False}
+
+
+def test_no_segment_goes_across_a_break_in_the_rows() -> None:
+    """Two stretches of 200 rows, 30 s apart, and one row after another pause of 30 s."""
+    time = np.concatenate([0.01 * np.arange(200), 32.0 + 0.01 * np.arange(200), [64.0]])
+    assert unbroken(time) == [(0, 200), (200, 400)]
+    model = parse_model(
+        '[model]\nstates = ["x"]\noutputs = ["y"]\n[equations]\nx = "-x"\n[readings]\ny = "x"\n'
+    )
+    item = Prepared.build(model, Recording("a.csv", time, {"y": np.exp(-(time % 32.0))}))
+    assert cut([item], None) == [(0, 0, 200), (0, 200, 400)]
+    assert all(b - a <= 51 and (b <= 200) == (a < 200) for _, a, b in cut([item], 0.5))
+    wide = build_segments(model, [item], [(0, 150, 200), (0, 200, 250)], 1, margin=25)
+    assert wide.start.tolist() == [125, 200] and np.diff(wide.time, axis=0).max() < 0.02

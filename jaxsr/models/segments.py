@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,8 @@ from jaxsr.models.model import FREE, Model
 from jaxsr.models.states import StateEstimate, estimate_states, input_table, output_table
 from jaxsr.recordings import Recording
 
+SHORTEST = 20
+"""Samples of the shortest free run; none goes across a break in the rows that is longer."""
 WASHED = 4
 """Margins that a segment must hold before one is spent at a recording's beginning."""
 
@@ -133,20 +137,37 @@ def cut(prepared: Sequence[Prepared], horizon: float | None) -> list[tuple[int, 
     """Cut recordings into consecutive segments of `horizon` seconds (None: whole recordings).
 
     Returns (recording, start, stop) rows; a rest shorter than a quarter of a segment, or than
-    three samples, is left out.
+    three samples, is left out. No segment goes across a break in the rows (`unbroken`).
     """
     rows = []
     for r, item in enumerate(prepared):
-        time = item.time
-        if horizon is None or horizon >= time[-1] - time[0]:
-            rows.append((r, 0, time.size))
-            continue
-        edges = np.arange(time[0], time[-1], horizon)
-        starts = np.searchsorted(time, edges - 1e-9 * horizon)
-        for start, stop in zip(starts, [*starts[1:], time.size], strict=True):
-            if stop - start >= 3 and time[stop - 1] - time[start] > 0.25 * horizon:
-                rows.append((r, int(start), int(stop)))
+        parts = _stretches(item)
+        for first, last in parts:
+            time = item.time[first:last]
+            if horizon is None or horizon >= time[-1] - time[0]:
+                short = horizon is not None and time[-1] - time[0] <= 0.25 * horizon
+                if len(parts) == 1 or not short:
+                    rows.append((r, first, last))
+                continue
+            edges = np.arange(time[0], time[-1], horizon)
+            starts = np.searchsorted(time, edges - 1e-9 * horizon)
+            for start, stop in zip(starts, [*starts[1:], time.size], strict=True):
+                if stop - start >= 3 and time[stop - 1] - time[start] > 0.25 * horizon:
+                    rows.append((r, first + int(start), first + int(stop)))
     return rows
+
+
+def unbroken(time: np.ndarray) -> list[tuple[int, int]]:
+    """Return the stretches (start, stop) of rows of which none follows the other far too late.
+
+    Of inputs nothing is known in a break longer than the shortest free run, so that the state
+    behind it is another start. Stretches of less than three samples are left out.
+    """
+    intervals = np.diff(time)
+    breaks = np.flatnonzero(intervals > SHORTEST * np.median(intervals)) + 1
+    edges = [0, *breaks.tolist(), time.size]
+    parts = [(a, b) for a, b in pairwise(edges) if b - a >= 3]
+    return parts or [(0, time.size)]
 
 
 def build_segments(
@@ -166,7 +187,11 @@ def build_segments(
     outside the rows where the recording reaches so far, so that delayed signals exist all along
     a row; the outputs there are left out.
     """
-    wide = [(r, max(a - margin, 0), min(b + margin, prepared[r].time.size)) for r, a, b in rows]
+    ends = [_stretch(prepared[r], a) for r, a, _ in rows]
+    wide = [
+        (r, max(a - margin, first), min(b + margin, last))
+        for (r, a, b), (first, last) in zip(rows, ends, strict=True)
+    ]
     size = max(max(stop - start for _, start, stop in wide), shape[0])
     known = [known_states(model, item, theta) for item in prepared]
     spare = max(shape[1] - len(rows), 0)
@@ -219,10 +244,22 @@ def told(model: Model, item: Prepared, row: tuple[int, int, int], margin: int) -
     Beyond a recording's ends nothing is known that a sensor could see later.
     """
     _, first, last = row
-    start, stop = max(first - margin, 0), min(last + margin, item.time.size)
+    begin, end = _stretch(item, first)
+    start, stop = max(first - margin, begin), min(last + margin, end)
     if stop - start <= WASHED * margin:
         return first, last
-    return start + margin, min(last, item.time.size - margin) if model.clock else last
+    return start + margin, min(last, end - margin) if model.clock else last
+
+
+def _stretch(item: Prepared, sample: int) -> tuple[int, int]:
+    """First and last (exclusive) sample of the unbroken stretch that holds a sample."""
+    parts = _stretches(item)
+    return next(((a, b) for a, b in parts if a <= sample < b), (0, item.time.size))
+
+
+@functools.lru_cache(maxsize=256)
+def _stretches(item: Prepared) -> list[tuple[int, int]]:
+    return unbroken(item.time)
 
 
 def _stage_table(model: Model, item: Prepared, substeps: int) -> np.ndarray:

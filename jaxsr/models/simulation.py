@@ -13,7 +13,7 @@ from jaxsr.models.least_squares import Problem
 from jaxsr.models.lifting import closed, simulated
 from jaxsr.models.model import FREE, Model
 from jaxsr.models.rollout import Stepping, outputs, states
-from jaxsr.models.segments import Prepared, Segments, build_segments
+from jaxsr.models.segments import Prepared, Segments, build_segments, unbroken
 from jaxsr.models.shooting import fit
 from jaxsr.models.simulator import Simulator, width_scales
 from jaxsr.models.states import StateEstimate, estimate_states, input_table, output_table, spread
@@ -145,7 +145,9 @@ def _start(simulator: Simulator, item: Prepared, theta: np.ndarray) -> np.ndarra
 
 def _resolved(simulator: Simulator, item: Prepared, theta: np.ndarray, start: np.ndarray) -> Run:
     """Refine the steps until two runs agree, see `simulate_to_csv`."""
-    adaptive = _adaptive(simulator, item, start)
+    # Fixed steps across a break in the rows may agree on what is wrong.
+    broken = len(unbroken(item.time)) > 1
+    adaptive = _adaptive(simulator, item, start, always=broken)
     if adaptive is not None:
         return adaptive
     widths = _widths(simulator, item, item.states.values.T, theta)
@@ -166,10 +168,6 @@ def _resolved(simulator: Simulator, item: Prepared, theta: np.ndarray, start: np
             if difference / (REFINEMENT ** ORDERS[attempt.method] - 1) <= TOLERANCE:
                 return run
         previous = (attempt.method, run)
-    # Rows far apart, as over a gap of the recording, ask for steps of their own.
-    adaptive = _adaptive(simulator, item, start, always=True) if finite else None
-    if adaptive is not None:
-        return adaptive
     length = item.time[-1] - item.time[0]
     what = "two runs with finer steps do not agree" if finite else "the simulation diverges"
     raise InputError(

@@ -10,7 +10,7 @@ import numpy as np
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.lifting import liftable
 from jaxsr.models.rollout import Stepping, outputs
-from jaxsr.models.segments import Prepared, Segments, build_segments, cut
+from jaxsr.models.segments import SHORTEST, Prepared, Segments, build_segments, cut
 from jaxsr.models.shooting import fit, simulate
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.states import spread
@@ -46,10 +46,10 @@ class FreeRun:
 def horizons(prepared: Sequence[Prepared]) -> list[float]:
     """Choose at least three horizons; the last one is the whole recording.
 
-    1/100, 1/25 and 1/5 of the recordings' length, each at least 20 samples.
+    1/100, 1/25 and 1/5 of the recordings' length, each at least `SHORTEST` samples.
     """
     length = float(np.median([p.time[-1] - p.time[0] for p in prepared]))
-    shortest = 20 * float(np.median([p.recording.sample_time for p in prepared]))
+    shortest = SHORTEST * float(np.median([p.recording.sample_time for p in prepared]))
     chosen = sorted({max(length / n, shortest) for n in (100, 25, 5)} | {length})
     chosen = [h for h in chosen if h <= 0.7 * length] + [length]
     return chosen if len(chosen) >= 3 else [length / 4, length / 2, length]
