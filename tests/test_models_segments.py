@@ -64,7 +64,9 @@ def test_no_segment_goes_across_a_break_in_the_rows() -> None:
     model = parse_model(
         '[model]\nstates = ["x"]\noutputs = ["y"]\n[equations]\nx = "-x"\n[readings]\ny = "x"\n'
     )
-    item = Prepared.build(model, Recording("a.csv", time, {"y": np.exp(-(time % 32.0))}))
+    item = Prepared.build(
+        model, Recording("a.csv", time, {"y": np.cos(time) + np.exp(-(time % 32.0))})
+    )
     assert cut([item], None) == [(0, 0, 200), (0, 200, 400)]
     assert all(b - a <= 51 and (b <= 200) == (a < 200) for _, a, b in cut([item], 0.5))
     wide = build_segments(model, [item], [(0, 150, 200), (0, 200, 250)], 1, margin=25)

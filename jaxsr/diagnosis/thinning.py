@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxsr.diagnosis.setup import check_data, open_recording
 from jaxsr.models import Model
-from jaxsr.models.segments import Prepared
+from jaxsr.models.segments import Prepared, unbroken
 from jaxsr.recordings import Recording, check_time_units
 from jaxsr.recordings.decimation import decimated, is_uniform
 from jaxsr.views import choose_half_width
@@ -87,8 +87,20 @@ def prepare_search(
     few, most = len(recordings) <= MOST_RECORDINGS, int(min(MOST, PER_SECOND * seconds))
     samples = sum(len(r) for r in recordings)
     if few and (samples * len(model.states) <= most or samples <= LEAST):
-        return tuple(Prepared.build(model, r) for r in recordings), None
+        return _unbroken(model, recordings)
     return thinned(model, recordings, most)
+
+
+def _unbroken(
+    model: Model, recordings: tuple[Recording, ...]
+) -> tuple[tuple[Prepared, ...], Whole | None]:
+    """Prepare recordings, those with breaks in their rows stretch by stretch."""
+    parts = [(r, a, b) for r in recordings for a, b in unbroken(r.time)]
+    if all(b - a == len(r) for r, a, b in parts):
+        return tuple(Prepared.build(model, r) for r in recordings), None
+    pieces = [(r.select(slice(a, b)), a == 0) for r, a, b in parts]
+    prepared = tuple(Prepared.build(model, part, begins=begins) for part, begins in pieces)
+    return prepared, Whole(model, recordings, 1, sum(p.time.size for p in prepared))
 
 
 def time_for(whole: Whole | None, seconds: float) -> float:

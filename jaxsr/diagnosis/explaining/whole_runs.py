@@ -12,7 +12,7 @@ from jaxsr.diagnosis.contest.scoring import DIVERGED, FreeRun, free_run
 from jaxsr.diagnosis.judging.whole import chunks, prepared_chunk
 from jaxsr.diagnosis.thinning import MOST, Whole
 from jaxsr.models.segments import Prepared, cut
-from jaxsr.models.states import StateEstimate, input_table, output_table
+from jaxsr.models.states import StateEstimate, input_table, output_table, spread
 from jaxsr.recordings import Recording
 
 BEGINNING = 0.05
@@ -139,17 +139,17 @@ def whole_runs(
         if number and stops[1]():
             break
         items = [_begun(whole, r) for r in group]
+        readings = [_covered(item, None) for item in items]
         for name, (own, theta) in models.items():
             run = free_run(own.simulator, own.stepping, items, theta[own.parameters], None)
-            for r, item, course in zip(group, items, run.simulated, strict=True):
-                table[name, len(horizons) - 1].add(r, 0, course, item.outputs)
-    deviation = [np.nanstd(output_table(whole.model, r), axis=0) for r in whole.recordings]
-    scale = np.array([np.where(d > 0, d, 1.0) for d in deviation])
+            for r, course, measured in zip(group, run.simulated, readings, strict=True):
+                table[name, len(horizons) - 1].add(r, 0, course, measured)
+    scale = np.array([spread(output_table(whole.model, r)) for r in whole.recordings])
     runs = {name: [table[name, h].run(scale) for h in range(len(horizons))] for name in models}
     return Runs(runs, whole.recordings, samples / whole.samples)
 
 
-def _covered(item: Prepared, horizon: float) -> np.ndarray:
+def _covered(item: Prepared, horizon: float | None) -> np.ndarray:
     """Readings of the samples that lie in a segment, NaN for the others."""
     covered = np.zeros(item.time.size, bool)
     for _, first, last in cut((item,), horizon):
