@@ -31,6 +31,7 @@ def run(name: str, coulomb: float, seed: int, noise: float) -> Recording:
     return Recording(name, time, {"u": np.array([force(t) for t in time]), "q": q, "v": v})
 
 
+@pytest.mark.slow
 def test_a_simulator_is_learnt_from_its_output_and_its_missing_friction_found():
     simulated = [run("sim.csv", 0.0, 1, 0.0)]
     recorded = [run("real.csv", 1.5, 1, 1e-3)]

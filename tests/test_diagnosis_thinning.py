@@ -205,6 +205,7 @@ def test_runs_in_pieces_are_the_runs_of_the_whole(monkeypatch):
             assert run.simulated == []
 
 
+@pytest.mark.slow
 def test_a_diagnosis_of_thinned_data_speaks_of_the_whole(monkeypatch, tmp_path):
     """Coulomb friction left out; times, errors and checksums are those of the recording."""
     for module in (thinning, judging_whole, explaining_runs):

@@ -92,6 +92,7 @@ def written(folder: Path) -> str:
     return f"{folder / 'm.py'}:cart"
 
 
+@pytest.mark.slow
 def test_coulomb_friction_on_a_function_is_found_written_and_run(tmp_path: Path) -> None:
     data = recorded(tmp_path, "(u - c*v - k*q - 1.5*sign(v))/M")
     model, out = written(tmp_path), tmp_path / "d"

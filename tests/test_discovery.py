@@ -104,6 +104,7 @@ def test_held_out_files_change_nothing_but_their_own_error(found):
     assert other.model == found.model
 
 
+@pytest.mark.slow
 def test_displacements_alone_give_a_second_order_law():
     records = [jaxsr.Recording(r.name, r.time, {k: r.channels[k] for k in "qu"}) for r in DATA]
     found = jaxsr.discover(records, states=["q"], order=2, inputs=["u"], config=QUICK)
@@ -131,6 +132,7 @@ def test_known_part_is_kept_and_only_the_rest_searched(tmp_path):
     assert terms["v"] == pytest.approx(-0.3, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_noise_keeps_the_structure_and_the_intervals_cover():
     noisy = [_duffing([1.0, 0.0], "a", noise=0.05), _duffing([0.0, -2.0], "bb", noise=0.05)]
     found = jaxsr.discover(

@@ -95,6 +95,7 @@ def test_a_form_with_a_given_derivative(name, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_lost_samples_leave_the_law_as_it_is(tmp_path):
     config = SearchConfig(population=60, refined=4, generations=10, restarts=0, patience=3)
     for name in ("whole", "10 % lost"):

@@ -136,6 +136,7 @@ def test_prefixes_of_a_spread_order_are_spread():
         assert np.max(gaps) < 2.8 * 100 / count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_the_law_of_a_part_is_estimated_on_the_whole(noise):
     record = _waves(30_000, 0.1, noise, w=4.0)

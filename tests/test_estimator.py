@@ -146,6 +146,7 @@ def test_it_pickles_clones_and_works_in_a_pipeline(two, fitted):
     assert np.mean(cross_val_score(pipe, X, np.abs(X[:, 0]), cv=2)) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_same_seed_same_equation_and_a_generator_moves_on():
     X, y = _law(np.random.default_rng(3), noise=0.1)
     options = {"population": 30, "generations": 4}

@@ -75,6 +75,7 @@ def test_stick_and_slip_agree_with_the_exact_rule() -> None:
     assert np.abs(x[:, 0] - q).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_stiff_and_nonstiff_agree_and_the_switch_is_automatic() -> None:
     simulator = model("x z", 'x = "-1e6*(x - cos(z))"; z = "1.0 + 0*x"')
     time = np.arange(200) * 0.05

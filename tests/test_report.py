@@ -298,6 +298,7 @@ def test_modes_and_their_guards_are_shown(tmp_path: Path) -> None:
     assert (tmp_path / "modes.png").exists()
 
 
+@pytest.mark.slow
 def test_many_long_diverging_outputs_stay_small(tmp_path: Path) -> None:
     rng = np.random.default_rng(11)
     time = np.arange(0, 100, 0.001)

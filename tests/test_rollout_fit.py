@@ -39,6 +39,7 @@ def test_clean_data_give_the_constants_back(seed: int) -> None:
     np.testing.assert_allclose(fitted.starts, starts.T, rtol=0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """60 records of 3 stretches: each constant is missed 3 times of 60 on average.
 
