@@ -168,6 +168,10 @@ def _resolved(simulator: Simulator, item: Prepared, theta: np.ndarray, start: np
             if difference / (REFINEMENT ** ORDERS[attempt.method] - 1) <= TOLERANCE:
                 return run
         previous = (attempt.method, run)
+    # Rows at uneven distances may ask for steps of their own as well.
+    adaptive = None if broken or not finite else _adaptive(simulator, item, start, always=True)
+    if adaptive is not None:
+        return adaptive
     length = item.time[-1] - item.time[0]
     what = "two runs with finer steps do not agree" if finite else "the simulation diverges"
     raise InputError(
