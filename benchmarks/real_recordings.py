@@ -44,7 +44,8 @@ from jaxsr.datasets import fetch
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.result import Diagnosis
-from jaxsr.diagnosis.screening.weak_system import weak_system
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
+from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.diagnosis.setup import prepare, state_scale
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
@@ -122,7 +123,7 @@ def trap(
     every = force_candidates(found.given, state_scale(found.given, train))
     candidates = [c for c in every if c.mechanism in wanted and c.site == "equation:v"]
     full = SuperModel.build(found.given, candidates)
-    system = weak_system(jaxsr.Simulator(full.model), train, values_of(full.model), HALF_WIDTH)
+    system = _weak(full.model, train, values_of(full.model))
     table, force = {}, {}
     for label, members in TRAP.items():
         own = [full.index(i) for i, c in enumerate(candidates) if c.mechanism in members]
@@ -132,7 +133,7 @@ def trap(
         theta[active] += np.linalg.lstsq(columns, -system.residual, rcond=None)[0]
         errors = rmse(full.model, theta, train, held, (0.25, 1.0, 5.0, None))
         table[label] = [1e3 * e for e in errors]
-        after = weak_system(jaxsr.Simulator(full.model), held, theta, HALF_WIDTH)
+        after = _weak(full.model, held, theta)
         force[label] = float(np.sqrt(np.mean(after.residual**2) / np.mean(after.input_side**2)))
         text = ", ".join(f"{e:.3g}" for e in table[label])
         print(f"    {label}: {text} mm; force error {force[label]:.1%}")
@@ -203,9 +204,15 @@ def ur10e(folder: Path, quick: bool) -> Case:
     return case
 
 
+def _weak(model: Model, prepared: Sequence[Prepared], theta: np.ndarray) -> WeakSystem:
+    """The weak view of a model over recordings."""
+    grid = WeakGrid.build(model, prepared, HALF_WIDTH)
+    return weak_system(jaxsr.Simulator(model), grid, theta)
+
+
 def current_error(model: Model, item: Prepared) -> float:
     """Return rms of what the equation leaves over rms of the motor's side, K*i1, weak view."""
-    system = weak_system(jaxsr.Simulator(model), [item], values_of(model), HALF_WIDTH)
+    system = _weak(model, [item], values_of(model))
     view = WeakView.build(item.time, HALF_WIDTH, HALF_WIDTH / 4)
     current = item.inputs[:, model.inputs.index("i1")]
     drive = model.parameters["K"].value * view.integrate(current)[view.valid]

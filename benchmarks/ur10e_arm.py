@@ -33,6 +33,7 @@ from jaxsr.diagnosis.contest.arena import neutral_values, parameter_bounds
 from jaxsr.diagnosis.contest.enter import active_parameters
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.diagnosis.setup import prepare, state_scale
 
@@ -91,7 +92,8 @@ def run(folder: Path, quick: bool) -> dict[str, Any]:
     wanted = [c for c in offered if c.mechanism in ADDED["+ Coulomb"]]
     super_model = SuperModel.build(model, wanted)
     simulator, start = jaxsr.Simulator(super_model.model), neutral_values(super_model)
-    systems = [weak_system(simulator, items, start, HALF_WIDTH) for items in prepared]
+    grids = [WeakGrid.build(model, items, HALF_WIDTH) for items in prepared]
+    systems = [weak_system(simulator, grid, start) for grid in grids]
     errors, constants = {}, {}
     for name, mechanisms in ADDED.items():
         if quick and name == "+ viscous":

@@ -22,6 +22,7 @@ from jaxsr.diagnosis.mechanisms import sensor_candidates
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.diagnosis.screening.weak_system import weak_system
 from jaxsr.diagnosis.setup import sample_step, screen_all
 from jaxsr.models import Model, Simulator
@@ -102,7 +103,8 @@ def library(model: Model, data: Sequence[Prepared]) -> Library | None:
         if moved is None:
             continue
         size, items = moved
-        other = weak_system(Simulator(model), items, np.array(_values(model)), system.half_width)
+        grid = WeakGrid.build(model, items, system.half_width)
+        other = weak_system(Simulator(model), grid, np.array(_values(model)))
         if other.residual.shape == system.residual.shape:
             columns.append(weight * (other.residual - system.residual) / FAULT)
             owner.append(candidate)
