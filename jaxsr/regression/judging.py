@@ -96,6 +96,7 @@ class Judge:
         samples = np.column_stack([cache.column(term, keep=False) for term in fresh])
         if self.view is not None:
             finite = np.all(np.isfinite(samples), axis=0)
-            seen = self.view(np.where(finite, samples, 0.0))
+            with np.errstate(over="ignore", invalid="ignore"):
+                seen = self.view(np.where(finite, samples, 0.0))
             samples = np.where(finite, seen, np.nan)
         self._columns.update(zip(fresh, samples.T.copy(), strict=True))

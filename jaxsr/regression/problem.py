@@ -200,7 +200,8 @@ class RegressionProblem:
         finite = np.all(np.isfinite(samples), axis=0)
         viewed = np.full((self.rows, samples.shape[1]), np.nan)
         if np.any(finite):
-            viewed[:, finite] = self.view(samples[:, finite])
+            with np.errstate(over="ignore", invalid="ignore"):  # finite samples, too large to add
+                viewed[:, finite] = self.view(samples[:, finite])
         return viewed
 
     def seen(self, samples: Array) -> Array:

@@ -76,7 +76,8 @@ class Sets:
         flat = columns.reshape(-1, columns.shape[-1])
         if not len(flat):
             return np.zeros((*columns.shape[:-1], self.target.shape[1]))
-        return self.view(flat.T).T.reshape(*columns.shape[:-1], -1)
+        with np.errstate(over="ignore", invalid="ignore"):  # finite samples, too large to add
+            return self.view(flat.T).T.reshape(*columns.shape[:-1], -1)
 
 
 @dataclass(slots=True)
