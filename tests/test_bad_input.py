@@ -100,7 +100,7 @@ def test_time_not_increasing(work: Path, capsys: Any, swap: tuple[int, int]) -> 
     i, j = swap
     rows[i], rows[j] = rows[j], rows[i]
     Path("a.csv").write_text(table(rows))
-    refused(capsys, "a.csv", "time", "back" if swap == (10, 11) else "row")
+    refused(capsys, "a.csv", "time goes back" if swap == (10, 11) else "time is not increasing")
 
 
 def test_time_that_stands_still(work: Path, capsys: Any) -> None:
