@@ -24,7 +24,7 @@ from jaxsr.models import Model, Simulator
 from jaxsr.models.segments import Prepared
 from jaxsr.models.states import output_table
 from jaxsr.recordings import Recording, check_time_units, read_recording, unwrap
-from jaxsr.views.half_width import FEWEST, LONGEST, SHORTEST, choose_half_width
+from jaxsr.views.half_width import FEWEST, LONGEST, SHORTEST, choose_half_widths, sampled_alike
 
 NARROWEST = 8
 """Least half-width of a test function, in samples."""
@@ -96,11 +96,10 @@ def half_width_of(prepared: Sequence[Prepared]) -> float | None:
     """
     found, slowest = [], 0.0
     for item in prepared:
-        for column in item.outputs.T:
-            good = np.isfinite(column)
-            if np.count_nonzero(good) >= FEWEST:
-                time = item.time[good]
-                found.append(choose_half_width(time, column[good]))
+        for present, columns in sampled_alike(item.outputs):
+            if np.count_nonzero(present) >= FEWEST:
+                time = item.time[present]
+                found += choose_half_widths(time, columns)
                 interval = float(np.median(np.diff(time)))
                 slowest = max(slowest, min(SHORTEST * interval, LONGEST * (time[-1] - time[0])))
     return max(min(found), slowest) if found else None

@@ -17,7 +17,7 @@ from jaxsr.models import Model
 from jaxsr.models.segments import Prepared, unbroken
 from jaxsr.recordings import Recording, check_time_units
 from jaxsr.recordings.decimation import decimated, is_uniform
-from jaxsr.views import choose_half_width
+from jaxsr.views.half_width import choose_half_widths, sampled_alike
 
 MOST, PER_SECOND = 60_000, 1000
 """Samples times states that a search works on: in all, and for each second of the time budget."""
@@ -145,14 +145,14 @@ def _factor(model: Model, recordings: Sequence[Recording], most: int) -> int:
     longest = max(recordings, key=len)
     start = max(len(longest) // 2 - SEEN // 2, 0)
     part = longest.select(slice(start, start + SEEN))
-    widths = []
-    for output in model.outputs:
-        values = part.channels.get(model.column(output))
-        if values is None:
-            continue
-        known = np.isfinite(values)
-        if known.sum() > PER_WIDTH and np.ptp(values[known]) > 0.0:
-            widths.append(choose_half_width(part.time[known], values[known]))
+    columns = [c for y in model.outputs if (c := part.channels.get(model.column(y))) is not None]
+    if not columns:
+        return 1
+    widths: list[float] = []
+    for present, signals in sampled_alike(np.stack(columns, axis=1)):
+        moving = np.ptp(signals, axis=0) > 0.0 if present.any() else np.zeros(0, bool)
+        if present.sum() > PER_WIDTH and moving.any():
+            widths += choose_half_widths(part.time[present], signals[:, moving])
     allowed = min(widths, default=0.0) / step / PER_WIDTH
     shortest = min(len(r) for r in recordings) / STRETCH
     return max(int(min(asked, allowed, max(shortest, 1.0))), 1)

@@ -2,7 +2,7 @@
 
 from jaxsr.views.derivative import DERIVATIVES, choose_method, derivative
 from jaxsr.views.finite_difference import finite_difference
-from jaxsr.views.half_width import choose_half_width
+from jaxsr.views.half_width import choose_half_width, choose_half_widths
 from jaxsr.views.integral import integrate
 from jaxsr.views.noise_model import noise_by_sample
 from jaxsr.views.savitzky_golay import LocalFit, choose_fit, savitzky_golay, smooth_states
@@ -19,6 +19,7 @@ __all__ = [
     "adaptive_spline",
     "choose_fit",
     "choose_half_width",
+    "choose_half_widths",
     "choose_method",
     "choose_smoother",
     "derivative",

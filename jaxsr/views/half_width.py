@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from jaxsr._result import InputError
@@ -52,7 +54,35 @@ def choose_half_width(time: np.ndarray, y: np.ndarray, noise: float | None = Non
     InputError
         If the record is shorter than 16 samples.
     """
-    time, y = np.asarray(time, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    y = np.asarray(y, dtype=np.float64)
+    noise = noise_level(np.asarray(time, dtype=np.float64), y) if noise is None else noise
+    return choose_half_widths(time, y[:, None], np.array([noise]))[0]
+
+
+def choose_half_widths(
+    time: np.ndarray, signals: np.ndarray, noise: np.ndarray | None = None
+) -> list[float]:
+    """Choose a half-width for each of several signals, which share their test functions.
+
+    Parameters
+    ----------
+    time : ndarray, shape (samples,)
+    signals : ndarray, shape (samples, signals)
+        NaN where missing, for all of them alike.
+    noise : ndarray, shape (signals,), optional
+        Standard deviations; `noise_level` by default.
+
+    Returns
+    -------
+    list of float
+        As `choose_half_width` has them.
+
+    Raises
+    ------
+    InputError
+        If the record is shorter than 16 samples.
+    """
+    time, signals = np.asarray(time, dtype=np.float64), np.asarray(signals, dtype=np.float64)
     shortest = SHORTEST * float(np.median(np.diff(time)))
     longest = LONGEST * float(time[-1] - time[0])
     if longest < shortest * (1.0 - 1.0 / 16.0):
@@ -61,22 +91,55 @@ def choose_half_width(time: np.ndarray, y: np.ndarray, noise: float | None = Non
             remedy=f"Give at least {FEWEST}",
         )
     if longest <= shortest:
-        return longest
-    noise = noise_level(time, y) if noise is None else noise
+        return [longest] * signals.shape[1]
+    if noise is None:
+        noise = np.array([noise_level(time, y) for y in signals.T])
     count = max(2, int(np.ceil(np.log(longest / shortest) / np.log(_STEP))) + 1)
     widths = np.geomspace(shortest, longest, count)
-    energy, from_noise = np.full((2, count), np.nan)
-    largest = 0.0
+    energy, from_noise = _energies(time, signals, widths, noise)
+    return [_chosen(time, widths, *both) for both in zip(energy, from_noise, strict=True)]
+
+
+def sampled_alike(signals: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Group signals (samples, signals) by the samples that they hold.
+
+    Yields
+    ------
+    present : ndarray of bool, shape (samples,)
+    signals : ndarray, shape (present samples, signals of the group)
+    """
+    finite = np.isfinite(signals)
+    for present in np.unique(finite, axis=1).T:
+        own = (finite == present[:, None]).all(axis=0)
+        yield present, signals[np.ix_(present, own)]
+
+
+def _energies(
+    time: np.ndarray, signals: np.ndarray, widths: np.ndarray, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Energy that passes, and the noise's in it, shape (signals, widths); NaN where unknown."""
+    energy, from_noise = np.full((2, signals.shape[1], widths.size), np.nan)
+    largest, left = np.zeros(signals.shape[1]), np.ones(signals.shape[1], bool)
     for i, h in enumerate(widths):
-        energy[i], from_noise[i] = _passed(time, y, h, noise)
-        if from_noise[i] <= _NOISE_SHARE * energy[i]:
-            largest = max(largest, energy[i])
-            # what passes falls with the width: nothing more to see
-            if energy[i] < 0.1 * largest:
-                break
+        passed, per_noise = _passed(time, signals, h)
+        energy[left, i] = passed[left]
+        from_noise[left, i] = (noise**2 * per_noise)[left]
+        clear = left & (from_noise[:, i] <= _NOISE_SHARE * energy[:, i])
+        largest[clear] = np.maximum(largest, energy[:, i])[clear]
+        # what passes falls with the width: nothing more to see
+        left &= ~(clear & (energy[:, i] < 0.1 * largest))
+        if not left.any():
+            break
+    return energy, from_noise
+
+
+def _chosen(
+    time: np.ndarray, widths: np.ndarray, energy: np.ndarray, from_noise: np.ndarray
+) -> float:
+    """Apply the rule of `choose_half_width` to what passes at every width."""
     known = np.isfinite(energy)
     if not known.any():
-        return float(longest)
+        return float(widths[-1])
     energy = np.where(known, energy, 0.0)
     from_noise = np.where(known, from_noise, np.inf)
     clear = from_noise <= _NOISE_SHARE * energy
@@ -92,19 +155,17 @@ def choose_half_width(time: np.ndarray, y: np.ndarray, noise: float | None = Non
     return float(widths[np.flatnonzero(enough)[-1]])
 
 
-def _passed(
-    time: np.ndarray, y: np.ndarray, half_width: float, noise: float
-) -> tuple[float, float]:
-    """Mean square of the weak acceleration, and the noise's share of it."""
+def _passed(time: np.ndarray, signals: np.ndarray, half_width: float) -> tuple[np.ndarray, float]:
+    """Mean squares of the weak accelerations, shape (signals,), and that of noise of size 1."""
     span = time[-1] - time[0]
     overlap = 2.0 if span < 100.0 * half_width else 1.0
     spacing = max(half_width / overlap, span / _MAX_TESTS)
-    view = WeakView.build(time, half_width, spacing, mask=np.isfinite(y))
+    view = WeakView.build(time, half_width, spacing, mask=np.asarray(np.isfinite(signals).all(1)))
     if not view.valid.any():
-        return np.nan, np.nan
-    acceleration = view.integrate(y, derivative=2)[view.valid]
+        return np.full(signals.shape[1], np.nan), np.nan
+    accelerations = view.integrate(signals, derivative=2)[view.valid]
     weights = view.matrices[2].data
     return (
-        float(np.mean(acceleration**2)),
-        float(noise**2 * np.sum(weights**2) / np.count_nonzero(view.valid)),
+        np.mean(accelerations**2, axis=0),
+        float(np.sum(weights**2) / np.count_nonzero(view.valid)),
     )
