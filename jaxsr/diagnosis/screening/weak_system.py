@@ -261,7 +261,9 @@ def _equation(
         if row:
             by_theta = slope["mass"][(state, column)]
             jacobian = jacobian - inertia_force(model, view, item, column, by_theta)
-    return residual, jacobian, view.integrate(force - silent[state])
+    with np.errstate(invalid="ignore"):  # a law may be infinite with and without the input
+        driven = force - silent[state]
+    return residual, jacobian, view.integrate(driven)
 
 
 def inertia_force(
