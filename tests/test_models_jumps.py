@@ -138,3 +138,16 @@ def test_events_of_time_and_of_both_directions() -> None:
     expected = np.where(t < 0.333, t, np.where(t < 1.0, t + 2.0, t))
     apart = np.abs(t - 1.0) > 1e-6  # where it jumps at a sample, either side is right
     np.testing.assert_allclose(path[0][apart], expected[apart], atol=1e-9)
+
+
+def test_rows_that_are_missing_do_not_change_a_simulation() -> None:
+    dropped = Simulator(replace(FORCED.model, initial={"q": 1.0, "v": 0.0}))
+    time = np.arange(301) * 0.01
+    kept = (time < 0.6) | (time > 2.0)
+
+    def heights(rows: np.ndarray) -> np.ndarray:
+        recording = Recording("a", time[rows], {"u": 0.0 * time[rows]})
+        return simulate_to_csv(dropped, recording)["y"].to_numpy()
+
+    whole, part = heights(np.ones(time.size, bool)), heights(kept)
+    np.testing.assert_allclose(part, whole[kept], atol=1e-5)

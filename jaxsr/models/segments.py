@@ -189,7 +189,7 @@ def build_segments(
     """
     ends = [_stretch(prepared[r], a) for r, a, _ in rows]
     wide = [
-        (r, max(a - margin, first), min(b + margin, last))
+        (r, max(a - margin, min(first, a)), max(min(b + margin, last), b))
         for (r, a, b), (first, last) in zip(rows, ends, strict=True)
     ]
     size = max(max(stop - start for _, start, stop in wide), shape[0])

@@ -76,13 +76,43 @@ def simulate_to_csv(
     item = _grid(model, duration, dt) if recording is None else _prepared(model, recording)
     theta = np.array(simulator.values(), dtype=float)
     start = _start(simulator, item, theta)
-    run = _resolved(simulator, item, theta, start)
+    filled, rows = _filled(model, item) if model.events else (item, slice(None))
+    run = _resolved(simulator, filled, theta, start)
+    run = Run(run.states[:, rows], run.outputs[:, rows])
     table = {model.column(model.time): item.time}
     table |= {model.column(u): item.inputs[:, k] for k, u in enumerate(model.inputs)}
     table |= {model.column(y): run.outputs[k] for k, y in enumerate(model.outputs)}
     for k, state in enumerate(model.states):
         table.setdefault(state, run.states[k])
     return pd.DataFrame(table)
+
+
+def _filled(model: Model, item: Prepared) -> tuple[Prepared, np.ndarray | slice]:
+    """Add rows where others are missing, so that no step between two rows is a long one.
+
+    Returns
+    -------
+    item : Prepared
+    rows : ndarray of int or slice
+        Where the recording's own rows are.
+    """
+    if len(unbroken(item.time)) == 1:
+        return item, slice(None)
+    intervals = np.diff(item.time)
+    parts = np.maximum(np.round(intervals / np.median(intervals)), 1).astype(int)
+    if parts.sum() > MOST_SAMPLES:
+        return item, slice(None)
+    rows = np.concatenate([[0], np.cumsum(parts)])
+    time = np.interp(np.arange(rows[-1] + 1), rows, item.time)
+    before = np.searchsorted(item.time, time, side="right") - 1
+    held = model.input_hold == "zero"
+    columns = [u[before] if held else np.interp(time, item.time, u) for u in item.inputs.T]
+    inputs = np.stack(columns, axis=1) if columns else np.zeros((time.size, 0))
+    values = np.stack([np.interp(time, item.time, x) for x in item.states.values.T], axis=1)
+    measured = np.full((time.size, item.outputs.shape[1]), np.nan)
+    measured[rows] = item.outputs
+    recording = Recording(item.recording.name, time, {})
+    return Prepared(recording, time, inputs, measured, replace(item.states, values=values)), rows
 
 
 def _grid(model: Model, duration: float | None, dt: float | None) -> Prepared:
