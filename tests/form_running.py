@@ -305,7 +305,10 @@ def _explained(form: Form, folder: Path, here: bool = False) -> list[str]:
     if "Traceback" in done.stderr:
         return [f"explained: {crash(done.stderr.rpartition('jaxsr: this is')[0])}"]
     if done.returncode != 0:
-        return [] if form.wild else [f"explained: does not run: {done.stderr.strip()[:160]}"]
+        # A law may have no simulation over the whole recording with any values.
+        given = _command(["simulate", form.simulator, first, "--out", "given.csv"], folder, 120.0)
+        hopeless = form.wild or given.returncode == 2
+        return [] if hopeless else [f"explained: does not run: {done.stderr.strip()[:160]}"]
     return _finite(pd.read_csv(run / "s.csv"), form)
 
 

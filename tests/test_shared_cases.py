@@ -39,12 +39,12 @@ def _is_diagnosis(folder: Path) -> bool:
 DIAGNOSED = [folder for folder in FOLDERS if _is_diagnosis(folder)]
 HOSTILE = [folder for folder in FOLDERS if not _is_diagnosis(folder)]
 MAY_REFUSE = {
-    **{"06-law-nan-on-data-sqrt": "m.toml", "07-inertia-0": "m.toml"},
+    **{"06-law-nan-on-data-sqrt": "equation v, on a.csv", "07-inertia-0": "m.toml"},
     **{"09-inertia-off-diagonal": "m.toml", "10-output-all-zero": "a.csv"},
     **{"12-20-samples": "a.csv", "15-held-out-too-short-no-file-name": "h.csv"},
     "16-one-short-recording-no-file-name": "b.csv",
 }
-"""Forms that may be refused, and the file that the message must name."""
+"""Forms that may be refused, and the place that the message must name."""
 LENGTH = 500
 """Characters of a message: file, what and remedy, with values cut at 80."""
 

@@ -136,22 +136,29 @@ def one_step(
 
 
 def readings_along(
-    simulator: Simulator, stepping: Stepping, segments: Segments, theta: Array, path: Array
+    simulator: Simulator,
+    stepping: Stepping,
+    segments: Segments,
+    theta: Array,
+    path: Array,
+    active: Sequence[int] = (),
 ) -> tuple[Array, Array]:
-    """Return readings of a path, delays left out, and their derivatives by the states.
+    """Return readings of a path, delays left out, and their derivatives.
 
     Returns
     -------
     y : ndarray, shape (outputs, samples, segments)
-    by : ndarray, shape (outputs, states, samples, segments)
+    by : ndarray, shape (outputs, states + active, samples, segments)
     """
-    ground = _Ground.of(simulator, stepping, segments, theta, ())
+    ground = _Ground.of(simulator, stepping, segments, theta, active)
     y, rows = ground.field.readings(ground.at(path))
-    by = np.zeros((len(y), *path.shape))
+    names = list(simulator.model.parameters)
+    directions = [*simulator.model.states, *(names[i] for i in active)]
+    by = np.zeros((len(y), len(directions), *path.shape[1:]))
     for k, row in enumerate(rows):
-        for i, state in enumerate(simulator.model.states):
-            if state in row:
-                by[k, i] = row[state]
+        for i, name in enumerate(directions):
+            if name in row:
+                by[k, i] = row[name]
     return np.stack(y), by
 
 
