@@ -1,0 +1,205 @@
+"""From a set of mechanisms to its mode and evidence: linearise, weigh, smooth, and again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.diagnosis.likelihood.evidence import Gram, Mode, Prior
+from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, whitened
+from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
+from jaxsr.models.least_squares import Problem
+
+MOST = 8
+"""Linearisations of one estimate."""
+SETTLED = 0.3
+"""Step of a constant, in its posterior deviation, that ends the iteration."""
+HALVED = (1.0, 0.5, 0.2)
+"""Shares of a step that are tried."""
+WORSE, FIRM = 1.0, 4
+"""Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
+promise, about paths that are no motion of the model, is not kept."""
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is believed of constants before the recordings: absolute values, not changes.
+
+    Attributes
+    ----------
+    mean, deviation, low, high : ndarray, shape (constants,)
+    """
+
+    mean: np.ndarray
+    deviation: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def about(self, theta: np.ndarray) -> Prior:
+        """Return the priors of changes from these values."""
+        # A bound that is also where the mechanism vanishes decides about its sign.
+        below, above = np.isclose(self.low, self.mean), np.isclose(self.high, self.mean)
+        side = below.astype(float) - above.astype(float)
+        edge = np.where(below, self.low, np.where(above, self.high, 0.0))
+        return Prior(self.mean - theta, self.deviation, side, edge - theta)
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """Sizes that the latent force may have, and how long it keeps its sign.
+
+    Attributes
+    ----------
+    forces : tuple of int
+        Where the constants that stand for a force along each equation are among the columns.
+    size : ndarray, shape (forces,)
+        Rms of the net force.
+    shares : ndarray, shape (choices,)
+        Of it, in rising order; the first is 0.
+    decay : float
+        Correlation from sample to sample.
+    noise : Noise
+    start : ndarray, shape (states,)
+        Variances of the states at the start of a piece.
+    """
+
+    forces: tuple[int, ...]
+    size: np.ndarray
+    shares: np.ndarray
+    decay: float
+    noise: Noise
+    start: np.ndarray
+
+    def latent(self, local: LocalModel, share: float) -> Latent:
+        """Return the latent force of one size about a linearisation."""
+        return Latent(local.by_constant[..., list(self.forces)], share * self.size, self.decay)
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A set of mechanisms at its mode.
+
+    Attributes
+    ----------
+    theta : ndarray, shape (parameters,)
+    path : ndarray, shape (states, samples, pieces)
+    share : float
+        Size of the latent force that is left, as a share of the net force.
+    mode : Mode
+    evidences : ndarray, shape (choices,)
+        Log evidence by size of the latent force.
+    """
+
+    theta: np.ndarray
+    path: np.ndarray
+    share: float
+    mode: Mode
+    evidences: np.ndarray
+    settled: bool
+
+
+def grams(local: LocalModel, scales: Scales, shares: np.ndarray) -> list[Gram]:
+    """Return the Gram matrix of innovations for every size of the latent force."""
+    pieces = local.defect.shape[1]
+    systems = [
+        System.of(local, scales.latent(local, share), scales.noise, scales.start)
+        for share in shares
+    ]
+    found = whitened(System.joined(systems))
+    count = found.count // len(systems)
+    lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(systems))]
+    return [replace(Gram.of(found, lane), count=count) for lane in lanes]
+
+
+def estimated(
+    problem: Problem,
+    theta: np.ndarray,
+    path: np.ndarray,
+    chosen: np.ndarray,
+    helpers: np.ndarray,
+    belief: Belief,
+    scales: Scales,
+    most: int = MOST,
+) -> Estimate | None:
+    """Iterate to the mode of a set; None where its steps are not finite.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (parameters,)
+        Where it starts.
+    path : ndarray, shape (states, samples, pieces)
+    chosen : ndarray of int
+        Parameters that are estimated.
+    helpers : ndarray of int
+        Parameters that stand for a force along an equation and stay where they are.
+    belief : Belief
+        Of the chosen parameters.
+    """
+    size = len(chosen)
+    scales = replace(scales, forces=tuple(range(size, size + len(helpers))))
+
+    def weighed(theta: np.ndarray, path: np.ndarray) -> _Point | None:
+        args = problem.simulator, problem.stepping, problem.segments, theta, path
+        local = linearised(*args, [*chosen, *helpers])
+        if not np.isfinite(local.defect).all():
+            return None
+        prior = belief.about(theta[chosen])
+        modes = [g.evidence(range(size), prior) for g in grams(local, scales, scales.shares)]
+        logs = np.array([m.log_evidence for m in modes])
+        if not np.isfinite(logs).any():
+            return None
+        return _Point(theta, path, local, modes, np.where(np.isfinite(logs), logs, -np.inf))
+
+    point = weighed(theta, path)
+    if point is None:
+        return None
+    settled = False
+    for number in range(most):
+        change = np.clip(theta[chosen] + point.mode.change, belief.low, belief.high) - theta[chosen]
+        little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
+        local = point.local.moved(np.concatenate([change, np.zeros(len(helpers))]))
+        latent = scales.latent(point.local, scales.shares[point.best])
+        noise = scales.noise.scaled(point.mode.noise)
+        moved = smoothed(System.of(local, latent, noise, scales.start), len(path))
+        settled = bool(np.all(np.abs(change) <= little))
+        after = None
+        for share in HALVED:
+            nearer = theta.copy()
+            nearer[chosen] += share * change
+            found = weighed(nearer, path + share * moved)
+            if found is not None and (number < FIRM or found.log > point.log - WORSE):
+                after = found
+                break
+        if after is None:
+            settled = False
+            break
+        settled &= after.best == point.best
+        point, theta, path = after, after.theta, after.path
+        if settled:
+            break
+    share = float(scales.shares[point.best])
+    return Estimate(point.theta, point.path, share, point.mode, point.logs, settled)
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A linearisation and what it says of the constants, by size of the latent force."""
+
+    theta: np.ndarray
+    path: np.ndarray
+    local: LocalModel
+    modes: list[Mode]
+    logs: np.ndarray
+
+    @property
+    def best(self) -> int:
+        return int(np.argmax(self.logs))
+
+    @property
+    def mode(self) -> Mode:
+        return self.modes[self.best]
+
+    @property
+    def log(self) -> float:
+        return float(self.logs[self.best])

@@ -1,0 +1,140 @@
+"""Log evidence of a set of constants: one Gram matrix answers for every set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from jaxsr.diagnosis.likelihood.kalman import Whitened
+
+SETTLING = 4
+"""Fixed-point steps for the scale of the noise, which converge by a factor of samples a step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Independent normal priors of constants, some of them on one side of zero.
+
+    Attributes
+    ----------
+    mean, deviation : ndarray, shape (constants,)
+        Of the changes of constants from where the model was linearised.
+    side : ndarray, shape (constants,)
+        1 or -1 where a constant has to stay above or below `edge`, else 0.
+    edge : ndarray, shape (constants,)
+    """
+
+    mean: np.ndarray
+    deviation: np.ndarray
+    side: np.ndarray
+    edge: np.ndarray
+
+    def of(self, chosen: Sequence[int]) -> Prior:
+        """Return the priors of some of the constants."""
+        at = list(chosen)
+        return Prior(self.mean[at], self.deviation[at], self.side[at], self.edge[at])
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """The most probable constants of a set, and its evidence.
+
+    Attributes
+    ----------
+    log_evidence : float
+    change : ndarray, shape (constants,)
+    deviation : ndarray, shape (constants,)
+        Posterior standard deviations.
+    noise : float
+        Factor on all variances that fits best.
+    """
+
+    log_evidence: float
+    change: np.ndarray
+    deviation: np.ndarray
+    noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class Gram:
+    """Products of innovations and their derivatives, summed over the pieces.
+
+    Attributes
+    ----------
+    products : ndarray, shape (1 + constants, 1 + constants)
+    log_determinant : float
+    count : int
+    """
+
+    products: np.ndarray
+    log_determinant: float
+    count: int
+
+    @staticmethod
+    def of(found: Whitened, lanes: slice) -> Gram:
+        """Sum over the lanes of one choice."""
+        rows = found.rows[lanes].reshape(-1, found.rows.shape[-1])
+        return Gram(rows.T @ rows, float(found.log_determinant[lanes].sum()), found.count)
+
+    def evidence(self, chosen: Sequence[int], prior: Prior, scaled: bool = True) -> Mode:
+        r"""Return the mode and the log evidence of a set of constants.
+
+        With innovations v + W c, the prior N(m, \Lambda^{-1}) and variances scaled by k,
+
+        .. math:: \log p = -\tfrac12 \left( N \log 2 \pi k + \log |S| + |v + W c|^2 / k
+            + (c - m)' \Lambda (c - m) + \log |W'W/k + \Lambda| - \log |\Lambda| \right)
+
+        at the most probable c; k is the one that fits best. Constants that may not change their
+        sign have the share of the posterior on the right side, over that of the prior.
+
+        Parameters
+        ----------
+        chosen : sequence of int
+            Columns, counted from 0.
+        prior : Prior
+            Of the chosen constants.
+        scaled : bool
+            Whether k is estimated; else 1.
+        """
+        at = 1 + np.asarray(chosen, dtype=int)
+        inner, pull = self.products[np.ix_(at, at)], self.products[at, 0]
+        precision = 1.0 / prior.deviation**2
+        noise, change, factor = 1.0, prior.mean, np.eye(len(at))
+        for _ in range(SETTLING if scaled else 1):
+            # Scaled by the prior: the identity, and what the data add to it.
+            root = prior.deviation / np.sqrt(noise)
+            matrix = inner * np.outer(root, root) + np.eye(len(at))
+            factor = np.linalg.cholesky(matrix)
+            right = -(pull / noise) * prior.deviation + prior.mean / prior.deviation
+            change = prior.deviation * _solved(factor, right)
+            left = self.products[0, 0] + 2.0 * pull @ change + change @ inner @ change
+            if scaled:
+                noise = max(float(left) / self.count, 1e-300)
+        away = change - prior.mean
+        log = -0.5 * (
+            self.count * np.log(2.0 * np.pi * noise)
+            + self.log_determinant
+            + left / noise
+            + away @ (precision * away)
+            + 2.0 * np.log(np.diag(factor)).sum()
+        )
+        inverse = np.linalg.inv(factor)
+        deviation = prior.deviation * np.sqrt((inverse**2).sum(axis=0))
+        log += _on_their_side(change, deviation, prior)
+        return Mode(float(log), change, deviation, noise)
+
+
+def _solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
+    return np.linalg.solve(factor.T, np.linalg.solve(factor, right))
+
+
+def _on_their_side(change: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:
+    """Log of the posterior's share on the right side of the edges, over the prior's."""
+    at = prior.side != 0.0
+    side, edge = prior.side[at], prior.edge[at]
+    after = norm.logcdf(side * (change[at] - edge) / deviation[at])
+    before = norm.logcdf(side * (prior.mean[at] - edge) / prior.deviation[at])
+    return float(np.sum(after - before))

@@ -1,0 +1,190 @@
+"""Sets of mechanisms as hypotheses, each at its mode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.diagnosis.contest.integration import steady
+from jaxsr.diagnosis.contest.reduced import Reduced, reduce
+from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated
+from jaxsr.diagnosis.likelihood.steps import resolved
+from jaxsr.diagnosis.likelihood.workspace import Table, Workspace
+from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
+from jaxsr.models.least_squares import Problem
+
+SHARPER = (4.0, 1.0, 0.25, 0.06, 0.015)
+"""Widths of jumps that are tried, in the sharpest that the data can tell, the smoothest first."""
+SHARPENED = 0.5
+"""Log evidence that a sharper jump must gain to be sharpened further."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A set of mechanisms at its mode.
+
+    Attributes
+    ----------
+    members : tuple of int
+        Candidates of the super-model.
+    log_evidence : float
+    share : float
+        Size of the latent force left, as a share of the net force.
+    constants : dict of str to (float, float)
+        Value and posterior deviation, by names of the super-model.
+    names : dict of int to dict of str to str
+        Member to its constants' own names and those of the super-model.
+    theta : ndarray
+        All parameters of the super-model.
+    path : ndarray, shape (states of the given model, samples, pieces)
+    estimate : Estimate
+        In the order of the set's own model.
+    """
+
+    members: tuple[int, ...]
+    log_evidence: float
+    share: float
+    constants: dict[str, tuple[float, float]]
+    names: dict[int, dict[str, str]]
+    theta: np.ndarray
+    path: np.ndarray
+    settled: bool
+    estimate: Estimate
+
+
+def hypothesis(
+    work: Workspace,
+    table: Table,
+    members: Sequence[int],
+    start: Mapping[int, float] | None = None,
+    path: np.ndarray | None = None,
+    calibrated: bool = True,
+) -> Hypothesis | None:
+    """Estimate a set from where the table leads it; None where nothing finite comes of it.
+
+    Parameters
+    ----------
+    members : sequence of int
+        Candidates of the super-model.
+    start : mapping, optional
+        Parameters of the super-model to the values from which they start.
+    path : ndarray, optional
+        Of the given model's states; what the sensors tell by default.
+    calibrated : bool
+        Whether the given model's free parameters are estimated too.
+    """
+    model = work.super_model
+    members = tuple(sorted(members))
+    helpers = work.helpers
+    theta = model.switched(members, model.seeded(members, work.theta))
+    for j, value in (start or {}).items():
+        theta[j] = value
+    chosen = list(model.base_index()) if calibrated else []
+    for i in members:
+        chosen += [j for j in model.index(i) if j not in chosen]
+    reduced = reduce(work.problem, model, tuple(sorted({*members, *helpers})))
+    pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
+    belief = _belief(work, table, chosen, theta)
+    own = reduced.problem.segments.course.copy()
+    if path is not None:
+        own[: len(path)] = path
+    best = _at_its_mode(work, table, reduced, theta, own, chosen, pushes, belief, members)
+    if best is None:
+        return None
+    values = theta.copy()
+    values[reduced.parameters] = best.theta
+    names = list(model.model.parameters)
+    constants = {
+        names[j]: (float(values[j]), float(best.mode.deviation[k])) for k, j in enumerate(chosen)
+    }
+    known = len(model.given.states)
+    return Hypothesis(
+        members,
+        best.mode.log_evidence,
+        best.share,
+        constants,
+        {i: model.names[i] for i in members},
+        values,
+        best.path[:known],
+        best.settled,
+        best,
+    )
+
+
+def _at_its_mode(
+    work: Workspace,
+    table: Table,
+    reduced: Reduced,
+    theta: np.ndarray,
+    path: np.ndarray,
+    chosen: Sequence[int],
+    pushes: Sequence[int],
+    belief: Belief,
+    members: Sequence[int],
+) -> Estimate | None:
+    """Iterate, with jumps from wide to sharp as long as that is more probable."""
+    scales = replace(table.scales, start=work.scales.start[reduced.states])
+    at = reduced.active(np.array(chosen, dtype=int))
+    helpers = reduced.active(np.array(pushes, dtype=int))
+    values = theta[reduced.parameters]
+    sharp = any(work.super_model.candidates[i].sharp for i in members)
+    best: Estimate | None = None
+    for factor in SHARPER if sharp else (1.0,):
+        problem = _stepped(reduced.problem, factor, values, path, scales)
+        with np.errstate(all="ignore"):
+            try:
+                found = estimated(problem, values, path, at, helpers, belief, scales)
+            except (np.linalg.LinAlgError, FloatingPointError):
+                break
+        if found is None:
+            break
+        gain = np.inf if best is None else found.mode.log_evidence - best.mode.log_evidence
+        if gain > 0.0:
+            best, values, path = found, found.theta, found.path
+        if gain < SHARPENED:
+            break
+    return best
+
+
+def _stepped(
+    problem: Problem, factor: float, theta: np.ndarray, path: np.ndarray, scales: Scales
+) -> Problem:
+    """Widen or sharpen the jumps of a problem, and step it finely enough for that."""
+    stepping = problem.stepping
+    if stepping.widths:
+        widths = tuple(factor * w for w in stepping.widths)
+        problem = replace(problem, stepping=replace(stepping, widths=widths))
+        problem = steady(problem, theta)
+    return resolved(problem, theta, path, scales.noise, scales.start)
+
+
+def _belief(work: Workspace, table: Table, chosen: Sequence[int], theta: np.ndarray) -> Belief:
+    """Beliefs of parameters of the super-model: those of the table, where it has them."""
+    names = list(work.super_model.model.parameters)
+    parameters = list(work.super_model.model.parameters.values())
+    index = _names_in_table(work, table)
+    rows = []
+    for j in chosen:
+        if names[j] in index:
+            k, known = index[names[j]], table.belief
+            rows.append((known.mean[k], known.deviation[k], known.low[k], known.high[k]))
+            continue
+        low, high = parameters[j].bounds or (-UNLIMITED, UNLIMITED)
+        value = theta[j]
+        size = abs(value) if value else min(high - low, 1.0)
+        rows.append((value, size, low - 1e-12 * size, high + 1e-12 * size))
+    columns = np.array(rows, dtype=float).reshape(-1, 4).T
+    return Belief(*columns)
+
+
+def _names_in_table(work: Workspace, table: Table) -> dict[str, int]:
+    """Names of the super-model's parameters to their places among the table's columns."""
+    here = list(work.columns.model.parameters)
+    place = {here[j]: k for k, j in enumerate(table.active)}
+    found = {n: place[n] for n in work.super_model.given.parameters if n in place}
+    for i, there in enumerate(work.place):
+        mine, theirs = work.columns.names[i], work.super_model.names[there]
+        found |= {theirs[own]: place[mine[own]] for own in mine if mine[own] in place}
+    return found

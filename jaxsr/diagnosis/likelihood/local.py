@@ -1,0 +1,96 @@
+"""The simulator linearised sample by sample along a path: steps and readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.models.least_squares import LARGEST
+from jaxsr.models.lifting import one_step, readings_along
+from jaxsr.models.rollout import Stepping
+from jaxsr.models.segments import Segments
+from jaxsr.models.simulator import Simulator
+
+
+@dataclass(frozen=True, eq=False)
+class LocalModel:
+    r"""Linear steps and readings about a path, in deviations from it.
+
+    With d the deviation of the state from the path and c a change of the constants,
+
+    .. math:: d_{t+1} = \delta_t + A_t d_t + B_t c, \qquad e_t = H_t d_t + J_t c + \text{noise}.
+
+    Pieces of recordings lie side by side; a piece that is shorter than the others is padded with
+    steps that change nothing and samples that nobody measured.
+
+    Attributes
+    ----------
+    defect : ndarray, shape (steps, pieces, states)
+        Where the step map leads, less the path's next sample.
+    by_state : ndarray, shape (steps, pieces, states, states)
+    by_constant : ndarray, shape (steps, pieces, states, constants)
+    innovation : ndarray, shape (samples, pieces, outputs)
+        Measured less read off the path; NaN where missing.
+    reading : ndarray, shape (samples, pieces, outputs, states)
+    reading_by_constant : ndarray, shape (samples, pieces, outputs, constants)
+    """
+
+    defect: np.ndarray
+    by_state: np.ndarray
+    by_constant: np.ndarray
+    innovation: np.ndarray
+    reading: np.ndarray
+    reading_by_constant: np.ndarray
+
+    def moved(self, change: np.ndarray) -> LocalModel:
+        """Return the model with its constants changed, and none of them left to change."""
+        return replace(
+            self,
+            defect=self.defect + self.by_constant @ change,
+            innovation=self.innovation - self.reading_by_constant @ change,
+            by_constant=self.by_constant[..., :0],
+            reading_by_constant=self.reading_by_constant[..., :0],
+        )
+
+
+def linearised(
+    simulator: Simulator,
+    stepping: Stepping,
+    segments: Segments,
+    theta: np.ndarray,
+    path: np.ndarray,
+    active: Sequence[int],
+) -> LocalModel:
+    """Linearise the step map and the readings about a path.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (parameters,)
+    path : ndarray, shape (states, samples, segments)
+    active : sequence of int
+        Constants to differentiate by. Derivatives that are not finite become zero: along such a
+        direction nothing is known.
+    """
+    with np.errstate(all="ignore"):
+        ends, slopes = one_step(simulator, stepping, segments, theta, path, active)
+        y, by = readings_along(simulator, stepping, segments, theta, path, active)
+    n = len(path)
+    inside = np.arange(1, path.shape[1])[:, None] < segments.count
+    defect = np.where(inside, ends - path[:, 1:], 0.0)
+    slopes = _bounded(slopes)
+    return LocalModel(
+        defect.transpose(1, 2, 0),
+        np.ascontiguousarray(slopes[:, :n].transpose(2, 3, 0, 1)),
+        np.ascontiguousarray(slopes[:, n:].transpose(2, 3, 0, 1)),
+        (segments.outputs - y).transpose(1, 2, 0),
+        np.ascontiguousarray(_bounded(by[:, :n]).transpose(2, 3, 0, 1)),
+        np.ascontiguousarray(_bounded(by[:, n:]).transpose(2, 3, 0, 1)),
+    )
+
+
+def _bounded(slopes: np.ndarray) -> np.ndarray:
+    size = np.abs(slopes).max(axis=(0, 2, 3), initial=0.0)
+    kept = np.isfinite(size) & (size < LARGEST)
+    return np.where(kept[None, :, None, None], slopes, 0.0)

@@ -1,0 +1,138 @@
+"""The search for what the recordings are evidence of: propose, estimate, compare."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from jaxsr.diagnosis.contest.reduced import reduce
+from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
+from jaxsr.diagnosis.likelihood.noise import likeliest
+from jaxsr.diagnosis.likelihood.workspace import Table, Workspace, in_columns, tabled
+
+TRIED = 6
+"""Proposals that are estimated about one leader."""
+PROMISING = 2.0
+"""Log evidence that a proposal must promise about the leader's path, its prior odds included."""
+MOST_MEMBERS = 4
+Members = tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Everything that the search knows.
+
+    Attributes
+    ----------
+    work : Workspace
+    known : dict of tuple to Hypothesis or None
+        Estimated sets; None where nothing finite came of one.
+    grown : frozenset of tuple
+        Sets about whose path all additions were looked at.
+    """
+
+    work: Workspace
+    known: dict[Members, Hypothesis | None]
+    grown: frozenset[Members] = field(default_factory=frozenset)
+
+    @property
+    def leader(self) -> Hypothesis:
+        """The most probable set."""
+        found = [h for h in self.known.values() if h is not None]
+        return max(found, key=lambda h: self.log_posterior(h))
+
+    def log_posterior(self, found: Hypothesis) -> float:
+        """Log of evidence times prior odds: every mechanism is one of all that were offered."""
+        return found.log_evidence - len(found.members) * np.log(self.offered)
+
+    @property
+    def offered(self) -> int:
+        """How many mechanisms at how many places there are; variants count as one."""
+        return len({c.label for c in self.work.super_model.candidates})
+
+
+def begun(work: Workspace) -> tuple[State, Table]:
+    """Estimate re-calibration alone, and the sensors' noise beside it."""
+    path = work.narrow.segments.course
+    table = tabled(work, in_columns(work, work.theta), path)
+    null = hypothesis(work, table, ())
+    if null is not None:
+        work = with_noise(work, table, null)
+        table = tabled(work, in_columns(work, null.theta), null.path)
+        null = hypothesis(work, table, (), path=null.path)
+    return State(work, {(): null}), table
+
+
+def with_noise(work: Workspace, table: Table, found: Hypothesis) -> Workspace:
+    """Return the workspace with the noise that an estimate makes likeliest."""
+    helpers = work.helpers
+    members = tuple(sorted({*found.members, *helpers}))
+    reduced = reduce(work.problem, work.super_model, members)
+    pushes = [work.super_model.index(i, coefficients_only=True)[0] for i in helpers]
+    at = reduced.active(np.array(pushes, dtype=int))
+    scales = replace(table.scales, start=work.scales.start[reduced.states])
+    noise = likeliest(reduced.problem, found.estimate, at, scales)
+    return replace(work, scales=replace(work.scales, noise=noise))
+
+
+def search(
+    work: Workspace,
+    others: Sequence[int] = (),
+    stop: Callable[[], bool] = lambda: False,
+) -> State:
+    """Grow the leading set until nothing that was offered adds to it.
+
+    Parameters
+    ----------
+    others : sequence of int
+        Candidates whose effect is no column (states, delays), the most promising first.
+    """
+    state, table = begun(work)
+    if state.known[()] is None:
+        return state
+    while not stop() and state.leader.members not in state.grown:
+        state = step(state, table, others, stop)
+    return state
+
+
+def step(state: State, table: Table, others: Sequence[int], stop: Callable[[], bool]) -> State:
+    """Estimate what promises most about the leader's path."""
+    work, leader = state.work, state.leader
+    here = (
+        table if not leader.members else tabled(work, in_columns(work, leader.theta), leader.path)
+    )
+    known = dict(state.known)
+    proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
+    if len(leader.members) <= 1:
+        proposed += [(i,) for i in others]
+    proposed += [tuple(m for m in leader.members if m != i) for i in leader.members]
+    if len(leader.members) >= MOST_MEMBERS:
+        proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
+    for members in proposed:
+        members = tuple(sorted(members))
+        if members in known or stop():
+            continue
+        known[members] = hypothesis(work, table, members, path=leader.path)
+    return replace(state, known=known, grown=state.grown | {leader.members})
+
+
+def _additions(state: State, table: Table, leader: Hypothesis) -> list[int]:
+    """Candidates of the super-model by what they promise beside a set, the best first."""
+    work = state.work
+    theta = in_columns(work, leader.theta)
+    own = [i for i, place in enumerate(work.place) if place in leader.members]
+    base = list(range(len(work.columns.base_index())))
+    for i in own:
+        base += [k for k in table.own[i] if k not in base]
+    before = table.best(base, theta)[0]
+    promised = []
+    for i, columns in table.own.items():
+        further = [k for k in columns if k not in base]
+        if i in own or not further:
+            continue
+        gain = table.best([*base, *further], theta)[0] - before - np.log(state.offered)
+        if gain > PROMISING:
+            promised.append((gain, work.place[i]))
+    return [i for _, i in sorted(promised, reverse=True)[:TRIED]]
