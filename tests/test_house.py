@@ -127,6 +127,7 @@ DIAGNOSIS = (
     "failures",
     "case",
     "contest",
+    "likelihood",
     "judging",
     "locating",
     "search",
