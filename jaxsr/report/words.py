@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jaxsr._result import Verdict
@@ -11,6 +11,7 @@ from jaxsr.report.formatting import (
     is_number,
     listing,
     number,
+    odds,
     unit_text,
 )
 
@@ -127,6 +128,19 @@ def verdict_sentence(document: Mapping[str, Any]) -> str:
     return f"{opening.format(named or 'a cause without a name')}."
 
 
+def figures_of(finding: Mapping[str, Any]) -> str:
+    """Return what a finding weighs in a line: its constants with intervals and units, how sure."""
+    parts = []
+    for name, row in (finding.get("parameters") or {}).items():
+        value, interval = estimate(row.get("value"), row.get("ci95"))
+        unit = unit_text(row.get("unit"))
+        shown = f"{name} = {value}{' ' + unit if unit else ''}"
+        parts.append(f"{shown} ({interval})" if row.get("ci95") else shown)
+    if is_number(finding.get("probability")):
+        parts.append(f"{odds(finding.get('probability'))} probable")
+    return ", ".join(parts)
+
+
 def _place(finding: Mapping[str, Any]) -> str:
     site = str(finding.get("site") or "")
     if finding.get("mechanism") == "wrong_value":
@@ -175,12 +189,30 @@ def _entry(values: Any, index: int) -> float | None:
     return values[index] if values and index < len(values) else None
 
 
-def region_words(region: Mapping[str, Any], unit: str = "") -> str:
-    """Return a region of ``where`` as an inequality."""
-    ends = [region.get("from"), region.get("to")]
-    low, high = (_bound(end) for end in ends)
+def region_words(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[str]:
+    """Return a region of ``where`` in words, one text for each variable.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Ranges; those of one variable are alternatives.
+    units : mapping
+        Variable to its printed unit.
+    """
+    texts: dict[str, list[str]] = {}
+    for row in rows:
+        name = str(row.get("variable", "?"))
+        texts.setdefault(name, []).append(_range_words(row, units.get(name, "")))
+    return [" and ".join(found) for found in texts.values()]
+
+
+def _range_words(region: Mapping[str, Any], unit: str) -> str:
+    """Return one range as an inequality, or say that it is all there was."""
+    low, high = (_bound(region.get(end)) for end in ("from", "to"))
     name = str(region.get("variable", "?"))
     tail = f" {unit}" if unit else ""
+    if region.get("everywhere"):
+        return f"at every {name} recorded ({low} to {high}{tail})"
     if low and high:
         return f"{low} < {name} < {high}{tail}"
     if low or high:

@@ -11,14 +11,13 @@ from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import column_sizes, correlation_length
 from jaxsr.diagnosis.contest.reduced import resolved
 from jaxsr.diagnosis.contest.tangent import Tangent
-from jaxsr.models.least_squares import Fit
+from jaxsr.models.least_squares import Fit, Problem
+from jaxsr.models.states import spread
 
 RANK = 1e-10
 """Eigenvalue, relative to the largest, below which a direction of parameters leaves no trace."""
 LEAST_LEFT = 1e-3
 """Share of what is known that a block must leave to the others for its gradient to be scaled."""
-DETECTION = 3.3 + 1.645
-"""Standard errors of an effect that is found (p < 5e-4) in 95 of 100 experiments."""
 
 
 def covariance(arena: Arena, result: Fit) -> np.ndarray:
@@ -186,12 +185,19 @@ class Sensitivities:
         Standard error of each coefficient if it were added to the estimate.
     angle_to_parameters : ndarray, shape (candidates,)
         Degrees between the effect and what the free parameters can reproduce.
+    reach : ndarray, shape (candidates,)
+        rms change of the reading that one unit of the coefficient moves most, nothing projected
+        out, in standard deviations of that reading.
+    variance : float
+        Of an independent weighted residual.
     """
 
     candidates: tuple[int, ...]
     gram: np.ndarray
     error: np.ndarray
     angle_to_parameters: np.ndarray
+    reach: np.ndarray
+    variance: float
 
     def angle(self, i: int, j: int) -> float:
         """Degrees between two effects."""
@@ -222,4 +228,20 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     used = problem.segments.weights.sum()
     variance = result.cost / max(used - len(base), 1.0) * correlation_length(result.residual)
     error = np.sqrt(variance) / np.sqrt(strength + 1e-300)  # one root would overflow
-    return Sensitivities(numbers, gram, error, angle)
+    reach = _reach(problem, tangent.fit.jacobian[position])
+    return Sensitivities(numbers, gram, error, angle, reach, float(variance))
+
+
+def _reach(problem: Problem, columns: np.ndarray) -> np.ndarray:
+    """Return rms effects on the reading each moves most, in its standard deviations.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (coefficients, outputs, samples, segments)
+        Derivatives of the readings, divided by their scales.
+    """
+    segments = problem.segments
+    readings = np.moveaxis(segments.outputs, 0, -1).reshape(-1, len(problem.scale))
+    count = np.maximum(segments.weights.sum((1, 2)), 1.0)
+    rms = np.sqrt(np.einsum("cots,cots->co", columns, columns) / count)
+    return np.max(rms * problem.scale / spread(readings), axis=1, initial=0.0)
