@@ -33,8 +33,8 @@ from jaxsr.report.words import (
 )
 
 _REJECTED = 0.005  # probability that is printed as less than 1 %
-_FIRST_CONSIDERED = 8  # rows that stand open; the rest unfolds
-_INDISTINGUISHABLE, _HARD = 10.0, 30.0  # degrees
+_FIRST_CONSIDERED, _FIRST_DETECTABLE = 8, 12  # rows that stand open; the rest unfolds
+_NEARLY = 10.0  # degrees
 
 
 def write_diagnosis_report(
@@ -73,6 +73,7 @@ def write_diagnosis_report(
         for role in ("train", "held_out")
     }
     considered = [_considered(row) for row in evidence.considered]
+    detectable = _detectable(document)
     context = {
         "title": f"Diagnosis of {evidence.model_name}",
         "model_name": evidence.model_name,
@@ -95,7 +96,8 @@ def write_diagnosis_report(
         "considered_rest": considered[_FIRST_CONSIDERED:],
         "calibration": _calibration(document, evidence),
         "confusable": [_confusable(row) for row in document.get("confusable") or []],
-        "detectable": _detectable(document),
+        "detectable": detectable[:_FIRST_DETECTABLE],
+        "detectable_rest": detectable[_FIRST_DETECTABLE:],
         "next_experiment": document.get("next_experiment"),
         "ladder": evidence.ladder,
         "data_checks": document.get("data_checks") or [],
@@ -192,13 +194,9 @@ def _calibration(document: Mapping[str, Any], evidence: Evidence) -> list[dict[s
 
 def _confusable(row: list[Any]) -> dict[str, str]:
     first, second, angle = (*row, None)[:3]
-    words = "told apart"
-    if not is_number(angle):
-        words = ""
-    elif angle < _INDISTINGUISHABLE:
-        words = "cannot be told apart by these recordings"
-    elif angle < _HARD:
-        words = "hard to tell apart"
+    words = ""
+    if is_number(angle):
+        words = "nearly the same" if angle < _NEARLY else "much alike"
     return {
         "pair": f"{capital(mechanism_at(str(first)))} and {mechanism_at(str(second))}",
         "angle": f"{number(angle, 3)}°" if is_number(angle) else "",

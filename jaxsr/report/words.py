@@ -91,7 +91,19 @@ def site_words(site: object) -> str:
 def mechanism_at(text: str) -> str:
     """Return ``coulomb_friction@equation:v`` in plain words."""
     mechanism, _, site = text.partition("@")
-    return f"{mechanism_words(mechanism)}, {site_words(site)}" if site else mechanism_words(text)
+    words = mechanism_words(mechanism)
+    if not site:
+        return words
+    return _of_signal(words, site) or f"{words}, {site_words(site)}"
+
+
+def _of_signal(words: str, site: str) -> str | None:
+    """Put a signal's name in its place: "a delay of the sensor", ``output:y`` to "... of sensor y".
+
+    None where the words name no signal.
+    """
+    head, _, kind = words.rpartition(" of the ")
+    return f"{head} of {site_words(site)}" if head and kind in ("sensor", "input") else None
 
 
 def capital(text: str) -> str:
@@ -146,9 +158,9 @@ def _place(finding: Mapping[str, Any]) -> str:
     if finding.get("mechanism") == "wrong_value":
         return _wrong_value(finding, site.partition(":")[2])
     words = mechanism_words(finding.get("mechanism"))
-    if words.endswith("of the sensor") or words.endswith("of the input"):
-        # "a delay of the sensor" + "sensor y" -> "a delay of sensor y"
-        return f"{words.rpartition(' of the ')[0]} of {site_words(site)}"
+    signal = _of_signal(words, site)
+    if signal is not None:
+        return signal
     joint = "as a" if site.startswith("external:") else "in the"
     return f"{words} {joint} {site_words(site)}" if site else words
 

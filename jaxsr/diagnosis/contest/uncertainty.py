@@ -11,8 +11,7 @@ from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import column_sizes, correlation_length
 from jaxsr.diagnosis.contest.reduced import resolved
 from jaxsr.diagnosis.contest.tangent import Tangent
-from jaxsr.models.least_squares import Fit, Problem
-from jaxsr.models.states import spread
+from jaxsr.models.least_squares import Fit
 
 RANK = 1e-10
 """Eigenvalue, relative to the largest, below which a direction of parameters leaves no trace."""
@@ -185,9 +184,8 @@ class Sensitivities:
         Standard error of each coefficient if it were added to the estimate.
     angle_to_parameters : ndarray, shape (candidates,)
         Degrees between the effect and what the free parameters can reproduce.
-    reach : ndarray, shape (candidates,)
-        rms change of the reading that one unit of the coefficient moves most, nothing projected
-        out, in standard deviations of that reading.
+    size : ndarray, shape (candidates,)
+        Length of the change of the weighted readings with the coefficient, nothing projected out.
     variance : float
         Of an independent weighted residual.
     """
@@ -196,7 +194,7 @@ class Sensitivities:
     gram: np.ndarray
     error: np.ndarray
     angle_to_parameters: np.ndarray
-    reach: np.ndarray
+    size: np.ndarray
     variance: float
 
     def angle(self, i: int, j: int) -> float:
@@ -228,20 +226,5 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     used = problem.segments.weights.sum()
     variance = result.cost / max(used - len(base), 1.0) * correlation_length(result.residual)
     error = np.sqrt(variance) / np.sqrt(strength + 1e-300)  # one root would overflow
-    reach = _reach(problem, tangent.fit.jacobian[position])
-    return Sensitivities(numbers, gram, error, angle, reach, float(variance))
-
-
-def _reach(problem: Problem, columns: np.ndarray) -> np.ndarray:
-    """Return rms effects on the reading each moves most, in its standard deviations.
-
-    Parameters
-    ----------
-    columns : ndarray, shape (coefficients, outputs, samples, segments)
-        Derivatives of the readings, divided by their scales.
-    """
-    segments = problem.segments
-    readings = np.moveaxis(segments.outputs, 0, -1).reshape(-1, len(problem.scale))
-    count = np.maximum(segments.weights.sum((1, 2)), 1.0)
-    rms = np.sqrt(np.einsum("cots,cots->co", columns, columns) / count)
-    return np.max(rms * problem.scale / spread(readings), axis=1, initial=0.0)
+    size = np.sqrt(raw[position])
+    return Sensitivities(numbers, gram, error, angle, size, float(variance))

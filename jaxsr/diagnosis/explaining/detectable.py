@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from jaxsr.diagnosis.locating.responses import Responses
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.site import Threshold, sites_of
 from jaxsr.expressions import evaluate
+from jaxsr.models import Model
 from jaxsr.models.lifting import liftable
 
 if TYPE_CHECKING:
@@ -46,12 +48,14 @@ def detectable_rows(parts: Ingredients, table: Sensitivities) -> dict[str, Any]:
 
     By the tangent at the chosen set, free parameters and starts projected out. Left out is what
     these recordings do not tell about: an effect of a size outside its bounds, and one that, with
-    nothing to take its place, would move a reading by more than all that it varies: so far from
-    the estimate the tangent says nothing. Thresholds have no tangent where they do nothing; their
-    effect is followed from there on.
+    nothing to take its place, would move the readings by more than all that they vary: so far from
+    the estimate the tangent says nothing. What a force that depends on the motion does is compared
+    with the simulated motion, which noise does not enlarge. Thresholds have no tangent where they
+    do nothing; their effect is followed from there on.
     """
     super_model = parts.arena.super_model
     needed = standard_errors(parts.detection.threshold)
+    measured, simulated = _variation(parts.arena, parts.chosen)
     rows: dict[str, Any] = {}
     for k, number in enumerate(table.candidates):
         candidate = super_model.candidates[number]
@@ -60,13 +64,35 @@ def detectable_rows(parts: Ingredients, table: Sensitivities) -> dict[str, Any]:
             continue
         value = needed * float(table.error[k])
         free = max(spec.high - spec.neutral, spec.neutral - spec.low)
-        if value * float(table.reach[k]) <= 1.0 and value <= free:
+        most = simulated if _depends_on_motion(candidate, super_model.given) else measured
+        if value * float(table.size[k]) <= most and value <= free:
             row = {"parameter": spec.name, "value": value, "unit": spec.unit}
             _put(rows, candidate.label, row | ({"beside": spec.neutral} if spec.neutral else {}))
     noise = float(np.sqrt(table.variance))
     for label, row in _thresholds(parts, table, needed * noise):
         _put(rows, label, row)
     return rows
+
+
+def _variation(arena: Arena, entry: Entry) -> tuple[float, float]:
+    """Return how far the weighted readings, measured and simulated, lie from their means."""
+    segments, scale = arena.problem.segments, arena.problem.scale[:, None, None]
+    seen = np.isfinite(segments.outputs)
+    measured = np.where(seen, segments.outputs, 0.0) / scale
+    count = np.maximum(seen.sum((1, 2), keepdims=True), 1)
+    lengths = []
+    for values in (measured, np.where(seen, measured - entry.fit.residual, 0.0)):
+        mean = values.sum((1, 2), keepdims=True) / count
+        lengths.append(float(np.linalg.norm(np.where(seen, values - mean, 0.0))))
+    return lengths[0], lengths[1]
+
+
+def _depends_on_motion(candidate: Candidate, model: Model) -> bool:
+    """Whether a force of a candidate is another one for another motion."""
+    names = {spec.name: spec.name for spec in candidate.parameters}
+    names |= {state.name: state.name for state in candidate.states}
+    symbols = re.findall(r"\w+", " ".join(t.format(**names) for _, t in candidate.terms))
+    return bool(candidate.states or candidate.inertia or set(symbols) & set(model.states))
 
 
 def _put(rows: dict[str, Any], label: str, row: dict[str, Any]) -> None:

@@ -125,12 +125,12 @@ def _rows(
 ) -> tuple[list[dict[str, Any]], list[tuple[int, list[Alternative]]], list[int]]:
     """Findings of an entry by falling share, what could replace each, and the order by share."""
     rows, rivals = [], []
-    given = enter(_frozen(parts.arena), (), neutral_values(parts.arena.super_model)).fit.cost
+    given = enter(frozen(parts.arena), (), neutral_values(parts.arena.super_model)).fit.cost
     for k, number in enumerate(entry.members):
         probability, others = alternatives(
             parts.arena.super_model, entry, number, parts.entries, parts.rng
         )
-        weight = _weight(parts, entry, number, given)
+        weight = weight_of_member(parts, entry, number, given)
         rows.append(finding_row(parts, estimate, k, number, probability, others, weight))
         rivals.append((number, others))
     order = sorted(range(len(rows)), key=lambda k: -rows[k]["share"])
@@ -179,7 +179,7 @@ def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate
 def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
     given_values = neutral_values(parts.arena.super_model)
-    given = enter(_frozen(parts.arena), (), given_values)
+    given = enter(frozen(parts.arena), (), given_values)
     rows = []
     for name in parts.case.simulator.model.free_parameters:
         place = recalibrated.positions[name]
@@ -197,7 +197,7 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
                 parts,
                 recalibrated,
                 name,
-                _weight_of_value(parts, name, given.fit.cost),
+                weight_of_value(parts, name, given.fit.cost),
                 probability,
             )
             for _, name in rows
@@ -227,7 +227,7 @@ def _differ(given: Entry, recalibrated: Estimate) -> bool:
     return p < SIGNIFICANCE and mean > WRONG
 
 
-def _frozen(arena: Arena, names: Collection[str] | None = None) -> Arena:
+def frozen(arena: Arena, names: Collection[str] | None = None) -> Arena:
     """An arena in which some parameters are not estimated; by default nothing but the starts is."""
     given = replace(
         arena.super_model.given,
@@ -239,7 +239,7 @@ def _frozen(arena: Arena, names: Collection[str] | None = None) -> Arena:
     return replace(arena, super_model=replace(arena.super_model, given=given))
 
 
-def _weight(parts: Ingredients, entry: Entry, number: int, given: float) -> Weight:
+def weight_of_member(parts: Ingredients, entry: Entry, number: int, given: float) -> Weight:
     """Return what one member of a set matters; the set without it is estimated if none was."""
     rest = tuple(i for i in entry.members if i != number)
     without = min((e.fit.cost for e in parts.entries if e.members == rest), default=np.inf)
@@ -250,9 +250,9 @@ def _weight(parts: Ingredients, entry: Entry, number: int, given: float) -> Weig
     return Weight.of(given, without, entry.fit.cost)
 
 
-def _weight_of_value(parts: Ingredients, name: str, given: float) -> Weight:
+def weight_of_value(parts: Ingredients, name: str, given: float) -> Weight:
     """Return what the value of one parameter matters: the others are estimated with it as given."""
-    arena, null = _frozen(parts.arena, (name,)), parts.null
+    arena, null = frozen(parts.arena, (name,)), parts.null
     theta = null.fit.theta.copy()
     at = list(arena.super_model.model.parameters).index(name)
     theta[at] = neutral_values(arena.super_model)[at]
