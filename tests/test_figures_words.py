@@ -91,6 +91,7 @@ def test_a_finding_in_a_line_has_interval_unit_and_how_sure() -> None:
     row = {"value": 20.3974, "ci95": [20.1142, 20.6931], "unit": "N*m"}
     finding = {"parameters": {"Fc": row}, "probability": 0.93}
     assert figures_of(finding) == "Fc = 20.40 N·m (20.11 … 20.69), 93 % probable"
+    assert figures_of({"probability": 1.0}) == "> 99 % probable"
     assert in_figures(row) == "20.40 N·m (95 % interval 20.11 to 20.69)"
     assert in_figures({"value": 1 / 3, "ci95": [1 / 3, 1 / 3], "unit": None}) == "0.3333"
 

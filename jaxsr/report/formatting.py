@@ -58,6 +58,11 @@ def odds(value: object) -> str:
     return f"{number(100 * value, 2)} %"
 
 
+def sureness(value: object) -> str:
+    """Print a probability that rests on data: it is never 1, however many digits round it so."""
+    return odds(min(value, 0.999)) if is_number(value) else DASH
+
+
 def estimate(value: object, ci95: Sequence[float] | None) -> tuple[str, str]:
     """Print a value and its 95 % interval with the digits that the interval resolves.
 

@@ -11,7 +11,7 @@ from jaxsr.report.formatting import (
     is_number,
     listing,
     number,
-    odds,
+    sureness,
     unit_text,
 )
 
@@ -149,7 +149,7 @@ def figures_of(finding: Mapping[str, Any]) -> str:
         shown = f"{name} = {value}{' ' + unit if unit else ''}"
         parts.append(f"{shown} ({interval})" if row.get("ci95") else shown)
     if is_number(finding.get("probability")):
-        parts.append(f"{odds(finding.get('probability'))} probable")
+        parts.append(f"{sureness(finding.get('probability'))} probable")
     return ", ".join(parts)
 
 
