@@ -47,6 +47,13 @@ def test_a_held_out_run_is_labelled_by_its_own_length() -> None:
     assert held["rows"][-1]["cells"] == ["1.0 %"] * 3
 
 
+def test_the_force_error_is_that_of_the_finding() -> None:
+    pair = {"train": {"recalibrated": 0.2, "explained": 0.1}}
+    fit = {**FIT, "force": {"equation:w1": pair, "equation:w2": pair}}
+    titles = [tile["title"] for tile in figures_at_a_glance(fit, site="equation:w2")]
+    assert titles[-1] == "Force, equation of w2"
+
+
 def test_recordings_of_several_lengths_name_the_shortest_and_the_longest() -> None:
     role = Role((8.0, 12.0))
     assert role.run_words(20.0, whole=True) == "whole recordings, 8 s to 12 s"

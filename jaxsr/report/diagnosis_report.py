@@ -34,7 +34,6 @@ from jaxsr.report.words import (
 
 _REJECTED = 0.005  # probability that is printed as less than 1 %
 _FIRST_CONSIDERED, _FIRST_DETECTABLE = 8, 12  # rows that stand open; the rest unfolds
-_NEARLY = 10.0  # degrees
 
 
 def write_diagnosis_report(
@@ -83,7 +82,7 @@ def write_diagnosis_report(
         "found": [
             (capital(mechanism_words(f.get("mechanism"))), figures_of(f)) for f in findings[:4]
         ],
-        "glance": figures_at_a_glance(fit, about),
+        "glance": figures_at_a_glance(fit, about, findings[0].get("site") if findings else None),
         "cards": [_card(finding, units) for finding in findings],
         "diff": diff_tables(evidence.diff),
         "fit": fit,
@@ -194,13 +193,9 @@ def _calibration(document: Mapping[str, Any], evidence: Evidence) -> list[dict[s
 
 def _confusable(row: list[Any]) -> dict[str, str]:
     first, second, angle = (*row, None)[:3]
-    words = ""
-    if is_number(angle):
-        words = "nearly the same" if angle < _NEARLY else "much alike"
     return {
         "pair": f"{capital(mechanism_at(str(first)))} and {mechanism_at(str(second))}",
-        "angle": f"{number(angle, 3)}°" if is_number(angle) else "",
-        "words": words,
+        "angle": f"{number(angle, 2)}°" if is_number(angle) else "",
     }
 
 

@@ -64,24 +64,26 @@ class Role:
 
 
 def figures_at_a_glance(
-    fit: Mapping[str, Any], about: Mapping[str, Role] = _UNKNOWN
+    fit: Mapping[str, Any], about: Mapping[str, Role] = _UNKNOWN, site: str | None = None
 ) -> list[dict[str, Any]]:
     """Return the few before-and-after pairs that stand beside the verdict.
 
     Free runs at the headline horizon, held-out first, and at the horizon where far more of the
-    error was removed, if there is one; then the force error of the first site.
+    error was removed, if there is one; then the force error at the `site` of the first finding,
+    or at the first site.
     """
     shown = headline_index(fit)
     tiles = [_run_tile(fit, shown, row, about) for row in errors_at(fit, shown)]
     clearer = _clearer_horizon(fit, shown)
     if clearer is not None:
         tiles.append(_run_tile(fit, clearer, errors_at(fit, clearer)[0], about))
-    for site, entry in (fit.get("force") or {}).items():
+    forces = sorted((fit.get("force") or {}).items(), key=lambda item: item[0] != site)
+    for place, entry in forces:
         role = "held_out" if (entry.get("held_out") or {}).get("explained") is not None else "train"
         pair = entry.get(role) or {}
         if is_number(pair.get("recalibrated")) and is_number(pair.get("explained")):
             words = "held-out recordings" if role == "held_out" else "training recordings"
-            title = f"Force, {site_words(site)}"
+            title = f"Force, {site_words(place)}"
             tiles.append(_tile(title, words, pair["recalibrated"], pair["explained"]))
             break
     return tiles

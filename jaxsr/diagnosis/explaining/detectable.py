@@ -29,6 +29,8 @@ LEVELS = 40
 """Values of a threshold that are tried, each farther by one ratio from where it does nothing."""
 NEAREST = 1e-6
 """The first of them, over the largest signal."""
+SHARE = 0.1
+"""Share of the time left in which thresholds are followed."""
 LEAVES = 0.02
 """Of the largest signal: no limit is sought below."""
 
@@ -96,10 +98,7 @@ def _depends_on_motion(candidate: Candidate, model: Model) -> bool:
 
 
 def _put(rows: dict[str, Any], label: str, row: dict[str, Any]) -> None:
-    """Keep the variant of a mechanism with the smallest value.
-
-    Of limits that is the hard one: a soft one bends what lies far below it, and shows sooner.
-    """
+    """Keep the variant of a mechanism with the smallest value."""
     if label not in rows or row["value"] < rows[label]["value"]:
         rows[label] = row
 
@@ -107,33 +106,34 @@ def _put(rows: dict[str, Any], label: str, row: dict[str, Any]) -> None:
 def _thresholds(
     parts: Ingredients, table: Sensitivities, needed: float
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the rows of the candidates whose first constant is a threshold, by label."""
+    """Yield the rows of the candidates whose first constant is a threshold, by label.
+
+    The first variant of each, which is the hard one: a soft limit bends what lies far below it.
+    """
     arena, chosen = parts.arena, parts.chosen
     if not liftable(arena.problem.simulator) or chosen.fit.path is None:
         return
-    given, known = arena.super_model.given, set()
-    wanted = []
+    sites = sites_of(arena.super_model.given, {})
+    wanted: dict[str, tuple[int, Candidate, Threshold]] = {}
     for number in table.candidates:
         candidate = arena.super_model.candidates[number]
-        texts = (candidate.label, candidate.terms, candidate.readings)
         spec = candidate.parameters[0] if candidate.parameters else None
-        if isinstance(spec, Threshold) and not candidate.states and texts not in known:
-            known.add(texts)
-            wanted.append((number, candidate, spec))
+        known = {state for state, _ in candidate.terms} <= {site.state for site in sites}
+        if isinstance(spec, Threshold) and not candidate.states and known:
+            wanted.setdefault(candidate.label, (number, candidate, spec))
     if not wanted:
         return
-    states = {state for _, candidate, _ in wanted for state, _ in candidate.terms}
-    sites = tuple(s for s in sites_of(given, {}) if s.state in states)
+    left = parts.case.budget.share(SHARE)
     responses = parts.case.failures.attempt(
         "following thresholds", lambda: Responses.of(arena, chosen, sites), None
     )
-    if responses is None:
-        return
-    for number, candidate, spec in wanted:
+    for label, (number, candidate, spec) in wanted.items():
+        if responses is None or left.exhausted:
+            return
         effect = ThresholdEffect(arena, chosen, responses, number, candidate)
         row = _threshold_row(effect, spec, needed)
         if row is not None:
-            yield candidate.label, row
+            yield label, row
 
 
 def _threshold_row(
