@@ -15,7 +15,6 @@ from diagnosis_systems import ARM, DEMO, RAIL
 
 from jaxsr._files import dump_json
 from jaxsr.diagnosis import Diagnosis, diagnose
-from jaxsr.diagnosis.explaining.explain import Weight
 from jaxsr.diagnosis.result import verdict_sentence
 from jaxsr.models import Simulator, apply_edit, model_text, parse_model, read_model
 from jaxsr.models.edits import Edit
@@ -231,7 +230,7 @@ def test_document_has_the_contracts_form(case):
 
 def test_confusable_mechanisms_bear_the_contracts_names():
     for a, b, _ in rail(*FRICTION).document["confusable"]:
-        assert a.isidentifier() and b.isidentifier()
+        assert a.isidentifier() and b.isidentifier()  # one axis: no site need be told
 
 
 def test_edits_of_the_findings_make_the_explained_structure():
@@ -310,10 +309,3 @@ def test_a_verdict_of_several_findings_reads_as_a_sentence():
     named = "drift at equation:v, coulomb friction at equation:v and gravity at equation:v"
     assert verdict_sentence("structure", rows) == f"Physics is missing: {named}."
     assert verdict_sentence("structure", rows[:1]) == "Physics is missing: drift at equation:v."
-
-
-def test_what_hardly_shows_beside_a_model_far_off_is_told_by_what_would_be_left():
-    assert Weight(0.26, 1.8).in_words() == "it accounts for 26 % of the explained mismatch"
-    words = "without it, 3.2 times the squared error would be left"
-    assert Weight(2e-4, 3.21).in_words() == words
-    assert Weight(1.0, math.inf).in_words() == "it accounts for 100 % of the explained mismatch"

@@ -72,11 +72,11 @@ def test_signals_have_size_one():
 
 def test_an_excitation_is_found_that_two_springs_answer_differently():
     parts, rival = parts_of(2e-3)
-    found = best_experiment(parts, rival)
+    found = best_experiment(parts, rival, parts.chosen)
     assert found is not None
     assert found.separation > 3.0  # standard deviations a sample
     assert " on u " in found.text
-    itself = best_experiment(parts, parts.chosen)
+    itself = best_experiment(parts, parts.chosen, parts.chosen)
     assert itself is not None
     assert itself.separation < 1e-6
 
@@ -84,7 +84,7 @@ def test_an_excitation_is_found_that_two_springs_answer_differently():
 def test_no_excitation_is_tried_when_the_time_is_spent():
     parts, rival = parts_of(2e-3)
     parts.case.budget = Budget(1e-9)
-    assert best_experiment(parts, rival) is None
+    assert best_experiment(parts, rival, parts.chosen) is None
 
 
 def test_experiments_that_do_not_hold_are_found_by_halves(monkeypatch):

@@ -138,7 +138,7 @@ def test_finding_shows_value_interval_unit_probability_and_place(drive: tuple[Pa
     assert "93 % probable" in flat
     assert "Stribeck friction (6 %)" in flat
     assert "−0.02 < v < 0.02 m/s" in flat
-    assert "81 % of the squared error" in flat
+    assert "81 % of the given model's mismatch (squared error) comes back" in flat
     assert "-Fc*sign(v)" in flat
 
 

@@ -140,6 +140,8 @@ class Search:
             start = np.array(option)
             if x0 is not None:
                 start[:, 0] = x0
+            # A path through the sensors may begin elsewhere than the model says it must.
+            start[:, 0] = np.where(segments.free_start, start[:, 0], segments.guess)
             return self.at(theta, start)
 
         if self.problem.simulator.model.events:

@@ -8,7 +8,7 @@ from typing import Any
 
 from jaxsr.report.diff import diff_tables, given_parameters
 from jaxsr.report.evidence import Considered, Evidence
-from jaxsr.report.fit_tables import figures_at_a_glance, fit_groups, force_rows
+from jaxsr.report.fit_tables import Role, figures_at_a_glance, fit_groups, force_rows
 from jaxsr.report.formatting import (
     estimate,
     is_number,
@@ -23,6 +23,7 @@ from jaxsr.report.page import write_page
 from jaxsr.report.trajectories import free_runs
 from jaxsr.report.words import (
     capital,
+    figures_of,
     mechanism_at,
     mechanism_words,
     region_words,
@@ -31,8 +32,8 @@ from jaxsr.report.words import (
     verdict_title,
 )
 
-_FIRST_CONSIDERED = 8  # rows that stand open; the rest unfolds
-_INDISTINGUISHABLE, _HARD = 10.0, 30.0  # degrees
+_REJECTED = 0.005  # probability that is printed as less than 1 %
+_FIRST_CONSIDERED, _FIRST_DETECTABLE = 8, 12  # rows that stand open; the rest unfolds
 
 
 def write_diagnosis_report(
@@ -66,18 +67,26 @@ def write_diagnosis_report(
     runs = free_runs(evidence.trajectories, fit.get("headline_s"), stop)
     sites = mismatches(evidence.residuals, findings, stop)
     units = _units(evidence)
+    about = {
+        role: Role(evidence.lengths.get(role, ()), evidence.noise.get(role))
+        for role in ("train", "held_out")
+    }
     considered = [_considered(row) for row in evidence.considered]
+    detectable = _detectable(document)
     context = {
         "title": f"Diagnosis of {evidence.model_name}",
         "model_name": evidence.model_name,
         "verdict": str(document.get("verdict")),
         "verdict_title": verdict_title(document.get("verdict")),
         "verdict_sentence": verdict_sentence(document),
-        "glance": figures_at_a_glance(fit),
+        "found": [
+            (capital(mechanism_words(f.get("mechanism"))), figures_of(f)) for f in findings[:4]
+        ],
+        "glance": figures_at_a_glance(fit, about, findings[0].get("site") if findings else None),
         "cards": [_card(finding, units) for finding in findings],
         "diff": diff_tables(evidence.diff),
         "fit": fit,
-        "fit_groups": fit_groups(fit),
+        "fit_groups": fit_groups(fit, about),
         "force_rows": force_rows(fit),
         "free_runs": runs,
         "undrawn": len(evidence.trajectories) - len(runs),
@@ -86,7 +95,8 @@ def write_diagnosis_report(
         "considered_rest": considered[_FIRST_CONSIDERED:],
         "calibration": _calibration(document, evidence),
         "confusable": [_confusable(row) for row in document.get("confusable") or []],
-        "detectable": _detectable(document),
+        "detectable": detectable[:_FIRST_DETECTABLE],
+        "detectable_rest": detectable[_FIRST_DETECTABLE:],
         "next_experiment": document.get("next_experiment"),
         "ladder": evidence.ladder,
         "data_checks": document.get("data_checks") or [],
@@ -119,8 +129,10 @@ def _card(finding: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any
                 "probability": other.get("probability"),
             }
             for other in alternatives
+            if not is_number(other.get("probability")) or other["probability"] >= _REJECTED
         ],
-        "regions": [region_words(r, units.get(str(r.get("variable")), "")) for r in regions],
+        "rejected": bool(alternatives),
+        "regions": region_words(regions, units),
         "recordings": listing(where.get("recordings") or []),
         "times": listing(
             [
@@ -146,7 +158,8 @@ def parameter_row(name: str, entry: Any) -> dict[str, str]:
 
 def _units(evidence: Evidence) -> dict[str, str]:
     """Return the units that the evidence knows, by state and output."""
-    known = {t.output: unit_text(t.unit) for t in evidence.trajectories}
+    known = {name: unit_text(unit) for name, unit in evidence.units.items()}
+    known |= {t.output: unit_text(t.unit) for t in evidence.trajectories}
     return known | {r.state_name: unit_text(r.state_unit) for r in evidence.residuals}
 
 
@@ -180,17 +193,9 @@ def _calibration(document: Mapping[str, Any], evidence: Evidence) -> list[dict[s
 
 def _confusable(row: list[Any]) -> dict[str, str]:
     first, second, angle = (*row, None)[:3]
-    words = "told apart"
-    if not is_number(angle):
-        words = ""
-    elif angle < _INDISTINGUISHABLE:
-        words = "cannot be told apart by these recordings"
-    elif angle < _HARD:
-        words = "hard to tell apart"
     return {
         "pair": f"{capital(mechanism_at(str(first)))} and {mechanism_at(str(second))}",
-        "angle": f"{number(angle, 3)}°" if is_number(angle) else "",
-        "words": words,
+        "angle": f"{number(angle, 2)}°" if is_number(angle) else "",
     }
 
 
@@ -198,12 +203,13 @@ def _detectable(document: Mapping[str, Any]) -> list[dict[str, str]]:
     rows = []
     for effect, entry in _items(document.get("smallest_detectable")):
         fields = entry if isinstance(entry, Mapping) else {"value": entry}
-        rows.append(
-            {
-                "effect": capital(mechanism_at(effect)),
-                "parameter": str(fields.get("parameter") or ""),
-                "value": number(fields.get("value"), 3),
-                "unit": unit_text(fields.get("unit")),
-            }
-        )
+        unit = unit_text(fields.get("unit"))
+        size = f"{number(fields.get('value'), 2)}{' ' + unit if unit else ''}"
+        name = str(fields.get("parameter") or "")
+        text = f"{name} = {size}"
+        if fields.get("limit"):
+            text = f"{name} below {size}"
+        elif is_number(fields.get("beside")):
+            text = f"{name} {size} off {number(fields['beside'])}"
+        rows.append({"effect": capital(mechanism_at(effect)), "text": text})
     return rows

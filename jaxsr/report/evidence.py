@@ -46,6 +46,8 @@ class Trajectory:
         Time in seconds and the output; NaN where missing.
     given : ndarray, shape (samples,), or None
         Free run with the parameters of the file.
+    whole : bool
+        Whether it is one run over the whole recording, whatever `horizon_s`.
     """
 
     recording: str
@@ -58,6 +60,7 @@ class Trajectory:
     given: np.ndarray | None
     recalibrated: np.ndarray
     explained: np.ndarray
+    whole: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +137,12 @@ class Evidence:
         Sorted best first.
     ladder : list of (str, str)
         The steps to the verdict: name, what was found.
+    lengths : dict of str to tuple of float
+        Role ("train", "held_out") to the lengths of its recordings in seconds.
+    noise : dict of str to float
+        Role to the free-run NRMSE that the noise of the sensors alone makes, where it is known.
+    units : dict of str to str
+        Of states, inputs and outputs, as the model file writes them.
     """
 
     model_name: str
@@ -142,6 +151,9 @@ class Evidence:
     residuals: list[ForceResidual] = field(default_factory=list)
     considered: list[Considered] = field(default_factory=list)
     ladder: list[tuple[str, str]] = field(default_factory=list)
+    lengths: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    noise: dict[str, float] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

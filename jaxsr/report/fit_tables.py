@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
-from jaxsr.report.formatting import is_number, percent, seconds
+from jaxsr.report.formatting import is_number, listing, percent, seconds
 from jaxsr.report.words import capital, errors_at, headline_index, site_words
 
 CLEARER = 0.5
@@ -16,33 +18,89 @@ _MODELS = {
     "recalibrated": "Re-calibrated",
     "explained": "Explained",
 }
+_UNKNOWN: Mapping[str, Role] = MappingProxyType({})
 _ROLES = {"train": "Training", "held_out": "Held out"}
 
 
-def figures_at_a_glance(fit: Mapping[str, Any]) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class Role:
+    """What a reader must know of the recordings of one role beside their errors.
+
+    Parameters
+    ----------
+    lengths : tuple of float
+        Of the recordings, in seconds; empty where nothing is known of them.
+    noise : float or None
+        NRMSE that the sensors' noise alone makes.
+    """
+
+    lengths: tuple[float, ...] = ()
+    noise: float | None = None
+
+    def covers(self, horizon: float) -> bool:
+        """Whether runs over a horizon are runs over whole recordings."""
+        return bool(self.lengths) and horizon >= max(self.lengths) * (1.0 - 1e-6)
+
+    @property
+    def span(self) -> str:
+        """The recordings' length, or the shortest and the longest."""
+        ends = [seconds(end) for end in (min(self.lengths), max(self.lengths))]
+        return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
+
+    def run_words(self, horizon: float, whole: bool) -> str:
+        """Say over what a free run goes: a horizon, or whole recordings by their own length."""
+        if not self.lengths or not (whole or self.covers(horizon)):
+            return seconds(horizon)
+        many = "the whole recording" if len(self.lengths) == 1 else "whole recordings"
+        return f"{many}, {self.span}"
+
+    def note(self, horizons: Sequence[float]) -> str:
+        """Say how long the recordings are, and which horizons reach beyond them."""
+        if not self.lengths:
+            return ""
+        beyond = [seconds(h) for h in horizons[:-1] if self.covers(h)]
+        note = f"{self.span} long"
+        return f"{note}: runs of {listing(beyond)} are whole ones too" if beyond else note
+
+
+def figures_at_a_glance(
+    fit: Mapping[str, Any], about: Mapping[str, Role] = _UNKNOWN, site: str | None = None
+) -> list[dict[str, Any]]:
     """Return the few before-and-after pairs that stand beside the verdict.
 
     Free runs at the headline horizon, held-out first, and at the horizon where far more of the
-    error was removed, if there is one; then the force error of the first site.
+    error was removed, if there is one; then the force error at the `site` of the first finding,
+    or at the first site.
     """
     shown = headline_index(fit)
-    tiles = [
-        _tile(f"Free run over {seconds(fit.get('headline_s'))}", role, before, after)
-        for role, before, after in errors_at(fit, shown)
-    ]
+    tiles = [_run_tile(fit, shown, row, about) for row in errors_at(fit, shown)]
     clearer = _clearer_horizon(fit, shown)
     if clearer is not None:
-        words = seconds((fit.get("horizons_s") or [])[clearer])
-        tiles.append(_tile(f"Free run over {words}", *errors_at(fit, clearer)[0]))
-    for site, entry in (fit.get("force") or {}).items():
+        tiles.append(_run_tile(fit, clearer, errors_at(fit, clearer)[0], about))
+    forces = sorted((fit.get("force") or {}).items(), key=lambda item: item[0] != site)
+    for place, entry in forces:
         role = "held_out" if (entry.get("held_out") or {}).get("explained") is not None else "train"
         pair = entry.get(role) or {}
         if is_number(pair.get("recalibrated")) and is_number(pair.get("explained")):
             words = "held-out recordings" if role == "held_out" else "training recordings"
-            title = f"Force, {site_words(site)}"
+            title = f"Force, {site_words(place)}"
             tiles.append(_tile(title, words, pair["recalibrated"], pair["explained"]))
             break
     return tiles
+
+
+def _run_tile(
+    fit: Mapping[str, Any],
+    index: int | None,
+    row: tuple[str, float | None, float | None],
+    about: Mapping[str, Role],
+) -> dict[str, Any]:
+    words, before, after = row
+    role = about.get("held_out" if words.startswith("held") else "train", Role())
+    horizons = fit.get("horizons_s") or []
+    whole = index == len(horizons) - 1
+    title = f"Free run over {role.run_words(horizons[index or 0], whole)}"
+    return _tile(title, words, before, after, role.noise)
 
 
 def _clearer_horizon(fit: Mapping[str, Any], shown: int | None) -> int | None:
@@ -56,8 +114,14 @@ def _clearer_horizon(fit: Mapping[str, Any], shown: int | None) -> int | None:
     return best if best is not None and left(best) < CLEARER * left(shown) else None
 
 
-def _tile(title: str, role: str, before: float | None, after: float | None) -> dict[str, Any]:
-    largest = max(before or 0.0, after or 0.0) or 1.0
+def _tile(
+    title: str,
+    role: str,
+    before: float | None,
+    after: float | None,
+    noise: float | None = None,
+) -> dict[str, Any]:
+    largest = max(before or 0.0, after or 0.0, noise or 0.0) or 1.0
     return {
         "title": title,
         "role": role,
@@ -65,16 +129,18 @@ def _tile(title: str, role: str, before: float | None, after: float | None) -> d
         "after": percent(after),
         "bar_before": round(100 * (before or 0) / largest, 1),
         "bar_after": round(100 * (after or 0) / largest, 1),
+        "noise": percent(noise) if noise else "",
+        "bar_noise": round(100 * (noise or 0) / largest, 1),
     }
 
 
-def fit_groups(fit: Mapping[str, Any]) -> dict[str, Any]:
+def fit_groups(fit: Mapping[str, Any], about: Mapping[str, Role] = _UNKNOWN) -> dict[str, Any]:
     """Return the free-run errors: a column for each horizon, rows for each role and model."""
     horizons = fit.get("horizons_s") or []
     marked = headline_index(fit)
     groups = []
-    for role, words in _ROLES.items():
-        rows = fit.get(role) or {}
+    for key, words in _ROLES.items():
+        rows, role = fit.get(key) or {}, about.get(key, Role())
         lines = [
             {
                 "model": name,
@@ -84,12 +150,19 @@ def fit_groups(fit: Mapping[str, Any]) -> dict[str, Any]:
             for model, name in _MODELS.items()
             if rows.get(model)
         ]
+        if lines and role.noise:
+            cells = [percent(role.noise)] * len(horizons)
+            lines.append({"model": "Sensor noise alone", "key": "noise", "cells": cells})
         if lines:
-            groups.append({"role": words, "files": rows.get("files") or [], "rows": lines})
+            note = role.note(horizons)
+            files = rows.get("files") or []
+            groups.append({"role": words, "files": files, "note": note, "rows": lines})
     columns = [
         {"text": seconds(h), "headline": i == marked, "last": i == len(horizons) - 1}
         for i, h in enumerate(horizons)
     ]
+    if columns:
+        columns[-1]["text"] = "whole recording"
     return {"columns": columns, "groups": groups}
 
 

@@ -58,6 +58,11 @@ def odds(value: object) -> str:
     return f"{number(100 * value, 2)} %"
 
 
+def sureness(value: object) -> str:
+    """Print a probability that rests on data: it is never 1, however many digits round it so."""
+    return odds(min(value, 0.999)) if is_number(value) else DASH
+
+
 def estimate(value: object, ci95: Sequence[float] | None) -> tuple[str, str]:
     """Print a value and its 95 % interval with the digits that the interval resolves.
 
@@ -74,14 +79,27 @@ def estimate(value: object, ci95: Sequence[float] | None) -> tuple[str, str]:
     if not is_number(value) or not ci95 or not all(is_number(end) for end in ci95):
         return number(value), DASH
     low, high = ci95
-    width = abs(high - low)
-    largest = max(abs(low), abs(high), abs(value))
-    if width == 0 or largest == 0:
+    digits = digits_of(value, low, high)
+    if digits is None:
         return number(value), f"{number(low)} … {number(high)}"
-    # Two digits of the interval's width, at most eight of the value.
-    digits = min(8, max(2, math.floor(math.log10(largest)) - math.floor(math.log10(width)) + 2))
     shown, start, end = (number(item, digits, trim=False) for item in (value, low, high))
     return shown, f"{start} … {end}"
+
+
+def digits_of(value: float, low: float, high: float) -> int | None:
+    """Return the significant digits of a value that its interval resolves, at most eight.
+
+    Two digits of the interval's width; None where it has none.
+    """
+    width, largest = abs(high - low), max(abs(low), abs(high), abs(value))
+    if width == 0 or largest == 0:
+        return None
+    return min(8, max(2, math.floor(math.log10(largest)) - math.floor(math.log10(width)) + 2))
+
+
+def plainly(value: float, digits: int = 3) -> str:
+    """Print a number in ASCII, zeros that its digits resolve included: 20.40, 1.5e-05."""
+    return f"{value:#.{digits}g}".removesuffix(".") if value else "0"
 
 
 def unit_text(unit: object) -> str:

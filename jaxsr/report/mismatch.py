@@ -82,6 +82,7 @@ def _regions(
         for region in (finding.get("where") or {}).get("region") or []:
             ends = (region.get("from"), region.get("to"))
             here = finding.get("site") == site and region.get("variable") == state
+            here = here and not region.get("everywhere")
             if here and None not in ends and ends not in spans:
                 spans.append(ends)
     return spans

@@ -12,7 +12,15 @@ import jinja2
 from markupsafe import Markup
 
 from jaxsr._files import atomic_write_text
-from jaxsr.report.formatting import is_number, number, odds, percent, seconds, unit_text
+from jaxsr.report.formatting import (
+    is_number,
+    number,
+    odds,
+    percent,
+    seconds,
+    sureness,
+    unit_text,
+)
 from jaxsr.report.mathml import equation, expression
 from jaxsr.report.style import Drawing
 
@@ -59,6 +67,7 @@ def _environment() -> jinja2.Environment:
         number=number,
         percent=percent,
         odds=odds,
+        sureness=sureness,
         seconds=seconds,
         unit=unit_text,
         math=expression,

@@ -95,6 +95,8 @@ def caption(run: Trajectory) -> str:
     """Return the title of one panel."""
     role = "held out" if run.role == "held_out" else "training"
     names = f"{shorten(run.output)}, {shorten(run.recording, 32)}"
+    if run.whole:
+        return f"{names} ({role}), one free run of {seconds(run.time[-1] - run.time[0])}"
     return f"{names} ({role}), free runs of {seconds(run.horizon_s)}"
 
 
@@ -166,7 +168,7 @@ class _Panel:
     def _borders(self, ax: Axes) -> None:
         low, high = ax.get_xlim()
         start, step = self.run.time[0], self.run.horizon_s
-        if step <= 0 or (high - low) / step > _MOST_MARKS:
+        if self.run.whole or step <= 0 or (high - low) / step > _MOST_MARKS:
             return
         for border in np.arange(start + step, high - 1e-9 * step, step):
             if border > low:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from jaxsr._result import Verdict
@@ -11,6 +11,7 @@ from jaxsr.report.formatting import (
     is_number,
     listing,
     number,
+    sureness,
     unit_text,
 )
 
@@ -90,7 +91,19 @@ def site_words(site: object) -> str:
 def mechanism_at(text: str) -> str:
     """Return ``coulomb_friction@equation:v`` in plain words."""
     mechanism, _, site = text.partition("@")
-    return f"{mechanism_words(mechanism)}, {site_words(site)}" if site else mechanism_words(text)
+    words = mechanism_words(mechanism)
+    if not site:
+        return words
+    return _of_signal(words, site) or f"{words}, {site_words(site)}"
+
+
+def _of_signal(words: str, site: str) -> str | None:
+    """Put a signal's name in its place: "a delay of the sensor", ``output:y`` to "... of sensor y".
+
+    None where the words name no signal.
+    """
+    head, _, kind = words.rpartition(" of the ")
+    return f"{head} of {site_words(site)}" if head and kind in ("sensor", "input") else None
 
 
 def capital(text: str) -> str:
@@ -127,14 +140,27 @@ def verdict_sentence(document: Mapping[str, Any]) -> str:
     return f"{opening.format(named or 'a cause without a name')}."
 
 
+def figures_of(finding: Mapping[str, Any]) -> str:
+    """Return what a finding weighs in a line: its constants with intervals and units, how sure."""
+    parts = []
+    for name, row in (finding.get("parameters") or {}).items():
+        value, interval = estimate(row.get("value"), row.get("ci95"))
+        unit = unit_text(row.get("unit"))
+        shown = f"{name} = {value}{' ' + unit if unit else ''}"
+        parts.append(f"{shown} ({interval})" if row.get("ci95") else shown)
+    if is_number(finding.get("probability")):
+        parts.append(f"{sureness(finding.get('probability'))} probable")
+    return ", ".join(parts)
+
+
 def _place(finding: Mapping[str, Any]) -> str:
     site = str(finding.get("site") or "")
     if finding.get("mechanism") == "wrong_value":
         return _wrong_value(finding, site.partition(":")[2])
     words = mechanism_words(finding.get("mechanism"))
-    if words.endswith("of the sensor") or words.endswith("of the input"):
-        # "a delay of the sensor" + "sensor y" -> "a delay of sensor y"
-        return f"{words.rpartition(' of the ')[0]} of {site_words(site)}"
+    signal = _of_signal(words, site)
+    if signal is not None:
+        return signal
     joint = "as a" if site.startswith("external:") else "in the"
     return f"{words} {joint} {site_words(site)}" if site else words
 
@@ -175,12 +201,30 @@ def _entry(values: Any, index: int) -> float | None:
     return values[index] if values and index < len(values) else None
 
 
-def region_words(region: Mapping[str, Any], unit: str = "") -> str:
-    """Return a region of ``where`` as an inequality."""
-    ends = [region.get("from"), region.get("to")]
-    low, high = (_bound(end) for end in ends)
+def region_words(rows: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> list[str]:
+    """Return a region of ``where`` in words, one text for each variable.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Ranges; those of one variable are alternatives.
+    units : mapping
+        Variable to its printed unit.
+    """
+    texts: dict[str, list[str]] = {}
+    for row in rows:
+        name = str(row.get("variable", "?"))
+        texts.setdefault(name, []).append(_range_words(row, units.get(name, "")))
+    return [" and ".join(found) for found in texts.values()]
+
+
+def _range_words(region: Mapping[str, Any], unit: str) -> str:
+    """Return one range as an inequality, or say that it is all there was."""
+    low, high = (_bound(region.get(end)) for end in ("from", "to"))
     name = str(region.get("variable", "?"))
     tail = f" {unit}" if unit else ""
+    if region.get("everywhere"):
+        return f"at every {name} recorded ({low} to {high}{tail})"
     if low and high:
         return f"{low} < {name} < {high}{tail}"
     if low or high:

@@ -17,8 +17,6 @@ RANK = 1e-10
 """Eigenvalue, relative to the largest, below which a direction of parameters leaves no trace."""
 LEAST_LEFT = 1e-3
 """Share of what is known that a block must leave to the others for its gradient to be scaled."""
-DETECTION = 3.3 + 1.645
-"""Standard errors of an effect that is found (p < 5e-4) in 95 of 100 experiments."""
 
 
 def covariance(arena: Arena, result: Fit) -> np.ndarray:
@@ -186,12 +184,18 @@ class Sensitivities:
         Standard error of each coefficient if it were added to the estimate.
     angle_to_parameters : ndarray, shape (candidates,)
         Degrees between the effect and what the free parameters can reproduce.
+    size : ndarray, shape (candidates,)
+        Length of the change of the weighted readings with the coefficient, nothing projected out.
+    variance : float
+        Of an independent weighted residual.
     """
 
     candidates: tuple[int, ...]
     gram: np.ndarray
     error: np.ndarray
     angle_to_parameters: np.ndarray
+    size: np.ndarray
+    variance: float
 
     def angle(self, i: int, j: int) -> float:
         """Degrees between two effects."""
@@ -222,4 +226,5 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     used = problem.segments.weights.sum()
     variance = result.cost / max(used - len(base), 1.0) * correlation_length(result.residual)
     error = np.sqrt(variance) / np.sqrt(strength + 1e-300)  # one root would overflow
-    return Sensitivities(numbers, gram, error, angle)
+    size = np.sqrt(raw[position])
+    return Sensitivities(numbers, gram, error, angle, size, float(variance))

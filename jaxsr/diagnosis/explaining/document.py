@@ -12,12 +12,12 @@ from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.scoring import FreeRun
 from jaxsr.diagnosis.contest.uncertainty import Sensitivities, sensitivities
+from jaxsr.diagnosis.explaining.detectable import detectable_rows
 from jaxsr.diagnosis.explaining.evidence import Forces, build_evidence, force_errors
+from jaxsr.diagnosis.explaining.experiment import next_experiment
 from jaxsr.diagnosis.explaining.explain import (
     calibration_rows,
     confusable_rows,
-    detectable_rows,
-    next_experiment,
 )
 from jaxsr.diagnosis.explaining.judge import Ingredients, Judged, explained, judge
 from jaxsr.diagnosis.explaining.whole_runs import Runs, whole_horizons, whole_runs
@@ -179,7 +179,9 @@ def _document(
         "confusable": confusable_rows(parts, outer) if outer else [],
         "smallest_detectable": detectable_rows(parts, inner) if inner else {},
         "next_experiment": attempt(
-            "choosing the next experiment", lambda: next_experiment(parts, judged.rivals), None
+            "choosing the next experiment",
+            lambda: next_experiment(parts, judged.rivals, judged.leader or parts.chosen),
+            None,
         ),
         "data_checks": checks,
         "provenance": {

@@ -17,11 +17,14 @@ from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.screening.weak_system import WeakSystem
 from jaxsr.models import Model, difference
 from jaxsr.models.segments import Prepared
-from jaxsr.models.states import output_table
+from jaxsr.models.states import output_table, spread
+from jaxsr.recordings import Recording, noise_level
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.explaining.judge import Ingredients, Judged
 
+FEWEST_FOR_NOISE = 20
+"""Samples of a sensor from which neighbours tell its noise."""
 MOST_DRAWN = 20_000
 """Samples of a course that a figure needs."""
 
@@ -87,16 +90,52 @@ def build_evidence(
     at = parts.horizons.index(parts.headline)
     scores = {name: runs[at].nrmse for name, runs in train.models.items()}
     trajectories = _trajectories(parts, "train", train)
+    roles = {"train": train.recordings}
     if held_runs is not None:
+        roles["held_out"] = held_runs.recordings
         trajectories += _trajectories(parts, "held_out", held_runs)
     return Evidence(
         model_name=given.name,
+        units=dict(given.units),
         diff=_diff(given, explained_model),
         trajectories=trajectories,
         residuals=_residuals(parts, forces) if forces else [],
         considered=_considered(parts),
         ladder=ladder(parts, judged, checks, scores),
+        lengths={
+            role: tuple(float(r.time[-1] - r.time[0]) for r in found)
+            for role, found in roles.items()
+        },
+        noise={
+            role: floor
+            for role, found in roles.items()
+            if (floor := noise_floor(given, found)) is not None
+        },
     )
+
+
+def noise_floor(model: Model, recordings: Sequence[Recording]) -> float | None:
+    r"""Return the free-run NRMSE that the noise of the sensors alone makes.
+
+    As in the free run's own score, the mean over recordings of
+
+    .. math:: \sqrt{\operatorname{mean}_k \sigma_k^2 / \operatorname{var} y_k}
+
+    with the noise that the model states, else that of neighbouring samples; None where the
+    latter is told by no recording.
+    """
+    scores = []
+    for recording in recordings:
+        table = output_table(model, recording)
+        deviation, shares = spread(table), []
+        for k, output in enumerate(model.outputs):
+            if np.count_nonzero(np.isfinite(table[:, k])) > FEWEST_FOR_NOISE:
+                noise = model.noise.get(output)
+                noise = noise_level(recording.time, table[:, k]) if noise is None else noise
+                shares.append((noise / deviation[k]) ** 2)
+        if shares:
+            scores.append(np.sqrt(np.mean(shares)))
+    return float(np.mean(scores)) if scores and np.mean(scores) > 0.0 else None
 
 
 def _diff(before: Model, after: Model) -> list[Any]:
@@ -124,8 +163,10 @@ def _trajectories(parts: Ingredients, role: Any, runs: Runs) -> list[Any]:
     model = parts.case.simulator.model
     at = parts.horizons.index(parts.headline)
     rows = []
+    last = at == len(parts.horizons) - 1
     for r, recording in enumerate(runs.recordings):
         measured = output_table(model, recording)
+        length = float(recording.time[-1] - recording.time[0])
         drawn = slice(None, None, -(-len(recording) // MOST_DRAWN))
         for k, output in enumerate(model.outputs):
             series = {
@@ -141,6 +182,7 @@ def _trajectories(parts: Ingredients, role: Any, runs: Runs) -> list[Any]:
                     time=recording.time[drawn],
                     measured=measured[drawn, k],
                     **series,
+                    whole=last or parts.headline >= length * (1.0 - 1e-9),
                 )
             )
     return rows

@@ -11,11 +11,14 @@ import numpy as np
 from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.reduced import Lean, lean
+from jaxsr.diagnosis.explaining.equivalence import equivalent
+from jaxsr.diagnosis.judging.alternatives import Alternative
 from jaxsr.models import Model
 from jaxsr.models.lifting import closed, liftable, linear
 from jaxsr.models.segments import Prepared, build_segments
 from jaxsr.models.states import StateEstimate
 from jaxsr.recordings import Recording
+from jaxsr.report.words import capital, mechanism_at, mechanism_words
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.explaining.judge import Ingredients
@@ -33,6 +36,20 @@ RELEASES = (0.25, 1.0, 2.0)
 """Of the first states recorded, where a machine has no input."""
 
 
+TOLD_APART = 0.3
+"""Separation, in standard deviations a sample, from which an experiment is worth its time."""
+LEFT = 0.01
+"""Probability below which a rival is rejected: no recording is asked for to do it again."""
+_ADVICE = {
+    "dissipative": "slow reversals and long runs at constant high speed",
+    "elastic": "displacements well beyond those recorded, held at several positions",
+    "inertial": "the same motion at another attitude or with faster accelerations",
+    "coupling": "one axis moved while the other is held, then the reverse",
+    "measurement": "a static calibration of the sensor against a reference",
+    "parameter": "a bench measurement of the parameter",
+}
+
+
 @dataclass(frozen=True)
 class Experiment:
     """An excitation and what it would show.
@@ -42,15 +59,54 @@ class Experiment:
     text : str
     separation : float
         rms difference of the two explanations in the sensors, in standard deviations of what the
-        chosen one leaves, after the rival's free parameters have taken what they can.
+        leading one leaves, after the rival's free parameters have taken what they can.
     """
 
     text: str
     separation: float
 
 
-def best_experiment(parts: Ingredients, rival: Entry) -> Experiment | None:
-    """Return the excitation under which a rival differs most from the chosen set.
+def next_experiment(
+    parts: Ingredients, rivals: list[tuple[int, list[Alternative]]], leader: Entry
+) -> str | None:
+    """Say which recording would separate the leading explanation from its runner-up.
+
+    None where no rival is left, or none that any recording could tell apart.
+
+    Parameters
+    ----------
+    rivals : list of (int, list of Alternative)
+        Candidates of the leader, and what could stand in the place of each.
+    """
+    model, candidates = parts.case.simulator.model, parts.arena.super_model.candidates
+    open_ = [
+        (other.probability, number, other)
+        for number, others in rivals
+        for other in others
+        if other.probability >= LEFT
+        and not equivalent(model, candidates[number], candidates[other.number])
+    ]
+    if not open_:
+        return None
+    _, number, other = max(open_, key=lambda item: item[:2])
+    first, second = candidates[number], candidates[other.number]
+    names = [mechanism_at(c.label) for c in (first, second)]
+    if first.mechanism != second.mechanism and first.site == second.site:
+        names = [mechanism_words(c.mechanism) for c in (first, second)]
+    found = best_experiment(parts, other.entry, leader)
+    if found is not None and found.separation > TOLD_APART:
+        return (
+            f"Record {found.text}: there {names[0]} and {names[1]}, as estimated, would differ "
+            f"by {found.separation:.2g} standard deviations of what is left, sample by sample, "
+            "after re-calibration."
+        )
+    advice = [_ADVICE.get(c.family, "a richer excitation") for c in (first, second)]
+    text = " and ".join(dict.fromkeys(advice))
+    return f"{capital(text)} would separate {names[0]} from {names[1]}."
+
+
+def best_experiment(parts: Ingredients, rival: Entry, leader: Entry) -> Experiment | None:
+    """Return the excitation under which a rival differs most from the leading set.
 
     Both sets are simulated as estimated under steps, sines from slow to fast and a sum of sines,
     at two amplitudes, for `SAMPLES` samples, or released from other starts where there is no
@@ -62,11 +118,10 @@ def best_experiment(parts: Ingredients, rival: Entry) -> Experiment | None:
     if not liftable(problem.simulator):
         return None
     ours, theirs = (
-        lean(super_model, problem.simulator, problem.stepping, e.members)
-        for e in (parts.chosen, rival)
+        lean(super_model, problem.simulator, problem.stepping, e.members) for e in (leader, rival)
     )
     used = np.maximum(problem.segments.weights.sum((1, 2)), 1.0)
-    noise = problem.scale * np.sqrt((parts.chosen.fit.residual**2).sum((1, 2)) / used)
+    noise = problem.scale * np.sqrt((leader.fit.residual**2).sum((1, 2)) / used)
     best: Experiment | None = None
     left, patience = parts.case.budget.share(SHARE), Budget(PATIENCE)
 
@@ -75,7 +130,7 @@ def best_experiment(parts: Ingredients, rival: Entry) -> Experiment | None:
 
     texts, items = zip(*_excitations(parts), strict=True)
     with np.errstate(all="ignore"):
-        sizes = _separations(items, (ours, theirs), (parts.chosen, rival), noise, stop)
+        sizes = _separations(items, (ours, theirs), (leader, rival), noise, stop)
     for text, size in zip(texts, sizes, strict=True):
         if np.isfinite(size) and (best is None or size > best.separation):
             best = Experiment(text, float(size))

@@ -7,19 +7,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.uncertainty import DETECTION, Sensitivities
+from jaxsr.diagnosis.contest.uncertainty import RANK, Sensitivities
+from jaxsr.diagnosis.explaining.acting import where_acting
 from jaxsr.diagnosis.explaining.coarse import MATTERS, coarse_sensors, rounded_reading
-from jaxsr.diagnosis.explaining.experiment import best_experiment
 from jaxsr.diagnosis.judging.alternatives import Alternative
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE
 from jaxsr.diagnosis.judging.refine import Estimate
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.models import Edit, Model, with_values
+from jaxsr.report.formatting import digits_of, number, plainly, unit_text
+from jaxsr.report.words import capital
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.explaining.judge import Ingredients
 
 CONFUSED = 30.0
 """Degrees below which two effects are listed as confusable."""
+SAME = 1e-3
+"""Degrees up to which two effects have one direction."""
 HARDLY = 0.005
 """Share of the mismatch below which the error left without a finding is told in its place."""
 
@@ -45,24 +50,44 @@ def calibration_rows(estimate: Estimate, given: Model) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Weight:
-    """What one finding matters.
+    r"""What one finding matters.
+
+    With the sums of squares G of the given values, E of the explained model and W of that
+    without the finding, all else re-estimated:
 
     Attributes
     ----------
     share : float
-        Share of the mismatch that is lost without it.
+        (W - E) / (G - E), clipped to [0, 1]: of the mismatch of the given model, what comes back.
+        The rest of it, (G - W) / (G - E), other values make good.
     times : float
-        Squared error left without it, relative to that of the explained model.
+        W / E.
     """
 
     share: float
     times: float
 
+    @staticmethod
+    def of(given: float, without: float, explained: float) -> Weight:
+        """Compare the three sums; a model that cannot be simulated without it lacks all."""
+        if not np.isfinite(without) or not np.isfinite(given):
+            return Weight(1.0, np.inf)
+        least = max(explained, 1e-300)
+        share = (without - explained) / max(given - explained, 1e-300)
+        return Weight(float(np.clip(share, 0.0, 1.0)), without / least)
+
     def in_words(self) -> str:
-        """Say the share, or the other where the given model is so far off that it says nothing."""
+        """Say what would be left without it, and what makes good the rest."""
+        times = f"{number(self.times, 2)} times the squared error"
         if self.share < HARDLY and np.isfinite(self.times):
-            return f"without it, {self.times:.2g} times the squared error would be left"
-        return f"it accounts for {100 * self.share:.0f} % of the explained mismatch"
+            return f"without it, {times} would be left"
+        if self.share > 1.0 - HARDLY:
+            return "without it, all of the given model's mismatch would come back"
+        part = round(100 * self.share)
+        return (
+            f"without it, {part} % of the given model's mismatch would come back ({times} of the "
+            f"explained model); values re-estimated without it make good the other {100 - part} %"
+        )
 
 
 def finding_row(
@@ -92,7 +117,7 @@ def finding_row(
         "edit": edit,
         "term": candidate.term_text(names),
         "parameters": shown,
-        "where": where(parts, candidate.site, candidate.quiet),
+        "where": _where(parts, estimate, position),
         "share": weight.share,
         "explanation": _explanation(candidate, shown, weight),
     }
@@ -110,18 +135,13 @@ def _alternative(parts: Ingredients, other: Alternative) -> dict[str, Any]:
 
 
 def wrong_value_row(
-    parts: Ingredients, estimate: Estimate, name: str, given_cost: float, probability: float
+    parts: Ingredients, estimate: Estimate, name: str, weight: Weight, probability: float
 ) -> dict[str, Any]:
     """A finding that a free parameter's given value is wrong."""
     given = parts.case.simulator.model
     row = parameter_row(estimate, name)
-    before = given.parameters[name].value
+    before = given.parameters[name]
     changed = with_values(given, {name: row["value"]}).parameters[name]
-    total = max(given_cost - estimate.entry.fit.cost, 1e-300)
-    i = estimate.positions[name]
-    k = int(np.flatnonzero(estimate.entry.fit.active == i)[0])
-    hessian = estimate.entry.fit.normal_equations()[0].sum(0)
-    alone = float(hessian[k, k] * (row["value"] - before) ** 2)
     return {
         "site": f"parameter:{name}",
         "mechanism": "wrong_value",
@@ -132,9 +152,9 @@ def wrong_value_row(
         "term": name,
         "parameters": {name: row},
         "where": where(parts, ""),
-        "share": float(np.clip(alone / total, 0.0, 1.0)),
-        "explanation": f"The value of {name} in the model is {before:.4g}; the recordings "
-        f"ask for {row['value']:.4g} (95 % interval {row['ci95'][0]:.4g} to {row['ci95'][1]:.4g}).",
+        "share": weight.share,
+        "explanation": f"The value of {name} in the model is {before.value:.4g}; the recordings "
+        f"ask for {in_figures(row)}; {weight.in_words()}.",
     }
 
 
@@ -182,125 +202,84 @@ def rounding_rows(
     return rows, edits
 
 
-def where(parts: Ingredients, site: str, quiet: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Recordings, times, and the range of the state in which most of the mismatch lies."""
-    prepared = parts.case.prepared
-    acting = [p for p in prepared if p.recording.name not in quiet]
-    region: list[dict[str, Any]] = []
-    state = site.partition(":")[2]
-    model = parts.case.simulator.model
-    if parts.case.screened is not None and state in model.states:
-        screened = parts.case.screened
-        rows = screened.system.state == model.states.index(state)
-        residual = screened.system.at(screened.screening.empty.values)[rows]
-        position = np.empty(rows.sum())
-        for r in np.unique(screened.system.recording[rows]):
-            mine = screened.system.recording[rows] == r
-            item = prepared[int(r)]
-            signal = item.states.values[:, model.states.index(state)]
-            position[mine] = np.interp(screened.system.centre[rows][mine], item.time, signal)
-        if position.size:
-            low, high = _densest(position, residual**2)
-            region = [{"variable": state, "from": low, "to": high}]
-    recordings = [p.recording for p in acting]
+def where(parts: Ingredients, _: str = "", quiet: tuple[str, ...] = ()) -> dict[str, Any]:
+    """All recordings but the quiet ones, from beginning to end."""
+    recordings = [p.recording for p in parts.case.prepared]
     if parts.whole is not None:
-        recordings = [r for r in parts.whole.recordings if r.name not in quiet]
+        recordings = list(parts.whole.recordings)
+    recordings = [r for r in recordings if r.name not in quiet]
     return {
-        "region": region,
+        "region": [],
         "recordings": [r.name for r in recordings],
         "times": [[float(r.time[0]), float(r.time[-1])] for r in recordings],
     }
 
 
-def _densest(position: np.ndarray, power: np.ndarray) -> tuple[float, float]:
-    """Shortest interval that holds two thirds of the residual's power."""
-    order = np.argsort(position)
-    cumulated = np.concatenate([[0.0], np.cumsum(power[order])])
-    cumulated /= cumulated[-1] + 1e-300
-    ends = np.searchsorted(cumulated, cumulated + 2.0 / 3.0)
-    valid = np.flatnonzero(ends < cumulated.size)
-    x = np.concatenate([position[order], position[order][-1:]])
-    if valid.size == 0:
-        return float(x[0]), float(x[-1])
-    best = valid[np.argmin(x[np.minimum(ends[valid], x.size - 1)] - x[valid])]
-    return float(x[best]), float(x[min(ends[best], x.size - 1)])
+def _where(parts: Ingredients, estimate: Estimate, position: int) -> dict[str, Any]:
+    """Where a mechanism acts; of long recordings the search saw a part, and says all times."""
+    candidate = estimate.named.candidates[position]
+    found = where_acting(candidate, estimate, position)
+    if parts.whole is None:
+        return found
+    return where(parts, candidate.site, candidate.quiet) | {"region": found["region"]}
 
 
-def _explanation(candidate: Any, shown: dict, weight: Weight) -> str:
-    units = {n: row["unit"] if row["unit"] != "1" else "" for n, row in shown.items()}
-    numbers = ", ".join(
-        f"{n} = {r['value']:.4g} {units[n] or ''}".rstrip() for n, r in shown.items()
-    )
-    return f"{candidate.sentence.format(site=candidate.site)} {numbers}; {weight.in_words()}."
+def sentence_of(candidate: Candidate) -> str:
+    """Say what a mechanism means, sites by the names of their signals."""
+    kind, _, place = candidate.site.partition(":")
+    text = candidate.sentence.format(site=f"input {place}" if kind == "input" else place)
+    return capital(text.replace("equation:", ""))
+
+
+def _explanation(candidate: Candidate, shown: dict[str, Any], weight: Weight) -> str:
+    numbers = ", ".join(f"{n} = {in_figures(row)}" for n, row in shown.items())
+    return f"{sentence_of(candidate)} {numbers}; {weight.in_words()}."
+
+
+def in_figures(row: dict[str, Any]) -> str:
+    """Return a value with its unit and interval, in the digits that this resolves."""
+    value, (low, high) = row["value"], row["ci95"]
+    unit = unit_text(row["unit"])
+    digits = digits_of(value, low, high)
+    text = " ".join((plainly(value, digits or 4), *([unit] if unit else [])))
+    if digits is None:
+        return text
+    return f"{text} (95 % interval {plainly(low, digits)} to {plainly(high, digits)})"
+
+
+def _contains(one: Candidate, other: Candidate) -> bool:
+    """Whether one of two mechanisms at a site has coefficients beside those of the other."""
+    count = [sum(spec.coefficient for spec in c.parameters) for c in (one, other)]
+    return one.site == other.site and count[0] != count[1]
 
 
 def confusable_rows(parts: Ingredients, table: Sensitivities) -> list[list[Any]]:
-    """Pairs of mechanisms whose effects in the sensors lie close, angle in degrees."""
+    """Pairs of mechanisms whose effects in the sensors lie close, angle in degrees.
+
+    A mechanism that is compared at more than one site is told with its own. What the free
+    parameters reproduce leaves no direction to compare, and a mechanism that contains another has
+    its direction whatever was recorded.
+    """
     candidates = parts.arena.super_model.candidates
+    left = np.radians(table.angle_to_parameters) > np.sqrt(RANK)
+    seen = [i for i, identified in zip(table.candidates, left, strict=True) if identified]
     rows: dict[tuple[str, str], float] = {}
-    for a, i in enumerate(table.candidates):
-        for j in table.candidates[a + 1 :]:
+    for a, i in enumerate(seen):
+        for j in seen[a + 1 :]:
             angle = table.angle(i, j)
+            if _contains(candidates[i], candidates[j]) and angle < SAME:
+                continue
             if candidates[i].label != candidates[j].label and angle < CONFUSED:
                 key = (candidates[i].label, candidates[j].label)
                 rows[key] = min(angle, rows.get(key, 90.0))
     ordered = sorted(rows.items(), key=lambda item: item[1])[:12]
-    return [[_short(a), _short(b), round(angle, 2)] for (a, b), angle in ordered]
+    sites: dict[str, set[str]] = {}
+    for label in {c.label for c in candidates}:
+        mechanism, _, site = label.partition("@")
+        sites.setdefault(mechanism, set()).add(site)
 
+    def told(label: str) -> str:
+        mechanism = label.partition("@")[0]
+        return label if len(sites[mechanism]) > 1 else mechanism
 
-def _short(label: str) -> str:
-    """Return the mechanism of a label."""
-    return label.partition("@")[0]
-
-
-def detectable_rows(parts: Ingredients, table: Sensitivities) -> dict[str, Any]:
-    """Smallest effect of each mechanism that these recordings would show."""
-    super_model = parts.arena.super_model
-    rows: dict[str, Any] = {}
-    for k, number in enumerate(table.candidates):
-        candidate = super_model.candidates[number]
-        spec = next((s for s in candidate.parameters if s.coefficient), None)
-        error = float(table.error[k])
-        if spec is None or not np.isfinite(error) or error > 1e30:
-            continue
-        value = DETECTION * error
-        if candidate.label in rows and rows[candidate.label]["value"] < value:
-            continue
-        rows[candidate.label] = {
-            "parameter": spec.name,
-            "value": value,
-            "unit": spec.unit,
-        }
-    return rows
-
-
-_ADVICE = {
-    "dissipative": "slow reversals and long runs at constant high speed",
-    "elastic": "displacements well beyond those recorded, held at several positions",
-    "inertial": "the same motion at another attitude or with faster accelerations",
-    "coupling": "one axis moved while the other is held, then the reverse",
-    "measurement": "a static calibration of the sensor against a reference",
-    "parameter": "a bench measurement of the parameter",
-}
-TOLD_APART = 0.3
-"""Separation, in standard deviations a sample, from which an experiment is worth its time."""
-
-
-def next_experiment(parts: Ingredients, rivals: list[tuple[int, list[Alternative]]]) -> str | None:
-    """Say which recording would separate the leading explanation from its runner-up."""
-    candidates = parts.arena.super_model.candidates
-    best = [(others[0].probability, number, others[0]) for number, others in rivals if others]
-    if not best:
-        return None
-    _, number, other = max(best, key=lambda item: item[:2])
-    first, second = candidates[number], candidates[other.number]
-    found = best_experiment(parts, other.entry)
-    if found is not None and found.separation > TOLD_APART:
-        return (
-            f"Record {found.text}: there {first.label} and {second.label}, as estimated, would "
-            f"differ by {found.separation:.2g} standard deviations of what is left, sample by "
-            "sample, after re-calibration."
-        )
-    advice = [_ADVICE.get(c.family, "a richer excitation") for c in (first, second)]
-    text = " and ".join(dict.fromkeys(advice))
-    return f"{text[0].upper()}{text[1:]} would separate {first.label} from {second.label}."
+    return [[told(a), told(b), round(angle, 2)] for (a, b), angle in ordered]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -75,6 +75,7 @@ class Judged:
     rivals: list[tuple[int, list[Alternative]]]
     significant: bool
     edits: tuple[Edit, ...] = ()  # of readings alone, which no simulation feels
+    leader: Entry | None = None  # what `rivals` could replace, where nothing was chosen
 
 
 def judge(parts: Ingredients) -> Judged:
@@ -97,7 +98,7 @@ def judge(parts: Ingredients) -> Judged:
             # Nothing is believed; what comes nearest is named.
             leader = most_credible(arena.super_model, leading)
             rows, rivals, _ = _rows(parts, leader, refine(ground, leader, thorough=False))
-            judged = replace(judged, findings=rows, rivals=rivals)
+            judged = replace(judged, findings=rows, rivals=rivals, leader=leader)
         return judged
     best = _completed(parts, refine(ground, parts.chosen))
     rows, rivals, order = _rows(parts, parts.chosen, best)
@@ -124,12 +125,12 @@ def _rows(
 ) -> tuple[list[dict[str, Any]], list[tuple[int, list[Alternative]]], list[int]]:
     """Findings of an entry by falling share, what could replace each, and the order by share."""
     rows, rivals = [], []
-    given = enter(_frozen(parts.arena), (), neutral_values(parts.arena.super_model)).fit.cost
+    given = enter(frozen(parts.arena), (), neutral_values(parts.arena.super_model)).fit.cost
     for k, number in enumerate(entry.members):
         probability, others = alternatives(
             parts.arena.super_model, entry, number, parts.entries, parts.rng
         )
-        weight = _weight(parts, entry, number, given)
+        weight = weight_of_member(parts, entry, number, given)
         rows.append(finding_row(parts, estimate, k, number, probability, others, weight))
         rivals.append((number, others))
     order = sorted(range(len(rows)), key=lambda k: -rows[k]["share"])
@@ -178,7 +179,7 @@ def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate
 def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
     given_values = neutral_values(parts.arena.super_model)
-    given = enter(_frozen(parts.arena), (), given_values)
+    given = enter(frozen(parts.arena), (), given_values)
     rows = []
     for name in parts.case.simulator.model.free_parameters:
         place = recalibrated.positions[name]
@@ -192,7 +193,13 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
         rows.sort(reverse=True)
         probability = odds(parts.arena.super_model, recalibrated.entry, given, parts.rng)
         findings = [
-            wrong_value_row(parts, recalibrated, name, given.fit.cost, probability)
+            wrong_value_row(
+                parts,
+                recalibrated,
+                name,
+                weight_of_value(parts, name, given.fit.cost),
+                probability,
+            )
             for _, name in rows
         ]
     unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
@@ -220,26 +227,40 @@ def _differ(given: Entry, recalibrated: Estimate) -> bool:
     return p < SIGNIFICANCE and mean > WRONG
 
 
-def _frozen(arena: Arena) -> Arena:
-    """An arena in which nothing but the starts is estimated."""
+def frozen(arena: Arena, names: Collection[str] | None = None) -> Arena:
+    """An arena in which some parameters are not estimated; by default nothing but the starts is."""
     given = replace(
         arena.super_model.given,
         parameters={
-            n: replace(p, bounds=None) for n, p in arena.super_model.given.parameters.items()
+            n: replace(p, bounds=None) if names is None or n in names else p
+            for n, p in arena.super_model.given.parameters.items()
         },
     )
     return replace(arena, super_model=replace(arena.super_model, given=given))
 
 
-def _weight(parts: Ingredients, entry: Entry, number: int, given: float) -> Weight:
-    """Share of the mismatch, by the cost of the given values, that is lost without one member."""
+def weight_of_member(parts: Ingredients, entry: Entry, number: int, given: float) -> Weight:
+    """Return what one member of a set matters; the set without it is estimated if none was."""
     rest = tuple(i for i in entry.members if i != number)
     without = min((e.fit.cost for e in parts.entries if e.members == rest), default=np.inf)
-    explained_cost = entry.fit.cost
-    if not np.isfinite(without) or not np.isfinite(given):
-        return Weight(1.0, np.inf)
-    lost = (without - explained_cost) / max(given - explained_cost, 1e-300)
-    return Weight(float(np.clip(lost, 0.0, 1.0)), without / max(explained_cost, 1e-300))
+    budget = parts.case.budget.share(REFINING)
+    if not np.isfinite(without) and not budget.exhausted:
+        start, path = parts.null.fit.theta, parts.null.fit.path
+        without = enter(parts.arena, rest, start, path, lambda: budget.exhausted).fit.cost
+    return Weight.of(given, without, entry.fit.cost)
+
+
+def weight_of_value(parts: Ingredients, name: str, given: float) -> Weight:
+    """Return what the value of one parameter matters: the others are estimated with it as given."""
+    arena, null = frozen(parts.arena, (name,)), parts.null
+    theta = null.fit.theta.copy()
+    at = list(arena.super_model.model.parameters).index(name)
+    theta[at] = neutral_values(arena.super_model)[at]
+    budget = parts.case.budget.share(REFINING)
+    cost = given
+    if len(parts.case.simulator.model.free_parameters) > 1:
+        cost = enter(arena, (), theta, null.fit.path, lambda: budget.exhausted).fit.cost
+    return Weight.of(given, cost, null.fit.cost)
 
 
 def explained(judged: Judged) -> Model:

@@ -12,6 +12,8 @@ from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.uncertainty import half_widths
 from jaxsr.diagnosis.setup import motion_of_case
+from jaxsr.report.formatting import digits_of, plainly
+from jaxsr.report.words import capital, mechanism_at
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.explaining.judge import Ingredients, Judged
@@ -61,9 +63,9 @@ def _detected(parts: Ingredients) -> str:
     found = parts.detection
     outcome = "found" if found.detected else "not found"
     factor = np.exp(0.5 * found.log_gain)
-    tail = "below 1e-300" if found.p == 0.0 else f"{found.p:.2g}"
+    tail = "below 1e-300" if found.p == 0.0 else f"= {found.p:.2g}"
     return (
-        f"An effect was {outcome}: the best set lowers the error {factor:.3g} times, p = {tail} "
+        f"An effect was {outcome}: the best set lowers the error {factor:.3g} times, p {tail} "
         f"against {found.threshold:.2g}, one false alarm in {1.0 / found.rate:.0f} diagnoses."
     )
 
@@ -89,23 +91,23 @@ def characters(parts: Ingredients) -> list[str]:
             if share > NAMED:
                 resists = "odd" in words and motion.share(state, columns[:, :1])[1][0] < 0
                 energy = " (it takes energy)" if resists else ""
-                variable = model.kinematic_parent(state) if words == "on" else state
-                kinds.append(f"{words} {variable} {100 * share:.0f} %{energy}")
-        text = ", ".join(kinds) if kinds else "on no variable of its own"
-        texts.append(f"equation:{state}: what is left depends {text}.")
+                variable = model.kinematic_parent(state) if words == "a function" else state
+                kinds.append(f"{words} of {variable} takes {100 * share:.0f} %{energy}")
+        text = ", ".join(kinds) if kinds else "no function of its own variables takes any"
+        texts.append(f"Equation of {state}: of the force that is left, {text}.")
     return texts
 
 
 def _kinds(signals: Any, position: str | None, rate: str) -> list[tuple[str, np.ndarray]]:
     v = signals[rate] / (np.std(signals[rate]) + 1e-300)
     found = [
-        ("as an odd function on", np.stack([v, np.tanh(10.0 * v), v**3], axis=1)),
-        ("as an even function on", np.stack([np.abs(v), v**2], axis=1)),
+        ("an odd function", np.stack([v, np.tanh(10.0 * v), v**3], axis=1)),
+        ("an even function", np.stack([np.abs(v), v**2], axis=1)),
     ]
     if position is not None:
         q = signals[position] - np.mean(signals[position])
         q = q / (np.std(q) + 1e-300)
-        found.append(("on", np.stack([q, q**2, q**3], axis=1)))
+        found.append(("a function", np.stack([q, q**2, q**3], axis=1)))
     return found
 
 
@@ -122,8 +124,9 @@ def _decided(parts: Ingredients, judged: Judged, scores: dict[str, float]) -> st
         return "Blocks held back in turn speak for re-calibration alone: no set is believed."
     if not labels:
         return "No set beats re-calibration."
+    named = " and ".join(mechanism_at(label) for label in labels)
     return (
-        f"{' and '.join(labels)}; free-run error {_percent(scores['explained'])}, all constants "
+        f"{capital(named)}; free-run error {_percent(scores['explained'])}, all constants "
         f"estimated together. Verdict: {judged.verdict.value}."
     )
 
@@ -176,7 +179,9 @@ def _halves(parts: Ingredients) -> str:
     worst = max(rows, key=lambda row: row[3])
     words = "agree" if worst[3] < AGREE else "do not agree"
     name = worst[0].partition("__")[0]
+    digits = digits_of(worst[1], worst[1], worst[2]) or 4
+    first, second = (plainly(value, digits) for value in worst[1:3])
     return (
         f"Estimated on each half of the segments the constants {words}: {name}, the farthest "
-        f"apart, is {worst[1]:.4g} and {worst[2]:.4g}, {worst[3]:.2g} standard errors."
+        f"apart, is {first} and {second}, {worst[3]:.2g} standard errors."
     )
