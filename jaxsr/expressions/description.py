@@ -47,8 +47,13 @@ def estimated_length(expression: Term, rows: float) -> float:
     rows : float
         Independent residuals that they are estimated from.
     """
-    count = sum(_is_estimate(node) for node in expression.walk())
-    return description_length(_opened(expression)) + 0.5 * count * math.log2(max(rows, 2.0))
+    numbers = 0.5 * estimates(expression) * math.log2(max(rows, 2.0))
+    return description_length(_opened(expression)) + numbers
+
+
+def estimates(expression: Term) -> int:
+    """Return how many constants are no whole numbers."""
+    return sum(_is_estimate(node) for node in expression.walk())
 
 
 def _is_estimate(node: Term) -> bool:
@@ -72,4 +77,4 @@ def _number_length(value: float) -> float:
     return math.log2(1 + int(stripped)) + math.log2(1 + abs(power)) + 1.0
 
 
-__all__ = ["description_length", "estimated_length"]
+__all__ = ["description_length", "estimated_length", "estimates"]

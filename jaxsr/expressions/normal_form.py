@@ -32,6 +32,7 @@ _LONGEST = 200  # summands of a sum that is multiplied out
 _LARGEST_TERM = 300  # nodes
 _DIGITS = 12
 _NOTHING = 1e-12  # of what was added up, below which a difference is rounding
+_NEAR = 1e-11  # radians below which two phases are one
 _BRANCHES = 3
 _ODD = frozenset({"tan", "asin", "atan", "sinh", "tanh"})
 
@@ -291,7 +292,7 @@ def _half_turn(phase: float) -> tuple[float, float]:
     """Return a phase from 0 to pi, and the sign that this takes."""
     turns = math.floor(phase / math.pi)
     phase -= turns * math.pi
-    if min(phase, math.pi - phase) < 1e-11:
+    if min(phase, math.pi - phase) < _NEAR:
         turns, phase = turns + (phase > 1.0), 0.0
     return phase, -1.0 if turns % 2 else 1.0
 
@@ -310,6 +311,8 @@ def _one_phase(parts: Sum) -> Sum:
             continue
         argument = dict(sum_of(sines[0].args[0]))
         phase = argument.pop(frozenset(), 0.0)
+        if abs(phase - 0.5 * math.pi) < _NEAR:  # a cosine, whose phase was written to few digits
+            phase = 0.5 * math.pi
         rest = powers - {(sines[0], 1.0)}
         groups.setdefault((_written(argument), rest), []).append((powers, c, phase))
     total = dict(parts)

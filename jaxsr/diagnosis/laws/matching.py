@@ -23,6 +23,8 @@ EVALUATIONS = 40
 """Of a sum while its inner constants are estimated."""
 FAR, NOTHING = 0.03, 1e-9
 """Shares of a force's rms left by a sum: no likeness at all, and rounding."""
+DEAD = 1e-5
+"""Share of a force below which a constant in it does nothing."""
 
 Inner = tuple[float, ...]
 Shaped = tuple[tuple[NamedForce, Inner], ...]
@@ -93,7 +95,7 @@ def _refined(fit: _Fit, known: Shaped, shaped: Sequence[NamedForce]) -> Iterator
     for _, number, found in sorted(starts, key=lambda s: s[:2]):
         if number not in best and len(best) < LEADERS:
             best[number] = fit.refined(found, fit.every)
-    yield from sorted(best.values(), key=fit.left)
+    yield from sorted(best.values(), key=fit.order)
 
 
 class _Fit:
@@ -139,6 +141,10 @@ class _Fit:
     def left(self, shaped: Shaped) -> float:
         """Return what is left of the force, all plain forces beside."""
         return float(np.linalg.norm(self.solved(shaped, self.every)[1]))
+
+    def order(self, shaped: Shaped) -> tuple[float, int]:
+        """What is left, and the number of constants where that is the same."""
+        return round(self.left(shaped), 6), sum(f.constants for f, _ in shaped)
 
     def refined(self, shaped: Shaped, basis: np.ndarray) -> Shaped:
         """Estimate the inner constants."""
@@ -195,7 +201,9 @@ class _Fit:
         for force, inner in zip(forces, inners, strict=True):
             own = self.size * weights[at : at + len(force.linear)]
             at += len(force.linear)
-            if not force.allows(own, inner):
+            # without one of its constants it is another force
+            parts = np.linalg.norm(self._columns(force, inner)[:, 1:], axis=0) * np.abs(own)
+            if not force.allows(own, inner) or (parts < DEAD * self.size).any():
                 return None
             values.append(force.values(own, inner))
         return Sum(forces, tuple(values), self.size * rest)

@@ -16,7 +16,7 @@ from jaxsr.diagnosis.laws.unnamed import Law
 from jaxsr.diagnosis.laws.vocabulary import OWN, NamedForce, Signals, vocabulary
 from jaxsr.diagnosis.mechanisms.site import Site
 from jaxsr.expressions import Term, evaluate
-from jaxsr.expressions.description import estimated_length
+from jaxsr.expressions.description import estimated_length, estimates
 from jaxsr.expressions.normal_form import normal_form, summands
 
 SAME = 1e-6
@@ -63,14 +63,17 @@ def named(
     seen = {n: x[few] for n, x in every.items()}
     forces = vocabulary(site, seen, Landmarks.of(law))
     length = min(estimated_length(form, good.size) for form in (law, normal_form(law)))
+    most = estimates(law)
 
     def stands(found: Sum) -> bool:
         left = float(np.linalg.norm(found.difference) / np.linalg.norm(force[few]))
         if left < SAME:
             return True
         saved = length - _length(found, len(forces), good.size)
-        if saved < 0.0 or left < ALIKE or loss is None:
-            return saved >= 0.0 and left < ALIKE
+        if saved < 0.0 or found.constants > most:  # what is but alike must not be the richer one
+            return False
+        if left < ALIKE or loss is None:
+            return left < ALIKE
         apart = force - course(found, every)
         return loss(np.where(np.isfinite(apart), apart, 0.0)) < saved * np.log(2.0)
 
