@@ -55,8 +55,8 @@ AddExponents = Callable[[list[tuple[float, Term]]], tuple[float, Term | None]]
 
 def number(value: float) -> Product:
     """Return a constant."""
-    if not math.isfinite(value) or abs(value) > _LARGEST:
-        refuse("a constant is not finite")
+    if not math.isfinite(value) or (value and not 1.0 / _LARGEST < abs(value) < _LARGEST):
+        refuse("a constant is no number to reckon with")
     return Product(float(value))
 
 

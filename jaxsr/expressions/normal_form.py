@@ -55,7 +55,8 @@ def normal_form(term: Term) -> Term:
 
     Notes
     -----
-    Equal to the term wherever that is finite and no argument of a sign or of a condition is zero.
+    Equal to the term wherever every part of it is finite, and no argument of a sign or of a
+    condition is zero.
     The normal form of a normal form is itself.
     """
     if term.size > _LARGEST_TERM or term.uses(frozenset(INTEGRALS)):
