@@ -34,6 +34,7 @@ _DIGITS = 12
 _NOTHING = 1e-12  # of what was added up, below which a difference is rounding
 _NEAR = 1e-11  # radians below which two phases are one
 _BRANCHES = 3
+_PASSES = 4
 _ODD = frozenset({"tan", "asin", "atan", "sinh", "tanh"})
 
 Sum = Mapping[frozenset[tuple[Term, float]], float]
@@ -59,21 +60,37 @@ def normal_form(term: Term) -> Term:
     condition is zero.
     The normal form of a normal form is itself.
     """
-    if term.size > _LARGEST_TERM or term.uses(frozenset(INTEGRALS)):
-        return simplify(term)
-    try:
-        return _written(sum_of(term))
-    except NoForm:
-        return simplify(term)
+    form = _once(term)
+    for _ in range(_PASSES):  # digits that were cut off inside a function come back otherwise
+        before, form = form, _once(form)
+        if form == before:
+            break
+    return form
+
+
+def _once(term: Term) -> Term:
+    parts = _sum(term)
+    return simplify(term) if parts is None else _written(parts)
 
 
 def summands(term: Term) -> dict[Term, float]:
     """Return the products of a term's normal form with their coefficients; 1 for a constant."""
-    try:
-        parts = sum_of(term)
-    except NoForm:
+    parts = _sum(term)
+    if parts is None:
         return {simplify(term): 1.0}
     return {Product(1.0, powers).term(): c for powers, c in parts.items()}
+
+
+def _sum(term: Term) -> Sum | None:
+    """Return a term as a sum of products; None where neither it nor its canonical form is one."""
+    if term.size > _LARGEST_TERM or term.uses(frozenset(INTEGRALS)):
+        return None
+    for form in (lambda: term, lambda: simplify(term)):
+        try:
+            return sum_of(form())
+        except NoForm:
+            continue
+    return None
 
 
 @functools.lru_cache(maxsize=20_000)
