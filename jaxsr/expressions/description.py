@@ -48,7 +48,7 @@ def estimated_length(expression: Term, rows: float) -> float:
         Independent residuals that they are estimated from.
     """
     numbers = 0.5 * estimates(expression) * math.log2(max(rows, 2.0))
-    return description_length(_opened(expression)) + numbers
+    return description_length(opened(expression)) + numbers
 
 
 def estimates(expression: Term) -> int:
@@ -60,10 +60,11 @@ def _is_estimate(node: Term) -> bool:
     return node.is_constant and not node.value.is_integer()
 
 
-def _opened(term: Term) -> Term:
+def opened(term: Term) -> Term:
+    """Return a term with a symbol in the place of every constant that is no whole number."""
     if _is_estimate(term):
         return Term.variable("a constant")
-    return Term(term.op, tuple(map(_opened, term.args))) if term.args else term
+    return Term(term.op, tuple(map(opened, term.args))) if term.args else term
 
 
 def _number_length(value: float) -> float:
@@ -77,4 +78,4 @@ def _number_length(value: float) -> float:
     return math.log2(1 + int(stripped)) + math.log2(1 + abs(power)) + 1.0
 
 
-__all__ = ["description_length", "estimated_length", "estimates"]
+__all__ = ["description_length", "estimated_length", "estimates", "opened"]

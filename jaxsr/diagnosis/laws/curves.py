@@ -31,6 +31,7 @@ from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.evolution import SearchConfig, propose
 from jaxsr.evolution.config import SizeLimits
+from jaxsr.expressions import parse
 
 BUMPS = 8
 """Gaussian bumps of which a curve consists."""
@@ -89,7 +90,7 @@ class Curve:
             sentence="A force that matches no named mechanism acts along {site}, as a curve over "
             f"{self.variable}.",
             terms=((self.state, template),),
-            tried=choices(template),
+            tried=choices(parse(template.replace("{", "").replace("}", ""))),
             source="radial basis functions estimated in free run",
         )
         return candidate, np.zeros(BUMPS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from functools import reduce
 
@@ -15,8 +14,8 @@ from jaxsr.diagnosis.judging.criteria import independent_residuals
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
 from jaxsr.diagnosis.mechanisms.candidate import UNNAMED, Candidate, ParameterSpec
 from jaxsr.evolution.propose import Proposal
-from jaxsr.expressions import Term, parse, to_text
-from jaxsr.expressions.description import description_length, estimated_length
+from jaxsr.expressions import Term, to_text
+from jaxsr.expressions.description import description_length, estimated_length, opened
 
 MAX_TERMS = 2
 CROWD = 2
@@ -41,7 +40,6 @@ ProposedForce = tuple[Candidate, np.ndarray]
 """A candidate and the values of its coefficients."""
 Law = tuple[ProposedForce, ...]
 """Forces that are proposed together: one without a name, or the named ones whose sum a law is."""
-_BRACES = re.compile(r"\{(\w+)\}")
 _LONGEST = 900.0  # bits whose power of two is a number
 _POWERS = frozenset({"mul", "div", "pow", "sqrt", "abs", "sign"})
 
@@ -136,27 +134,26 @@ def as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
         )
         for k, value in enumerate(inner, 1)
     ]
-    template = "+ " + " + ".join(pieces)
     candidate = Candidate(
         mechanism=UNNAMED,
         family=UNNAMED,
         site=f"equation:{name}",
         parameters=(*coefficients, *constants),
         sentence="A force that matches no named mechanism acts along {site}; the search wrote it.",
-        terms=((name, template),),
-        tried=choices(template),
+        terms=((name, "+ " + " + ".join(pieces)),),
+        tried=choices(*map(opened, proposal.terms)),
         source="evolutionary sparse regression",
     )
     return candidate, np.array([*proposal.coefficients, *inner])
 
 
-def choices(template: str) -> float:
-    """Return among how many laws, as long as one written as a template, that one was chosen.
+def choices(*terms: Term) -> float:
+    """Return among how many laws as long as one it was chosen: 2 to the power of its bits.
 
-    By Kraft's inequality, 2 to the power of its bits; what its constants take is the price of any
-    estimated constant.
+    By Kraft's inequality there are no more. What estimated constants take is no part of it, and no
+    scale of a state is.
     """
-    return 2.0 ** min(description_length(parse(_BRACES.sub(r"\1", template))), _LONGEST)
+    return 2.0 ** min(sum(map(description_length, terms)), _LONGEST)
 
 
 def law_of(proposal: Proposal, sizes: Mapping[str, float]) -> Term:
