@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from jaxsr._progress import Budget, Silent
+from jaxsr.diagnosis.laws import renaming
 from jaxsr.diagnosis.laws.curves import Curve
 from jaxsr.diagnosis.laws.landmarks import Landmarks
 from jaxsr.diagnosis.laws.naming import named
@@ -132,3 +134,24 @@ def test_a_proposal_is_a_law_over_the_states_themselves() -> None:
 def test_a_curve_of_many_bumps_was_chosen_among_more_than_a_short_law() -> None:
     candidate, _ = Curve("w", "q", -1.0, 1.0).proposed()
     assert candidate.tried > choices(parse("sin(q)*w")) ** 4 > 1.0
+
+
+@pytest.mark.parametrize("shorter", [True, False])
+def test_a_chosen_law_gets_its_names_where_the_criterion_prefers_them(monkeypatch, shorter) -> None:
+    fit = SimpleNamespace(usable=True)
+    lawless, chosen, sum_of_names = (
+        SimpleNamespace(members=m, fit=fit) for m in ((), (0,), (1, 2))
+    )
+    model = SimpleNamespace(candidates=[SimpleNamespace(mechanism="unnamed")])
+    arena = SimpleNamespace(super_model=model)
+    case = SimpleNamespace(search=Budget(), progress=Silent())
+    entries = [lawless, chosen]
+    price = {(0,): 1.0, (1, 2): 0.0 if shorter else 2.0}
+    monkeypatch.setattr(renaming, "names_of", lambda *_: ("a law",))
+    monkeypatch.setattr(renaming, "independent_residuals", lambda _: 100.0)
+    monkeypatch.setattr(renaming, "criterion", lambda _, entry, n: price[entry.members])
+    monkeypatch.setattr(renaming, "with_candidates", lambda *_: (arena, [*entries, sum_of_names]))
+    monkeypatch.setattr(renaming, "decide", lambda _, arena, rest: (arena, rest, rest[-1], None))
+    found = renaming.with_names(case, (arena, entries, chosen, None))
+    assert found[2] is (sum_of_names if shorter else chosen)
+    assert (chosen in found[1]) == (not shorter)
