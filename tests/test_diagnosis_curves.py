@@ -153,7 +153,7 @@ def test_a_curve_in_free_run_is_the_force_that_is_missing():
 def test_candidates_enter_by_themselves_and_what_was_known_stays():
     case, _ = _cart(detent)
     arena, entries = _field(case)
-    proposals = [c.proposed() for c in curves_at(case, entries[0], "v")]
+    proposals = [(c.proposed(),) for c in curves_at(case, entries[0], "v")]
     wider, found = with_candidates(case, (arena, entries), entries[0], proposals, ((), ()))
     assert [e.members for e in found] == [(), (0,), (1,)]
     assert found[0].fit.cost == entries[0].fit.cost

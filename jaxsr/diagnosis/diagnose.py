@@ -23,6 +23,7 @@ from jaxsr.diagnosis.failures import Failures, unsimulable
 from jaxsr.diagnosis.judging.alternatives import likelier_without
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
+from jaxsr.diagnosis.laws.renaming import with_names
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.search.choice import (
     Decision,
@@ -190,7 +191,7 @@ def decided(case: Case, field: Contest, rng: np.random.Generator) -> Decided:
     decision = attempt(
         "finding an unnamed law", lambda: with_nameless(case, decision, rng), decision
     )
-    return decision, headline, grown
+    return attempt("naming a law", lambda: with_names(case, decision), decision), headline, grown
 
 
 def looked_further(case: Case, before: Decided, rng: np.random.Generator) -> Decided:

@@ -28,7 +28,7 @@ class Detection:
     rate: float
 
 
-def detect_in_noise(null: Entry, chosen: Entry, candidates: int) -> Detection:
+def detect_in_noise(null: Entry, chosen: Entry, candidates: float) -> Detection:
     """Test an entry against re-calibration alone where noise limits the fit: likelihood ratio.
 
     n log(cost_0 / cost_1) is chi-squared with as many degrees of freedom as there are added
@@ -46,7 +46,7 @@ def detect_in_noise(null: Entry, chosen: Entry, candidates: int) -> Detection:
     return Detection(p < threshold, float(ratio), p, threshold, SIGNIFICANCE)
 
 
-def detect(null: Entry, chosen: Entry, candidates: int) -> Detection:
+def detect(null: Entry, chosen: Entry, candidates: float) -> Detection:
     """Test an entry against re-calibration alone, block by block."""
     mean, _, p = gain(null.errors, chosen.errors)
     rate = 10.0 * SIGNIFICANCE

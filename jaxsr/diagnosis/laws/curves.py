@@ -14,18 +14,24 @@ from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.criteria import independent_residuals
+from jaxsr.diagnosis.laws.naming import named
 from jaxsr.diagnosis.laws.unnamed import (
     MAX_TERMS,
     UNNAMED,
+    Law,
     ProposedForce,
     as_candidate,
+    choices,
     has_a_name,
+    law_of,
+    length_of,
     sizes_of,
 )
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.evolution import SearchConfig, propose
 from jaxsr.evolution.config import SizeLimits
+from jaxsr.expressions import parse
 
 BUMPS = 8
 """Gaussian bumps of which a curve consists."""
@@ -75,6 +81,7 @@ class Curve:
             f"{{c{k}}}*exp(-(({self.variable} - ({centre:.6g}))/{self.width:.6g})**2)"
             for k, centre in enumerate(self.centres, 1)
         ]
+        template = "+ " + " + ".join(pieces)
         candidate = Candidate(
             mechanism=UNNAMED,
             family=UNNAMED,
@@ -82,8 +89,8 @@ class Curve:
             parameters=tuple(ParameterSpec(f"c{k}", self.unit) for k in range(1, BUMPS + 1)),
             sentence="A force that matches no named mechanism acts along {site}, as a curve over "
             f"{self.variable}.",
-            terms=((self.state, "+ " + " + ".join(pieces)),),
-            tried=2,  # over the position and over its rate
+            terms=((self.state, template),),
+            tried=choices(parse(template.replace("{", "").replace("}", ""))),
             source="radial basis functions estimated in free run",
         )
         return candidate, np.zeros(BUMPS)
@@ -110,7 +117,7 @@ def laws_along(
     curve: Curve,
     entry: Entry,
     rng: np.random.Generator,
-) -> list[ProposedForce]:
+) -> list[Law]:
     """Return laws of at most `MAX_TERMS` terms that follow a curve as closely as it is known.
 
     `entry` holds its estimate as the last of its members. The coefficients c are known with the
@@ -135,8 +142,13 @@ def laws_along(
     )
     n = independent_residuals(entry)
     fit = [p for p in found if 0 < len(p.terms) <= MAX_TERMS and not has_a_name(p)]
-    fit.sort(key=lambda p: p.loss * len(onto) + p.size * np.log(n))
-    return [as_candidate(case, index, p) for p in fit[:LAWS]]
+    fit.sort(key=lambda p: p.loss * len(onto) + length_of(p, n))
+    site = next(s for s in sites_of(case.simulator.model, {}) if s.state == curve.state)
+    signals = {s: x.ravel() for s, x in zip(site.model.states, entry.fit.path, strict=False)}
+    return [
+        named(site, law_of(p, {curve.variable: size}), signals) or (as_candidate(case, index, p),)
+        for p in fit[:LAWS]
+    ]
 
 
 def _sight(curve: Curve, visits: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

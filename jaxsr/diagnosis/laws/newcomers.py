@@ -20,7 +20,7 @@ from jaxsr.diagnosis.laws.unnamed import (
     FORCES,
     NAMELESS,
     UNNAMED,
-    ProposedForce,
+    Law,
     crowded,
     crowded_over_position,
     nameless,
@@ -197,7 +197,7 @@ def _with_curves(
     if not curves or case.search.exhausted:
         return None
     known = len(field[0].super_model.candidates)
-    forces = [curve.proposed() for curve in curves]
+    forces = [(curve.proposed(),) for curve in curves]
     wider, entries = with_candidates(case, field, chosen, forces, ((), rest))
     best = _leading(field, (wider, entries))
     if best is None or not best.fit.usable:
@@ -229,10 +229,10 @@ def with_candidates(
     case: Case,
     field: Field,
     chosen: Entry,
-    proposals: Sequence[ProposedForce],
+    proposals: Sequence[Law],
     beside: Sequence[tuple[int, ...]],
 ) -> Field:
-    """Enter the contest again with more candidates, each by itself beside the sets `beside`.
+    """Enter the contest again with more candidates, each law by itself beside the sets `beside`.
 
     Each of these is a part of the chosen set, and starts from where that ended. What the contest
     knows already, by its name, stands for itself; sets that it has tried are not tried again.
@@ -244,15 +244,16 @@ def with_candidates(
     arena, entries = field
     old, tried = arena.super_model, {frozenset(e.members) for e in entries}
     by_name = {c.key: i for i, c in enumerate(old.candidates) if c.mechanism != UNNAMED}
-    unknown = [c for c, _ in proposals if c.key not in by_name]
-    super_model = SuperModel.build(old.given, [*old.candidates, *unknown]) if unknown else old
+    unknown = [(c, v) for law in proposals for c, v in law if c.key not in by_name]
+    super_model = old
+    if unknown:
+        super_model = SuperModel.build(old.given, [*old.candidates, *(c for c, _ in unknown)])
     simulator = Simulator(super_model.model, case.simulator.function)
     stepping, scale = arena.problem.stepping, arena.problem.scale
     neutral = neutral_values(super_model)
     added = neutral[len(old.model.parameters) :]
     if len(simulator.smoothed_arguments) != len(stepping.widths):  # a law that jumps
-        news = [values for c, values in proposals if c.key not in by_name]
-        start = np.concatenate([chosen.fit.theta, *news])
+        start = np.concatenate([chosen.fit.theta, *(values for _, values in unknown)])
         stepping = choose_stepping(simulator, case.prepared, start)
     same = stepping == arena.problem.stepping
     if unknown:
@@ -270,15 +271,18 @@ def with_candidates(
         starts = {m: (np.concatenate([e.fit.theta, added]), e.fit.path) for m, e in sets.items()}
         again = [enter(new, m, *start, stop, near=True) for m, start in starts.items()]
     numbers = iter(range(len(old.candidates), len(super_model.candidates)))
-    own = [by_name[c.key] if c.key in by_name else next(numbers) for c, _ in proposals]
+    own = [
+        [by_name[c.key] if c.key in by_name else next(numbers) for c, _ in law] for law in proposals
+    ]
     for members in dict.fromkeys(beside):
         start = np.concatenate([sets.get(members, chosen).fit.theta, added])
         for i in set(chosen.members) - set(members):
             start[super_model.index(i)] = neutral[super_model.index(i)]
-        for number, (_, values) in zip(own, proposals, strict=True):
-            if {*members, number} in tried:
+        for ours, law in zip(own, proposals, strict=True):
+            if {*members, *ours} in tried:
                 continue
             theta = start.copy()
-            theta[super_model.index(number)] = values
-            again.append(enter(new, tuple(sorted((*members, number))), theta, stop=stop))
+            for number, (_, values) in zip(ours, law, strict=True):
+                theta[super_model.index(number)] = values
+            again.append(enter(new, tuple(sorted({*members, *ours})), theta, stop=stop))
     return new, again

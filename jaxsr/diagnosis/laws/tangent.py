@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,6 +94,21 @@ class TangentView:
         every = np.concatenate([self.fixed, self(columns)], axis=1)
         error = self.target - every @ np.linalg.lstsq(every, self.target, rcond=1e-9)[0]
         return float(error @ error) + self.beyond
+
+    def loss(self, cost: float, n: float) -> Callable[[np.ndarray], float]:
+        """Return what a difference between two forces loses, in nats.
+
+        To first order beside a force that leaves `cost`, of n independent residuals, free
+        parameters moving along.
+        """
+        basis = np.linalg.qr(self.fixed)[0]
+
+        def nats(difference: np.ndarray) -> float:
+            moved = self(difference[:, None])[:, 0]
+            moved = moved - basis @ (basis.T @ moved)
+            return 0.5 * n * float(np.log1p(moved @ moved / max(cost, 1e-300)))
+
+        return nats
 
 
 @dataclass(frozen=True, eq=False)

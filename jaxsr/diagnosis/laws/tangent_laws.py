@@ -18,9 +18,11 @@ from jaxsr.diagnosis.laws.unnamed import (
     FORCES,
     MAX_TERMS,
     UNNAMED,
-    ProposedForce,
+    Law,
     as_candidate,
     has_a_name,
+    law_of,
+    length_of,
     sizes_of,
 )
 from jaxsr.diagnosis.locating.responses import Responses
@@ -111,12 +113,12 @@ def places(arena: Arena, entry: Entry) -> tuple[Place, ...]:
     return tuple(sorted(found, key=lambda p: p.cost))
 
 
-def laws_at(case: Case, place: Place, rng: np.random.Generator) -> list[ProposedForce]:
+def laws_at(case: Case, place: Place, rng: np.random.Generator) -> list[Law]:
     """Return laws of any states that explain what a place keeps, simple ones first.
 
     To first order about the entry. Where that is far from the noise, costs tell laws apart no
     better than the linearisation holds, and the simplest that explain nearly all go beside the
-    shortest description. A law of one term that the library has a name for goes by that name.
+    shortest description. A law that is a sum of named forces goes by their names.
     """
     seconds = min(SECONDS, SHARE * case.search.remaining)
     if not seconds > 0.0:
@@ -138,17 +140,20 @@ def laws_at(case: Case, place: Place, rng: np.random.Generator) -> list[Proposed
     ]
     nameless = [law for law in laws if not has_a_name(law[0])]
     state = case.simulator.model.states.index(place.site.state)
-    scale = state_scale(case.simulator.model, case.prepared)
-    site = replace(place.site, scale=scale)
-    mechanisms: dict[str, ProposedForce] = {}
-    for law in chosen_among(laws, nothing, n):
-        if len(law.terms) == 1:
-            force = law.coefficients[0] * evaluate(law.terms[0], scaled)
-            mechanism = named(site, np.broadcast_to(force, (view.samples,)), view.variables)
-            if mechanism is not None:
-                mechanisms.setdefault(mechanism[0].label, mechanism)
-    written = [as_candidate(case, state, p) for p in chosen_among(nameless, nothing, n)]
-    return [*mechanisms.values(), *written]
+    site = replace(place.site, scale=state_scale(case.simulator.model, case.prepared))
+    loss = view.loss(min((cost for _, cost in laws), default=nothing), n)
+    forms: dict[int, Law] = {}
+
+    def name(proposal: Proposal) -> Law:
+        if id(proposal) not in forms:
+            law = law_of(proposal, sizes)
+            forms[id(proposal)] = named(site, law, view.variables, loss)
+        return forms[id(proposal)]
+
+    shortest = chosen_among(laws, nothing, n)
+    mechanisms = {tuple(c.label for c, _ in name(p)): name(p) for p in shortest if name(p)}
+    rest = [p for p in chosen_among(nameless, nothing, n) if not name(p)]
+    return [*mechanisms.values(), *((as_candidate(case, state, p),) for p in rest)]
 
 
 def chosen_among(
@@ -157,11 +162,11 @@ def chosen_among(
     """Return the simplest laws that explain nearly all that any does, and the shortest description.
 
     `laws` come with their costs, `nothing` is the cost without any, n the number of independent
-    residuals. A description is n log(cost) + size log(n) long.
+    residuals. A description is n log(cost) plus twice the nats of the law long.
     """
 
     def length(law: tuple[Proposal, float]) -> float:
-        return n * float(np.log(law[1])) + law[0].size * float(np.log(n))
+        return n * float(np.log(law[1])) + length_of(law[0], n)
 
     laws = [law for law in laws if length(law) < n * np.log(nothing)]
     if not laws:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -14,14 +15,13 @@ from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
 from jaxsr.diagnosis.mechanisms.candidate import UNNAMED, Candidate, ParameterSpec
 from jaxsr.evolution.propose import Proposal
 from jaxsr.expressions import Term, to_text
+from jaxsr.expressions.description import description_length, estimated_length, opened
 
 MAX_TERMS = 2
 CROWD = 2
 """Forces chosen at one equation from which one law may stand for all of them."""
 ALONE = 0.3
 """Share of the error that is left, from which one force alone explains most of it."""
-TRIED = 1000
-"""Terms that a search tells apart: a price of naming nothing, in `criteria.criterion`."""
 NAMELESS = 0.7
 """Cost, relative to that of several named forces, from which one without a name may stand for them
 where neither reaches the noise."""
@@ -38,6 +38,9 @@ ALONG_POSITION = frozenset(
 """Mechanisms whose forces depend on the position alone."""
 ProposedForce = tuple[Candidate, np.ndarray]
 """A candidate and the values of its coefficients."""
+Law = tuple[ProposedForce, ...]
+"""Forces that are proposed together: one without a name, or the named ones whose sum a law is."""
+_LONGEST = 900.0  # bits whose power of two is a number
 _POWERS = frozenset({"mul", "div", "pow", "sqrt", "abs", "sign"})
 
 
@@ -138,10 +141,35 @@ def as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
         parameters=(*coefficients, *constants),
         sentence="A force that matches no named mechanism acts along {site}; the search wrote it.",
         terms=((name, "+ " + " + ".join(pieces)),),
-        tried=TRIED,
+        tried=choices(*map(opened, proposal.terms)),
         source="evolutionary sparse regression",
     )
     return candidate, np.array([*proposal.coefficients, *inner])
+
+
+def choices(*terms: Term) -> float:
+    """Return among how many laws as long as one it was chosen: 2 to the power of its bits.
+
+    By Kraft's inequality there are no more. What estimated constants take is no part of it, and no
+    scale of a state is.
+    """
+    return 2.0 ** min(sum(map(description_length, terms)), _LONGEST)
+
+
+def law_of(proposal: Proposal, sizes: Mapping[str, float]) -> Term:
+    """Return a proposal over the states themselves, its constants as numbers."""
+    scaled = {n: Term("div", (Term.variable(n), Term.constant(s))) for n, s in sizes.items()}
+    terms = [
+        Term("mul", (Term.constant(float(c)), term.substitute(scaled)))
+        for c, term in zip(proposal.coefficients, proposal.terms, strict=True)
+    ]
+    return reduce(lambda a, b: Term("add", (a, b)), terms)
+
+
+def length_of(proposal: Proposal, rows: float) -> float:
+    """Return twice the nats that write a proposal down, its constants estimated from `rows`."""
+    bits = sum(estimated_length(t, rows) + 0.5 * np.log2(max(rows, 2.0)) for t in proposal.terms)
+    return 2.0 * np.log(2.0) * bits
 
 
 def _written(term: Term, sizes: dict[str, float], inner: list[float], within: str = "") -> Term:

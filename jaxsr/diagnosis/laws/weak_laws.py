@@ -10,7 +10,9 @@ from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.enter import active_parameters
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.laws.unnamed import FORCES, MAX_TERMS, ProposedForce, as_candidate, sizes_of
+from jaxsr.diagnosis.laws.naming import named
+from jaxsr.diagnosis.laws.unnamed import FORCES, MAX_TERMS, Law, as_candidate, law_of, sizes_of
+from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.evolution import SearchConfig, propose
 from jaxsr.evolution.propose import Proposal
@@ -25,7 +27,7 @@ BESIDE = 0.1
 
 def propose_unnamed(
     case: Case, arena: Arena, entry: Entry, rng: np.random.Generator
-) -> tuple[ProposedForce, tuple[int, ...]] | None:
+) -> tuple[Law, tuple[int, ...]] | None:
     """Search one law for the equation that keeps most, in the place of `entry`'s forces there.
 
     Where `entry` has forces at all, only their equations are asked. Returns the candidate with
@@ -55,10 +57,11 @@ def propose_instead(
     state: str,
     rest: tuple[int, ...],
     rng: np.random.Generator,
-) -> ProposedForce | None:
+) -> Law | None:
     """Search one law for an equation in the place of all that was chosen there beside `rest`.
 
-    The shortest description of the data among the proposals, None where none removes enough.
+    The shortest description of the data among the proposals, by its name where it has one; None
+    where none removes enough.
     """
     if case.screened is None or case.search.exhausted:
         return None
@@ -67,7 +70,19 @@ def propose_instead(
     if not (system.state == index).any():
         return None
     good = _search(case, arena, system, rest, index, rng)
-    return as_candidate(case, index, good[0]) if good else None
+    if not good:
+        return None
+    site = next(s for s in sites_of(case.simulator.model, {}) if s.state == state)
+    law = law_of(good[0], sizes_of(case))
+    return named(site, law, _signals(case)) or (as_candidate(case, index, good[0]),)
+
+
+def _signals(case: Case) -> dict[str, np.ndarray]:
+    """Return the states as the sensors show them, and time."""
+    model = case.simulator.model
+    states = np.concatenate([item.states.values for item in case.prepared])
+    time = np.concatenate([item.time for item in case.prepared])
+    return {**dict(zip(model.states, states.T, strict=True)), model.time: time}
 
 
 def _without(arena: Arena, entry: Entry, members: Iterable[int]) -> np.ndarray:

@@ -102,8 +102,9 @@ class Candidate:
         Entries of [clock].
     quiet : tuple of str
         Recordings in which the first parameter is zero: a push happened in another one.
-    tried : int
-        Places at which it was looked for: what stands out of many is worth less.
+    tried : float
+        Places at which it was looked for, or laws as long among which it was chosen: what stands
+        out of many is worth less.
     borrowed : tuple of (own name, parameter)
         Constants of the mechanism for which parameters of the model stand.
     physical : callable or None
@@ -130,7 +131,7 @@ class Candidate:
     delays: tuple[tuple[str, str], ...] = ()
     clock: tuple[tuple[str, str], ...] = ()
     quiet: tuple[str, ...] = ()
-    tried: int = 1
+    tried: float = 1.0
     borrowed: tuple[tuple[str, str], ...] = ()
     physical: Callable[[Mapping[str, float]], bool] | None = None
     substeps: int = 1

@@ -11,6 +11,7 @@ from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Site, inverse_unit
 
 _FRICTION = "Armstrong-Helouvry, Dupont & Canudas de Wit, Automatica 30 (1994)"
+_VARIES = "Dry friction along {site} depends on the position."
 
 
 def dissipative(site: Site) -> Iterator[Candidate]:
@@ -101,7 +102,7 @@ def position_dependent(site: Site) -> Iterator[Candidate]:
             "dissipative",
             site.name,
             (ParameterSpec("Fc", f, low=0.0), *specs),
-            "Dry friction along {site} depends on the position.",
+            _VARIES,
             terms=((v, f"- ({{Fc}} + {shape})*sign({v})"),),
             source=_FRICTION,
         )
@@ -116,14 +117,33 @@ def position_dependent(site: Site) -> Iterator[Candidate]:
     yield replace(linear, physical=never_drives)
     yield make(f"{{g2}}*({q} - ({middle}))**2", ParameterSpec("g2", site.per(q, q), low=0.0))
     for number, phase in _friction_ripples(site):
-        yield make(
-            f"{{gn}}*(1 + sin({{n}}*{q} + {{phi}}))",
+        yield friction_ripple(site, number, phase)
+
+
+def friction_ripple(site: Site, number: float, phase: float) -> Candidate:
+    """Return dry friction whose size repeats along the path."""
+    q, v, f = site.position, site.state, site.force_unit
+    return Candidate(
+        "position_dependent_friction",
+        "dissipative",
+        site.name,
+        (
+            ParameterSpec("Fc", f, low=0.0),
             ParameterSpec("gn", f, low=0.0),
             ParameterSpec(
-                "n", inverse_unit(site.model.units.get(q)), 0.5 * number, 2 * number, number, False
+                "n",
+                inverse_unit(site.model.units.get(q or "")),
+                0.5 * number,
+                2 * number,
+                number,
+                False,
             ),
             ParameterSpec("phi", "rad", -10.0, 10.0, phase, False),
-        )
+        ),
+        _VARIES,
+        terms=((v, f"- ({{Fc}} + {{gn}}*(1 + sin({{n}}*{q} + {{phi}})))*sign({v})"),),
+        source=_FRICTION,
+    )
 
 
 def covered(site: Site) -> bool:
