@@ -145,15 +145,11 @@ def readings_along(
 ) -> tuple[Array, Array]:
     """Return readings of a path, delays left out, and their derivatives.
 
-    Returns
-    -------
-    y : ndarray, shape (outputs, samples, segments)
-    by : ndarray, shape (outputs, states + active, samples, segments)
+    Shapes are (outputs, samples, segments) and (outputs, states + active, samples, segments).
     """
     ground = _Ground.of(simulator, stepping, segments, theta, active)
     y, rows = ground.field.readings(ground.at(path))
-    names = list(simulator.model.parameters)
-    directions = [*simulator.model.states, *(names[i] for i in active)]
+    directions = [*simulator.model.states, *(list(simulator.model.parameters)[i] for i in active)]
     by = np.zeros((len(y), len(directions), *path.shape[1:]))
     for k, row in enumerate(rows):
         for i, name in enumerate(directions):
