@@ -71,8 +71,29 @@ def factors_of(text: str) -> Exponents:
     """
     if not text.strip():
         return {}
-    found = _Reader(text, "", lambda name: _of_name(name) and ((name, 1.0),)).whole()
+
+    def itself(name: str) -> tuple[tuple[str, float], ...] | None:
+        return None if _of_name(name) is None else ((name, 1.0),)
+
+    found = _Reader(text, "", itself).whole()
     return {name: power for name, power in found.items() if power}
+
+
+@lru_cache(maxsize=512)
+def si_factor(text: str) -> float:
+    """Return how many units of the SI a unit is, e.g. 0.01 for ``cm/s^2``.
+
+    Raises
+    ------
+    InputError
+        As `dimensionality` raises it.
+    """
+    factor = 1.0
+    for name, power in factors_of(text).items():
+        for part in _MEANT.get(name, (name,)):
+            one = _registry().Quantity(1.0, part)
+            factor *= float(one.to_base_units().magnitude) ** power
+    return factor
 
 
 @lru_cache(maxsize=512)

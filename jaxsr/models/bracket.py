@@ -63,7 +63,7 @@ def add_force(model: Model, state: str, term: str) -> tuple[tuple[str, str], ...
         return (add_to_equation(model, state, term),)
     if len(factor.rows) > 1:
         return _beside(model, factor, term) or tuple(_appended(model, factor, term))
-    ((row, multiplier),) = factor.rows
+    row, multiplier = next(iter(factor.rows))
     text, points = model.equations[row], _points(model)
     for place in _places(model, text, multiplier, points):
         new = _with_force(text, place, term)
@@ -204,15 +204,15 @@ def _walk(
     with np.errstate(all="ignore"):
         for minus in (False, True):
             if _same(outer, -target if minus else target):
-                negated = isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub)
-                inner = node.operand if negated else node
+                inner = _negated(node)
+                negated = inner is not node
                 if isinstance(inner, ast.BinOp) and isinstance(inner.op, _SUMS):
                     yield inner, minus != negated, True, free
                 else:
                     yield node, minus, False, free
                 return
-        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-            yield from _walk(node.operand, -outer, value, target, free)
+        if (inner := _negated(node)) is not node:
+            yield from _walk(inner, -outer, value, target, free)
         if not isinstance(node, ast.BinOp):
             return
         if is_sum:
@@ -224,6 +224,13 @@ def _walk(
             yield from _walk(node.right, outer * value(node.left), value, target, free)
         elif isinstance(node.op, ast.Div):
             yield from _walk(node.left, outer / value(node.right), value, target, free)
+
+
+def _negated(node: ast.expr) -> ast.expr:
+    """Return what a minus sign stands before; the node itself where there is none."""
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        return node.operand
+    return node
 
 
 def _with_force(text: str, place: Place, term: str) -> str:

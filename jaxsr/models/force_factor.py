@@ -102,7 +102,7 @@ def as_force(model: Model, state: str, part: Term) -> Term | None:
         return part
     if len(factor.rows) > 1:
         return None
-    return simplify(built("div", part, factor.rows[0][1]))
+    return simplify(built("div", part, dict(factor.rows)[state]))
 
 
 def random_points(model: Model) -> dict[str, Array]:
