@@ -184,7 +184,6 @@ def _run(machine: Machine, rng: np.random.Generator, name: str) -> Recording:
     simulator = Simulator(model)
     values = simulator.values()
     terms = [simulator.model.equation_terms[s] for s in model.states]
-    from jaxsr.expressions import to_numpy
 
     rates = [to_numpy(term) for term in terms]
     known = dict(zip(model.parameters, values, strict=True))

@@ -80,9 +80,7 @@ def _appended(model: Model, factor: Factor, term: str) -> Iterator[tuple[str, st
 
 def scaled(term: str, factor: Term) -> str:
     """Return a signed term times a factor, as text."""
-    sign, body = signed(term)
-    if _is_sum(body):
-        body = f"({body})"
+    sign, body = _as_product(term)
     if factor.op == "div":
         above, below = factor.args
         under = to_text(below)
@@ -136,7 +134,7 @@ def _adds(
         new = replace(
             model, parameters=more, definitions={**model.definitions, **(definitions or {})}
         )
-        force = _at(model.term(f"{sign.strip('+')}({body})", extra=tuple(names)), points)
+        force = _at(model.term(f"{sign.strip('+')}{body}", extra=tuple(names)), points)
         multipliers = dict(factor.rows)
         for state in model.equations:
             text = equations.get(state, model.equations[state])
@@ -237,12 +235,16 @@ def _with_force(text: str, place: Place, term: str) -> str:
     """Return the text with the force at its place."""
     sign, body = signed(term)
     if place.minus:
-        body = f"({body})" if _is_sum(body) else body
+        sign, body = _as_product(term)
         sign = "-" if sign == "+" else "+"
     part = text[place.start : place.end]
     new = f"{part} {sign} {body}"
     return text[: place.start] + (new if place.summed else f"({new})") + text[place.end :]
 
 
-def _is_sum(text: str) -> bool:
-    return parse(text).op in ("add", "sub")
+def _as_product(term: str) -> tuple[str, str]:
+    """Return sign and text of a signed term, a sum in brackets with its own sign inside."""
+    sign, body = signed(term)
+    if parse(body).op not in ("add", "sub"):
+        return sign, body
+    return "+", f"({sign.strip('+')}{body})"
