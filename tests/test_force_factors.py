@@ -291,5 +291,12 @@ def test_edits_do_not_change_how_forces_enter() -> None:
     edited = apply_edit(model, Edit({"equations.w": "(u*Abs(u) - b*w)*Abs(q)/J"}))
     assert edited.force_factors is model.force_factors
     assert difference(axis("(u - b*w)/J"), model).changes == {}
+    loose = apply_edit(axis("(u - b*w)/J"), Edit({"forces.w": "-Fc"}))
+    points = random_points(loose)
+    np.testing.assert_allclose(
+        evaluate(loose.equation_terms["w"], points),
+        evaluate(loose.term("(u - b*w - Fc)/J"), points),
+        rtol=1e-12,
+    )
     built = SuperModel.build(axis("(u - b*w)/J"), force_candidates(model, {}))
     assert built.model.equations == model.equations

@@ -166,9 +166,7 @@ def _at(term: Term, points: Mapping[str, Array]) -> Array:
     return np.broadcast_to(value, next(iter(points.values())).shape)
 
 
-def _places(
-    model: Model, text: str, factor: Term, points: Mapping[str, Array]
-) -> Iterator[Place]:
+def _places(model: Model, text: str, factor: Term, points: Mapping[str, Array]) -> Iterator[Place]:
     """Yield the parts of an equation that are multiplied by the factor, sums first."""
     if "\n" in text or not text.isascii():
         return

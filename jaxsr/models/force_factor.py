@@ -78,11 +78,12 @@ def force_factors(model: Model, rates: Mapping[str, Term]) -> dict[str, Factor]:
     own = paired(affine, points) if affine else {}
     found = _coupled(model, affine, own, points, {u for u in columns if columns[u] is None})
     beside = {state: u for u, state in own.items()}
+    reader = _Reader(model, points, known_dimensions(model), _parents(rates))
     for state, rate in moving.items():
         if state in found:
             continue
         gain = affine[beside[state]][state] if state in beside else None
-        factor = _single(model, state, rate, gain, points)
+        factor = reader.factor(state, rate, gain)
         if factor is None:
             continue
         term, why = factor
@@ -164,46 +165,58 @@ def _mirrored(u: str, values: Mapping[str, Mapping[str, Array]], own: Mapping[st
     )
 
 
-def _single(
-    model: Model, state: str, rate: Term, gain: Term | None, points: Mapping[str, Array]
-) -> tuple[Term, Why] | None:
-    """Return the factor of a force in its own rate alone; None where nothing tells one."""
-    inputs = frozenset(model.inputs)
-    whole, below = _bracket(rate, model)
-    common, sure = _divisor(rate)
-    options: list[tuple[Term | None, Why, bool]] = [
-        (whole, "bracket", True),
-        (below, "bracket", False),
-        (gain, "inputs", True),
-        (common, "terms", sure),
-    ]
-    good: list[tuple[Term, Why, bool]] = [
-        (term, why, plain)
-        for term, why, plain in options
-        if term is not None and not term.variables & inputs and sound(_at(term, points))
-    ]
-    if not good:
+def _parents(rates: Mapping[str, Term]) -> dict[str, str]:
+    """Return the state that each state is the rate of, where it is one's and nothing more."""
+    return {r.name: s for s, r in rates.items() if r.is_variable}
+
+
+@dataclass(frozen=True, eq=False)
+class _Reader:
+    """Factors of forces in their own rates alone."""
+
+    model: Model
+    points: Mapping[str, Array]
+    known: Mapping[str, Any]
+    parents: Mapping[str, str]
+
+    def factor(self, state: str, rate: Term, gain: Term | None) -> tuple[Term, Why] | None:
+        """Return the factor of a force in a rate; None where nothing tells one."""
+        inputs = frozenset(self.model.inputs)
+        whole, below = _bracket(rate, self.model)
+        common, sure = _divisor(rate)
+        options: list[tuple[Term | None, Why, bool]] = [
+            (whole, "bracket", True),
+            (below, "bracket", False),
+            (gain, "inputs", True),
+            (common, "terms", sure),
+        ]
+        good: list[tuple[Term, Why, bool]] = [
+            (term, why, plain)
+            for term, why, plain in options
+            if term is not None and not term.variables & inputs and sound(_at(term, self.points))
+        ]
+        if not good:
+            return None
+        known = dict(self.known)
+        own = rate_dimension(self.model, state, rate, known)
+        units = [_over(own, unit_of(term, known)) for term, _, _ in good]
+        forces = (dimension("N"), dimension("N*m"))
+        for (term, why, _), unit in zip(good, units, strict=True):
+            if unit in forces:
+                return term, why
+        motions = {known.get(s) for s in (state, self.parents.get(state, ""))} - {None}
+        for (term, why, plain), unit in zip(good, units, strict=True):
+            if plain and not (state in self.parents and unit in motions):
+                return term, why
         return None
-    rate_unit, known = rate_dimension(model, state, rate), known_dimensions(model)
-    units = [_over(rate_unit, unit_of(term, known)) for term, _, _ in good]
-    forces = (dimension("N"), dimension("N*m"))
-    for (term, why, _), unit in zip(good, units, strict=True):
-        if unit in forces:
-            return term, why
-    parent = model.kinematic_parent(state)
-    motions = {} if parent is None else {known.get(s) for s in (state, parent)} - {None}
-    for (term, why, plain), unit in zip(good, units, strict=True):
-        if plain and (unit is None or unit not in motions):
-            return term, why
-    return None
 
 
-def rate_dimension(model: Model, state: str, rate: Term) -> Any:
+def rate_dimension(model: Model, state: str, rate: Term, known: dict[str, Any]) -> Any:
     """Return the dimension of a right-hand side; None where it is not known.
 
-    By the unit of its state where that has one and no row of [inertia], else by its symbols.
+    By the unit of its state where that has one and no row of [inertia], else by its symbols,
+    whose dimensions are `known`.
     """
-    known = known_dimensions(model)
     if state in known and state not in model.inertia:
         return known[state] / dimension("s")
     return unit_of(rate, known)

@@ -59,7 +59,7 @@ def force_dimension(model: Model, state: str) -> tuple[Any, bool]:
     plain = entry is None and factor is None and state not in model.inertia
     try:
         if plain or factor is not None:
-            found = rate_dimension(model, state, model.equation_terms[state])
+            found = rate_dimension(model, state, model.equation_terms[state], known)
         else:
             found = unit_of(model.equation_terms[state], known)
         if entry is not None and found is not None:

@@ -25,9 +25,9 @@ from jaxsr.diagnosis.result import SCHEMA, Diagnosis
 from jaxsr.diagnosis.setup import open_recording
 from jaxsr.diagnosis.thinning import Whole, prepare_search
 from jaxsr.models import Model
+from jaxsr.models.physical_constants import remarks
 from jaxsr.models.segments import Prepared
 from jaxsr.models.states import input_table, is_absent, output_table
-from jaxsr.models.physical_constants import remarks
 from jaxsr.recordings import Recording, check_recording
 
 LEFT = 0.05
