@@ -234,6 +234,21 @@ def test_an_actuator_between_two_bodies_is_no_mass_matrix() -> None:
     )
 
 
+def test_motors_of_an_aircraft_are_no_mass_matrix() -> None:
+    model = model_of(
+        {
+            "a": "w",
+            "v": "-k*(u1 + u2)*sin(a)/m",
+            "c": "k*(u1 + u2)*cos(a)/m - g",
+            "w": "k*l*(u2 - u1)/J",
+        },
+        ["u1", "u2"],
+    )
+    rows = {s: [r for r, _ in f.rows] for s, f in model.force_factors.items()}
+    assert rows == {"v": ["v"], "c": ["c"], "w": ["w"]}
+    np.testing.assert_allclose(factor_at(model, "c"), 1.0 / random_points(model)["m"])
+
+
 def test_a_force_on_a_cart_swings_its_pole() -> None:
     model = model_of(
         {

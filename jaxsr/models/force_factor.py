@@ -126,15 +126,17 @@ def _coupled(
 ) -> dict[str, Factor]:
     """Return the factors of forces that a mass matrix carries into several rates.
 
-    An actuator between two bodies pushes both, in constant proportion, and is no such matter; a
-    mass matrix is symmetric, or depends on where the bodies are.
+    A mass matrix is symmetric: what an input does to the rate of another, that one does to its
+    own. Towards a rate without an input the share depends on where the bodies are. An actuator
+    between two bodies pushes both in constant proportion, and the motors of an aircraft act on
+    its motion by no symmetric matrix.
     """
     wide = {u: column for u, column in affine.items() if len(column) > 1 and u in own}
     if not wide or len(model.states) > _TOO_MANY:
         return {}
     fixed = dict(points) | {n: np.full(POINTS, p.value) for n, p in model.parameters.items()}
     values = {u: {s: _at(b, fixed) for s, b in column.items()} for u, column in wide.items()}
-    chosen = [u for u in wide if _varies(values[u], own[u]) or _mirrored(u, values, own)]
+    chosen = [u for u in wide if _by_mass(u, values, own)]
     touched = {s for u in chosen for s in wide[u]}
     # An input that acts on these rates in a way of its own leaves the matrix untold.
     if any(touched & affine[u].keys() for u in affine if u not in own) or any(others):
@@ -146,23 +148,19 @@ def _coupled(
     }
 
 
-def _varies(column: Mapping[str, Array], own: str) -> bool:
-    """Whether the rates share a force in a proportion that depends on where the bodies are."""
+def _by_mass(u: str, values: Mapping[str, Mapping[str, Array]], own: Mapping[str, str]) -> bool:
+    """Whether a mass matrix can have carried an input into the rates that it adds to."""
+    column, mine = values[u], own[u]
+    driven = {state: w for w, state in own.items() if w != u}
+    for state in column.keys() & driven.keys():
+        back = values.get(driven[state], {}).get(mine)
+        if back is None or not np.allclose(column[state], back, rtol=1e-6, atol=0.0):
+            return False
+    free = column.keys() - driven.keys() - {mine}
     with np.errstate(all="ignore"):
-        shares = [np.nan_to_num(b / column[own]) for s, b in column.items() if s != own]
-    return any(np.ptp(share) > 1e-6 * np.abs(share).max(initial=1e-300) for share in shares)
-
-
-def _mirrored(u: str, values: Mapping[str, Mapping[str, Array]], own: Mapping[str, str]) -> bool:
-    """Whether what an input does to other inputs' rates, they do to its own."""
-    others = {own[w]: w for w in values if w != u}
-    across = [s for s in values[u] if s != own[u]]
-    return bool(across) and all(
-        s in others
-        and own[u] in values[others[s]]
-        and np.allclose(values[u][s], values[others[s]][own[u]], rtol=1e-6, atol=0.0)
-        for s in across
-    )
+        shares = [np.nan_to_num(column[state] / column[mine]) for state in free]
+    varying = [np.ptp(s) > 1e-6 * np.abs(s).max(initial=1e-300) for s in shares]
+    return all(varying)
 
 
 def _parents(rates: Mapping[str, Term]) -> dict[str, str]:
