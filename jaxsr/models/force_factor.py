@@ -73,7 +73,11 @@ def force_factors(model: Model, rates: Mapping[str, Term]) -> dict[str, Factor]:
     rates = {s: r for s, r in rates.items() if s not in model.inertia}
     moving = {s: r for s, r in rates.items() if not (r.is_variable and r.name in model.states)}
     points = random_points(model)
-    columns = {u: gain_column(rates, u, points) for u in model.inputs}
+    fed: dict[str, dict[str, Term]] = {u: {} for u in model.inputs}
+    for state, rate in rates.items():
+        for u in rate.variables & fed.keys():
+            fed[u][state] = rate
+    columns = {u: gain_column(fed[u], u, points) for u in model.inputs}
     affine = {u: column for u, column in columns.items() if column}
     own = paired(affine, points) if affine else {}
     found = _coupled(model, affine, own, points, {u for u in columns if columns[u] is None})
