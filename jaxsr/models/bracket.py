@@ -6,6 +6,7 @@ import ast
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -101,12 +102,11 @@ def _beside(model: Model, factor: Factor, term: str) -> tuple[tuple[str, str], .
     u, changes = factor.beside, dict[str, str]()
     if u is None:
         return ()
-    word, sign_and_body = re.compile(rf"\b{re.escape(u)}\b"), " ".join(signed(term))
-    inside = f"({u} {sign_and_body})"
+    word, force = re.compile(rf"\b{re.escape(u)}\b"), " ".join(signed(term))
     for table in ("definitions", "equations"):
         for key, old in getattr(model, table).items():
             if word.search(old):
-                changes[f"{table}.{key}"] = word.sub(lambda _: inside, old)
+                changes[f"{table}.{key}"] = word.sub(partial(_joined, force), old)
     definitions = {k.partition(".")[2]: v for k, v in changes.items() if k.startswith("def")}
     equations = {k.partition(".")[2]: v for k, v in changes.items() if k.startswith("equ")}
     # A definition that a reading shows, or the force itself uses, says what it said before.
@@ -116,6 +116,13 @@ def _beside(model: Model, factor: Factor, term: str) -> tuple[tuple[str, str], .
         return ()
     good = _adds(model, equations, factor, term, definitions)
     return tuple(changes.items()) if good else ()
+
+
+def _joined(force: str, met: re.Match[str]) -> str:
+    """Return an input with a force added, in brackets where it is no summand of its own."""
+    before, after = met.string[: met.start()].rstrip(), met.string[met.end() :].lstrip()
+    summand = before[-1:] in ("", "(", "+") and after[:1] in ("", ")", "+", "-")
+    return f"{met.group()} {force}" if summand else f"({met.group()} {force})"
 
 
 def _adds(
