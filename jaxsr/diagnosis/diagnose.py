@@ -105,6 +105,7 @@ def diagnose(
     rng = np.random.default_rng(seed)
     if simulator.function is not None:
         simulator = with_function(simulator.model, simulator.function)
+    simulator = Simulator(simulator.model.pinned())
     prepared, whole = prepare_search(simulator.model, data, seconds=budget.seconds)
     progress.stage("screening mechanisms in the weak view")
     failures, early = Failures(progress), budget.share(SCREENING)

@@ -11,6 +11,7 @@ evaluation meets, and a tower of powers in none. Here pint is asked about single
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,8 @@ _MEANT = {"°": ("degree",), "Nm": ("newton", "meter")}
 _REMEDY = "Write e.g. m/s, N*s/m, kg*m^2, or 1 for a number"
 
 Exponents = dict[str, float]
+Meaning = Callable[[str], tuple[tuple[str, float], ...] | None]
+"""A name to what it consists of, with powers."""
 
 
 @lru_cache(maxsize=1)
@@ -58,6 +61,41 @@ def dimensionality(text: str, where: str = "") -> Any:
     return UnitsContainer({base: power for base, power in found.items() if power})
 
 
+def factors_of(text: str) -> Exponents:
+    """Return the names in a unit text with their powers, brackets multiplied out.
+
+    Raises
+    ------
+    InputError
+        As `dimensionality` raises it.
+    """
+    if not text.strip():
+        return {}
+
+    def itself(name: str) -> tuple[tuple[str, float], ...] | None:
+        return None if _of_name(name) is None else ((name, 1.0),)
+
+    found = _Reader(text, "", itself).whole()
+    return {name: power for name, power in found.items() if power}
+
+
+@lru_cache(maxsize=512)
+def si_factor(text: str) -> float:
+    """Return how many units of the SI a unit is, e.g. 0.01 for ``cm/s^2``.
+
+    Raises
+    ------
+    InputError
+        As `dimensionality` raises it.
+    """
+    factor = 1.0
+    for name, power in factors_of(text).items():
+        for part in _MEANT.get(name, (name,)):
+            one = _registry().Quantity(1.0, part)
+            factor *= float(one.to_base_units().magnitude) ** power
+    return factor
+
+
 @lru_cache(maxsize=512)
 def _of_name(name: str) -> tuple[tuple[str, float], ...] | None:
     """Return the dimension of one name of a unit; None where pint does not know it."""
@@ -76,8 +114,8 @@ def _of_name(name: str) -> tuple[tuple[str, float], ...] | None:
 class _Reader:
     """Take tokens from the front and multiply dimensions."""
 
-    def __init__(self, text: str, where: str) -> None:
-        self.text, self.where = text, where
+    def __init__(self, text: str, where: str, meaning: Meaning | None = None) -> None:
+        self.text, self.where, self.meaning = text, where, meaning or _of_name
         if len(text) > MAX_LENGTH:
             raise self.fail(f"is longer than {MAX_LENGTH} characters")
         plain = _SUPERSCRIPT.sub(lambda m: f"**{m.group().translate(_PLAIN)}", text)
@@ -129,7 +167,7 @@ class _Reader:
         elif token[0] in "*/^()+-":
             raise self.fail(f"holds {token!r} where a name is expected")
         else:
-            known = _of_name(token)
+            known = self.meaning(token)
             if known is None:
                 what = f"unknown unit {quoted(token)}"
                 within = "" if token == self.text.strip() else f" in {quoted(self.text)}"

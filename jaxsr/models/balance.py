@@ -38,9 +38,9 @@ class Balance:
 
     @staticmethod
     def of(model: Model) -> Balance | None:
-        """Return the balance of a model that stands on a Python function, None for others."""
+        """Return the balance of a model, None where no force enters by a factor."""
         if model.vector_field is None or not model.vector_field.columns:
-            return None
+            return Balance._of_formulas(model)
         columns = model.vector_field.columns
         states = tuple(s for s in model.states if s in columns)
         gains = {}
@@ -49,6 +49,15 @@ class Balance:
                 if row in states:
                     gains[row, state] = model.term(factor or "1")
         return Balance(states, {k: g for k, g in gains.items() if g != ZERO})
+
+    @staticmethod
+    def _of_formulas(model: Model) -> Balance | None:
+        factors = model.force_factors
+        if not factors:
+            return None
+        states = tuple(s for s in model.states if s in factors)
+        gains = {(row, s): g for s in states for row, g in factors[s].rows if row in factors}
+        return Balance(states, gains)
 
     def row(self, state: str) -> tuple[str, ...]:
         """Return the states whose rates stand in a state's balance: those coupled to it."""

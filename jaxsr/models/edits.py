@@ -55,7 +55,7 @@ def difference(before: Model, after: Model) -> Edit:
     changes: dict[str, Any] = {}
     for item in fields(Model):
         old, new = getattr(before, item.name), getattr(after, item.name)
-        if old == new:
+        if old == new or not item.compare:
             continue
         if not isinstance(new, Mapping):
             changes[f"model.{item.name}"] = new
@@ -88,12 +88,20 @@ def add_to_equation(
     """Return key and new text of the equation of `state` with `term` (signed text) appended.
 
     The equations of a Python function stay as they are: the term goes to the table `beside` them,
-    "additions" to the rate or "forces".
+    "additions" to the rate or "forces". Forces that enter an equation by a factor are kept there
+    as well.
     """
     own = model.base is None or state in model.equations
+    if beside == "forces" and state in model.force_factors:
+        own = False
     table = "equations" if own else beside
     old = getattr(model, table).get(state, "")
     if not old or old.strip() in ("0", "0.0"):
-        first = f"-{term[2:]}" if term.startswith("- ") else term.removeprefix("+ ")
-        return f"{table}.{state}", first
+        sign, body = signed(term)
+        return f"{table}.{state}", f"{sign.strip('+')}{body}"
     return f"{table}.{state}", f"{old} {term}"
+
+
+def signed(term: str) -> tuple[str, str]:
+    """Return the sign before a term's text, "+" where there is none, and the rest."""
+    return (term[0], term[2:]) if term[:2] in ("+ ", "- ") else ("+", term)

@@ -74,7 +74,7 @@ def force_columns(
     }
     if model.inertia:  # the function returns forces, and additions are forces
         return gains, inputs, columns
-    for u, state in _paired(affine, points).items():
+    for u, state in paired(affine, points).items():
         if _invertible(affine[u][state], points):
             columns[state] = Entry(inputs[u], u)
     for state, rate in rates.items():
@@ -84,7 +84,7 @@ def force_columns(
     return gains, inputs, columns
 
 
-def _paired(
+def paired(
     columns: Mapping[str, Mapping[str, Term]], points: Mapping[str, Array]
 ) -> dict[str, str]:
     """Return the state along which each input acts.

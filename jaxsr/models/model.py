@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 from jaxsr._result import InputError
-from jaxsr.expressions import Term, parse
+from jaxsr.expressions import Term, parse, to_text
+from jaxsr.expressions.derivative import built
 from jaxsr.expressions.parsing import MAX_CHARACTERS
 from jaxsr.models.rates import rate_symbols, rate_terms
 
 if TYPE_CHECKING:
+    from jaxsr.models.force_factor import Factor
     from jaxsr.models.vector_field import VectorField
 
 FREE = "free"
@@ -65,8 +67,9 @@ class Model:
 
     Expressions are kept as the text of the file; `term` parses them. Where the model stands on a
     Python function (`base`), `vector_field` holds what that function says; it is in no file, and
-    no part of what makes two models equal. `forces` are forces on it by the state along which they
-    act, in no file either: a file says in [additions] what they add to the rates.
+    no part of what makes two models equal. `forces` are forces by the state along which they act,
+    in no file either: a file says in its equations, or in [additions], what they add to the rates.
+    `factors` say by what they are multiplied there, where edits must not change it (`pinned`).
     """
 
     name: str
@@ -94,6 +97,7 @@ class Model:
     columns: Mapping[str, str] = field(default_factory=dict)
     vector_field: VectorField | None = field(default=None, compare=False, repr=False)
     forces: Mapping[str, str] = field(default_factory=dict)
+    factors: Mapping[str, Factor] | None = field(default=None, compare=False, repr=False)
 
     def __hash__(self) -> int:
         return hash((self.name, self.states, tuple(self.equations.items())))
@@ -144,20 +148,44 @@ class Model:
     @cached_property
     def equation_terms(self) -> dict[str, Term]:
         """Right-hand side by state, additions included."""
-        terms = {s: self.term(e, f"[equations] {s}") for s, e in self.equations.items()}
+        terms = dict(self._own_terms)
+        forces = {s: self.term(f, f"force along {s}") for s, f in self.forces.items()}
         if self.vector_field is not None:
-            forces = {s: self.term(f, f"force along {s}") for s, f in self.forces.items()}
             terms = self.vector_field.forced(forces, self.term) | terms
+        else:
+            for state, force in forces.items():
+                for row, factor in self.force_factors[state].rows:
+                    terms[row] = built("add", terms[row], built("mul", factor, force))
         for state, text in self.additions.items():
             added = self.term(text, f"[additions] {state}")
             terms[state] = Term.apply("add", terms[state], added) if state in terms else added
         return terms
 
+    @cached_property
+    def _own_terms(self) -> dict[str, Term]:
+        """Right-hand sides as the equations say them."""
+        return {s: self.term(e, f"[equations] {s}") for s, e in self.equations.items()}
+
+    @cached_property
+    def force_factors(self) -> Mapping[str, Factor]:
+        """What forces along states are multiplied by in equations, where that is not 1."""
+        from jaxsr.models.force_factor import force_factors
+
+        if self.factors is not None:
+            return self.factors
+        return {} if self.base is not None else force_factors(self, self._own_terms)
+
+    def pinned(self) -> Model:
+        """Return the model with the factors of its forces as they are, whatever edits follow."""
+        return replace(self, factors=self.force_factors)
+
     def entries(self, state: str) -> tuple[tuple[str, str], ...]:
         """Return the rates to which a force along a state adds, with the text of its factors."""
-        if self.vector_field is None or state not in self.vector_field.columns:
-            return ((state, ""),)
-        return self.vector_field.columns[state].rows
+        if self.vector_field is not None and state in self.vector_field.columns:
+            return self.vector_field.columns[state].rows
+        if state in self.force_factors:
+            return tuple((row, to_text(term)) for row, term in self.force_factors[state].rows)
+        return ((state, ""),)
 
     @cached_property
     def reading_terms(self) -> dict[str, Term]:

@@ -71,6 +71,14 @@ def check_units(model: Model, source: str) -> None:
             )
 
 
+def known_dimensions(model: Model) -> dict[str, Dimension]:
+    """Return the dimensions of the symbols that have a unit, time among them."""
+    known = {name: dimension(text) for name, text in model.units.items()}
+    known |= {n: dimension(p.unit) for n, p in model.parameters.items() if p.unit is not None}
+    known.setdefault(model.time, dimension("s"))
+    return known
+
+
 def unit_of(
     term: Term,
     known: dict[str, Dimension],

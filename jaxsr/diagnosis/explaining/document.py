@@ -25,6 +25,7 @@ from jaxsr.diagnosis.result import SCHEMA, Diagnosis
 from jaxsr.diagnosis.setup import open_recording
 from jaxsr.diagnosis.thinning import Whole, prepare_search
 from jaxsr.models import Model
+from jaxsr.models.physical_constants import remarks
 from jaxsr.models.segments import Prepared
 from jaxsr.models.states import input_table, is_absent, output_table
 from jaxsr.recordings import Recording, check_recording
@@ -58,8 +59,8 @@ def assemble(parts: Ingredients) -> Diagnosis:
         row = {"file": name, "channel": "", "check": "held_out", "message": str(error)}
         document["data_checks"].append(row)
     document["data_checks"] += _broken(case)
-    remarks = len(document["data_checks"])
-    evidence = build_evidence(parts, judged, explained_model, train, held_runs, forces, remarks)
+    count = len(document["data_checks"])
+    evidence = build_evidence(parts, judged, explained_model, train, held_runs, forces, count)
     return Diagnosis(
         verdict=judged.verdict.value,
         findings=judged.findings,
@@ -169,7 +170,7 @@ def _document(
         scores = {name: [r.nrmse for r in runs] for name, runs in held_runs.models.items()}
         fit["held_out"] = {**scores, "files": [r.name for r in held_runs.recordings]}
     checks = [row for r in train.recordings for row in _checks(model, r)]
-    checks += _thinned(parts, judged, train)
+    checks += [*_thinned(parts, judged, train), *map(dict, remarks(model))]
     return {
         "schema": SCHEMA,
         "verdict": judged.verdict.value,

@@ -1,7 +1,8 @@
 """Actuator mechanisms: the input acts otherwise than recorded, wherever it enters.
 
 An equation f(u) becomes f(h(u)); written as a term, it gains f(h(u)) - f(u), which is B*(h(u) - u)
-where u enters linearly with B = df/du.
+where u enters linearly with B = df/du. Terms are forces: where those enter by a factor, B is what
+they are of it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate, Parameter
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.expressions import affine_slope, to_text
 from jaxsr.models import Model
+from jaxsr.models.force_factor import as_force
 
 _SOURCE = "Tao & Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities"
 
@@ -84,22 +86,27 @@ def _of_input(
 
 
 def _columns(model: Model, u: str) -> list[tuple[str, str]] | None:
-    """Return the equations that `u` enters, with the factor text before it ("" for 1).
+    """Return the equations that `u` enters as a force, with the text before it ("" for 1).
 
     None where it enters nowhere, or not linearly.
     """
     if model.vector_field is not None:  # a change of an input is a force beside it
         columns = model.vector_field.columns.items()
         return [(state, "") for state, entry in columns if entry.beside == u] or None
-    found = []
+    beside = {state: f for state, f in model.force_factors.items() if f.beside == u}
+    found = [(state, "") for state in beside]
+    told = {row for factor in beside.values() for row, _ in factor.rows}
     for state, term in model.equation_terms.items():
-        if u not in term.variables:
+        if u not in term.variables or state in told:
             continue
         slope = affine_slope(term, u)
         if slope is None or u in slope.variables:
             return None
         if slope.is_constant and slope.value == 0.0:
             continue
-        text = to_text(slope)
+        force = as_force(model, state, slope)
+        if force is None:
+            return None
+        text = to_text(force)
         found.append((state, "" if text in ("1", "1.0") else f"({text})*"))
     return found or None

@@ -10,6 +10,7 @@ from typing import Any
 from jaxsr._result import Verdict
 from jaxsr.models import Edit, Model, Parameter, apply_edit
 from jaxsr.models.balance import Balance
+from jaxsr.models.bracket import add_force
 from jaxsr.models.edits import add_to_equation
 from jaxsr.models.force_columns import written
 from jaxsr.models.model import DRIVEN, FREE
@@ -203,13 +204,12 @@ class Candidate:
             bounds = (min(bounds[0], value), max(bounds[1], value))
             return Edit({f"parameters.{self.fixed_parameter}": Parameter(value, old.unit, bounds)})
         draft = _Draft(model)
+        self._add_parameters(draft, names, values)
         local = {**names, **self._add_states(draft, names, final=bool(values))}
         for symbol, template in self.replaced:
             switch = None if values else self.switch(names)
             _replace_symbol(draft, symbol, template.format(**local), switch, local.values())
-        table = "additions" if values else "forces"
-        for state, template in self.entering(model) if values else self.terms:
-            draft.put(*add_to_equation(draft.model, state, template.format(**local), table))
+        self._add_terms(draft, local, final=bool(values))
         for row, column, template in self.inertia:
             entry = draft.model.inertia.get(row, {}).get(column, "1" if row == column else "0")
             draft.put(f"inertia.{row}.{column}", f"{entry} + {template.format(**local)}")
@@ -222,11 +222,6 @@ class Candidate:
             old = draft.model.clock.get(output)
             text = template.format(**local)
             draft.put(f"clock.{output}", f"({old})*({text})" if old else text)
-        for spec in self.parameters:
-            value = values.get(spec.name, spec.neutral)
-            bounds = _readable(spec, value) if values else (spec.low, spec.high)
-            parameter = Parameter(value, spec.unit, None if spec.fixed else bounds)
-            draft.put(f"parameters.{names[spec.name]}", parameter)
         if self.quiet:
             first = names[self.parameters[0].name]
             draft.put(f"per_recording.{first}", dict.fromkeys(self.quiet, 0.0))
@@ -236,11 +231,33 @@ class Candidate:
             draft.put(f"parameters.{self.switch(names)}", Parameter(0.0, None, (0.0, 5.0)))
         return Edit(draft.changes)
 
+    def _add_parameters(
+        self, draft: _Draft, names: Mapping[str, str], values: Mapping[str, float]
+    ) -> None:
+        for spec in self.parameters:
+            value = values.get(spec.name, spec.neutral)
+            bounds = _readable(spec, value) if values else (spec.low, spec.high)
+            parameter = Parameter(value, spec.unit, None if spec.fixed else bounds)
+            draft.put(f"parameters.{names[spec.name]}", parameter)
+
+    def _add_terms(self, draft: _Draft, names: Mapping[str, str], final: bool) -> None:
+        """Add the terms as forces: to formulas beside the others, to a Python function's rates."""
+        if not final:
+            for state, template in self.terms:
+                draft.put(*add_to_equation(draft.model, state, template.format(**names), "forces"))
+        elif draft.model.base is None:
+            for state, template in self.terms:
+                for change in add_force(draft.model, state, template.format(**names)):
+                    draft.put(*change)
+        else:
+            for state, template in self.entering(draft.model):
+                draft.put(*add_to_equation(draft.model, state, template.format(**names)))
+
     def entering(self, model: Model) -> tuple[tuple[str, str], ...]:
         """Return the terms as parts of rates.
 
-        A force on a Python vector field enters as the inputs do: by the column of df/du beside
-        which it acts, or by the factor common to the terms of the rate.
+        A force enters as the inputs do, by the column of df/du beside which it acts, or by the
+        factor common to the terms of the rate.
         """
         return tuple(
             (row, times(factor, template))

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.motion import Motion
-from jaxsr.diagnosis.mechanisms.site import Site
+from jaxsr.diagnosis.mechanisms.site import Site, compose
 
 CONCENTRATED = 0.3
 """Share of the residual's power that one push must remove."""
@@ -69,7 +69,7 @@ def _longest(site: Site) -> float:
 
 
 def _times_second(unit: str | None) -> str | None:
-    return f"{unit}*s" if unit else None
+    return compose(f"{unit}*s", []) if unit else None
 
 
 def _windows(site: Site) -> list[Window]:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.models import Model
+from jaxsr.models.physical_constants import fixed_for_good
 
 FLAT = 3
 """Equal neighbouring readings at the largest value that show a sensor at its limit."""
@@ -88,9 +89,10 @@ def _near_top(size: np.ndarray, depth: float) -> list[np.ndarray]:
 
 
 def wrong_values(model: Model) -> Iterator[Candidate]:
-    """Yield every fixed parameter as possibly wrong."""
+    """Yield every fixed parameter as possibly wrong, constants of nature apart."""
+    known = fixed_for_good(model)
     for name, parameter in model.parameters.items():
-        if parameter.free:
+        if parameter.free or name in known:
             continue
         span = 2.0 * abs(parameter.value) or 1.0
         yield Candidate(

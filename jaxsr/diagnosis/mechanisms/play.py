@@ -12,6 +12,7 @@ from jaxsr.diagnosis.mechanisms.site import Site, Threshold
 from jaxsr.expressions import to_numpy, to_text
 from jaxsr.expressions.term import Term
 from jaxsr.models import Model
+from jaxsr.models.force_factor import as_force
 
 SHARES = (0.05, 0.25)
 """Half of the play that estimation starts from, in units of the deflection's 95 % quantile."""
@@ -95,6 +96,9 @@ def springs_of(model: Model) -> list[Spring]:
 
 def _force(model: Model, spring: Spring) -> str | None:
     """Return the stiffness of a spring as a force's, where it was read off a rate."""
+    if model.base is None:
+        force = as_force(model, spring.state, spring.stiffness)
+        return None if force is None else to_text(force)
     rows = model.entries(spring.state)
     if [state for state, _ in rows] != [spring.state]:
         return None

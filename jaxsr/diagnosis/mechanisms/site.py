@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -10,9 +9,9 @@ import numpy as np
 
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.motion import Motion
-from jaxsr.expressions import evaluate
+from jaxsr.expressions import Term, evaluate
 from jaxsr.models import Model
-from jaxsr.models.units import dimension, unit_of
+from jaxsr.models.force_units import compose, force_unit
 
 
 @dataclass(frozen=True)
@@ -95,6 +94,9 @@ class Site:
     def mass(self) -> float:
         """What the equation's rate is multiplied by, at the given values amid the recordings."""
         term = self.model.inertia_terms.get(self.state, {}).get(self.state)
+        if self.state in self.model.force_factors:
+            rows = dict(self.model.force_factors[self.state].rows)
+            term = Term.apply("div", Term.constant(1.0), rows[self.state])
         if term is None:
             return 1.0
         values = {s: float(q[len(q) // 2]) for s, q in self.scale.items()}
@@ -113,30 +115,6 @@ class Site:
         return compose(self.force_unit, [units[s] for s in symbols])
 
 
-_FACTOR = re.compile(r"([*/]?)([A-Za-zµΩ°%]+)(?:(?:\^|\*\*)(-?\d+))?")
-
-
-def compose(numerator: str, denominators: list[str]) -> str | None:
-    """Return numerator / (product of denominators) as short unit text, factors in their order."""
-    powers: dict[str, int] = {}
-    for text, sign in ((numerator, 1), *((d, -1) for d in denominators)):
-        text = text.replace(" ", "")
-        if text == "1":
-            continue
-        if "(" in text or "".join(m.group(0) for m in _FACTOR.finditer(text)) != text:
-            return None
-        for operator, name, power in _FACTOR.findall(text):
-            step = int(power or 1) * (-1 if operator == "/" else 1)
-            powers[name] = powers.get(name, 0) + sign * step
-    above = "*".join(_factor(n, p) for n, p in powers.items() if p > 0)
-    below = "".join(f"/{_factor(n, -p)}" for n, p in powers.items() if p < 0)
-    return (above or "1") + below
-
-
-def _factor(name: str, power: int) -> str:
-    return name if power == 1 else f"{name}^{power}"
-
-
 def inverse_unit(unit: str | None) -> str | None:
     """Return the unit of 1/quantity."""
     return compose("1", [unit]) if unit is not None else None
@@ -150,7 +128,7 @@ def sites_of(
     for state in model.dynamic_states:
         position = model.kinematic_parent(state)
         turning = position is not None and _is_angle(model, position)
-        plain.append(Site(model, state, position, turning, _force_unit(model, state), scale))
+        plain.append(Site(model, state, position, turning, force_unit(model, state), scale))
     return tuple(
         Site(
             s.model,
@@ -173,34 +151,3 @@ def _is_angle(model: Model, position: str) -> bool:
         return unit.strip() in ("rad", "deg", "1")
     waves = [t for e in model.equation_terms.values() for t in e.walk() if t.op in ("sin", "cos")]
     return any(position in wave.variables for wave in waves)
-
-
-def _force_unit(model: Model, state: str) -> str | None:
-    """Find a short unit text for the terms of an equation, an input's where it fits."""
-    entry = None if model.vector_field is None else model.vector_field.columns.get(state)
-    if entry is not None and entry.beside is not None:
-        return model.units.get(entry.beside)
-    known = {n: dimension(u) for n, u in model.units.items()}
-    known |= {n: dimension(p.unit) for n, p in model.parameters.items() if p.unit is not None}
-    known.setdefault(model.time, dimension("s"))
-    try:
-        found = unit_of(model.equation_terms[state], known)
-        if entry is not None and found is not None:
-            ((_, factor),) = entry.rows
-            by = unit_of(model.term(factor), known)
-            found = None if by is None else found / by
-            if by is None:
-                return None
-    except ValueError:
-        return None
-    if found is None and state in model.units and state not in model.inertia:
-        return compose(model.units[state], ["s"])
-    if found is None:
-        return None
-    for symbol in model.inputs:
-        if known.get(symbol) == found:
-            return model.units[symbol]
-    for text in ("N", "N*m", "m/s^2", "rad/s^2", "V/s^2", "V/s", "m/s", "A", "V"):
-        if dimension(text) == found:
-            return text
-    return compose(model.units[state], ["s"]) if state in model.units else None

@@ -29,7 +29,7 @@ class SuperModel:
     @staticmethod
     def build(given: Model, candidates: Iterable[Candidate]) -> SuperModel:
         """Apply every candidate to `given`."""
-        model, chosen, all_names = given, tuple(candidates), []
+        model, chosen, all_names = given.pinned(), tuple(candidates), []
         for number, candidate in enumerate(chosen):
             names = candidate.names(model.parameters.keys() | set(model.symbols), f"__{number}")
             if candidate.fixed_parameter is None:
