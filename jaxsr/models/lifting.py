@@ -150,12 +150,8 @@ def readings_along(
     ground = _Ground.of(simulator, stepping, segments, theta, active)
     y, rows = ground.field.readings(ground.at(path))
     directions = [*simulator.model.states, *(list(simulator.model.parameters)[i] for i in active)]
-    by = np.zeros((len(y), len(directions), *path.shape[1:]))
-    for k, row in enumerate(rows):
-        for i, name in enumerate(directions):
-            if name in row:
-                by[k, i] = row[name]
-    return np.stack(y), by
+    none = np.zeros(path.shape[1:])
+    return np.stack(y), np.array([[row.get(d, 0.0) + none for d in directions] for row in rows])
 
 
 def carried_errors(
