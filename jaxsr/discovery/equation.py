@@ -18,11 +18,16 @@ from jaxsr.expressions.term import Term
 
 @dataclass(frozen=True, slots=True)
 class FittedTerm:
-    """A term of outer coefficient one, its coefficient and 95 % interval."""
+    """A term of outer coefficient one, its coefficient and 95 % interval.
+
+    ``given`` says that it was known before the search and no fit may move it; an interval may lack
+    width for other reasons, such as too few rows.
+    """
 
     term: Term
     coefficient: float
     ci95: tuple[float, float]
+    given: bool = False
 
     @property
     def expression(self) -> str:
@@ -36,8 +41,9 @@ class Equation:
 
     Attributes
     ----------
-    train_mse, validation_mse : float
-        Mean squares of the coefficients estimated on the training rows alone.
+    train_mse : float
+    validation_mse : float or None
+        None where no rows were held back.
     held_out_mse : float or None
     front : tuple of Candidate
         What was chosen from, smallest first; empty for a recognised equation.
@@ -53,7 +59,7 @@ class Equation:
     state: str
     terms: tuple[FittedTerm, ...]
     train_mse: float
-    validation_mse: float
+    validation_mse: float | None
     held_out_mse: float | None = None
     front: tuple[Candidate, ...] = field(default=(), repr=False)
     pick: int = 0

@@ -286,7 +286,7 @@ def final_estimate(task: Task, terms: Sequence[Term], samples: Samples) -> Equat
     padded = np.concatenate([fit.coefficients, np.zeros(slopes.shape[1])])
     ends = coefficient_ci95(both, residual, padded) if terms else np.zeros((0, 2))
     given = split(task.known) if task.known is not None else []
-    fitted = [FittedTerm(term, c, (c, c)) for c, term in given]
+    fitted = [FittedTerm(term, c, (c, c), given=True) for c, term in given]
     fitted += [
         FittedTerm(term, float(c), (float(low), float(high)))
         for term, c, (low, high) in zip(terms, fit.coefficients, ends, strict=False)
