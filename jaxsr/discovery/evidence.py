@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -162,7 +163,7 @@ class Bench:
         for number, first, last in self.blocks:
             parts = max(1, (last - first) // length)
             edges = np.linspace(first, last, parts + 1).round().astype(int).tolist()
-            rows += [(number, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+            rows += [(number, a, b) for a, b in pairwise(edges)]
         return [row for row in rows if row[2] - row[1] >= _SHORT]
 
     def evidence(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -177,7 +178,7 @@ def windows(items: Sequence[Prepared], length: int) -> list[Row]:
                 continue
             parts = max(1, size // length)
             edges = np.linspace(first, last, parts + 1).round().astype(int).tolist()
-            rows += [(number, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+            rows += [(number, a, b) for a, b in pairwise(edges)]
     most = max(1, min(_MOST, _MOST_SAMPLES // length))
     if len(rows) > most:
         rows = [rows[k] for k in np.linspace(0, len(rows) - 1, most).round().astype(int)]
