@@ -212,7 +212,9 @@ def discover(
         unread = opened(held_out, part, naming, time)
         unread = cut_at(unread, resets) if resets else unread
         unseen = thin(unread, part, limit.seconds, joined=integrals)
-        equations = with_errors(equations, unseen.whole, part, limit)
+        equations = with_errors(equations, unseen.whole, part, whole)
+        if judge is not None:
+            equations = judge.held_out(equations, unseen.searched)
     reasons = [*(e.stopped_by for e in equations), ended]
     reason = cut_short([*reasons, StoppedBy.BUDGET] if hurried else reasons)
     provenance: dict[str, Any] = {

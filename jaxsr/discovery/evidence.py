@@ -26,6 +26,7 @@ from jaxsr.discovery.forecast import (
 )
 from jaxsr.expressions.term import Term
 from jaxsr.models.model import Model
+from jaxsr.recordings import Recording
 
 ODDS = float(np.log(20.0))
 """Nats by which a law must be likelier than no law; and within which two laws are as likely."""
@@ -202,6 +203,22 @@ class Bench:
                     *self._steps(place),
                 )
             )
+        return out
+
+    def errors(
+        self, model: Model, recordings: Sequence[Recording], expired: Callable[[], bool] = never
+    ) -> dict[str, float]:
+        """Return the error of free runs over other recordings, by state."""
+        model = replace(model, columns={y: model.readings[y] for y in model.outputs})
+        whole = list(recordings)
+        readings = Readings.of(model, whole, [{} for _ in whole])
+        out = {}
+        for place, output in enumerate(model.outputs):
+            length = window_length(self.readings, place)
+            rows = windows(readings.items, length)
+            run = forecast(model, readings, place, rows, expired) if rows else None
+            if run is not None and run.count:
+                out[model.readings[output]] = float(np.sqrt(run.mse))
         return out
 
     def _short(

@@ -91,6 +91,17 @@ class Court:
         others = tuple(Alternative(r.equations, *nrmse(r.evidence)) for r in found)
         return Verdict(SEVERAL, experiment(found, self.samples), every, by_state, others)
 
+    def held_out(
+        self, equations: Sequence[Equation], recordings: Sequence[Recording]
+    ) -> list[Equation]:
+        """Return the equations with the errors of free runs over recordings held out."""
+        model = parse_model(model_text(self.written(equations)), "model.toml")
+        try:
+            errors = self.bench.errors(model, recordings, self._over)
+        except InputError:
+            errors = {}
+        return [replace(e, held_out_nrmse=errors.get(e.state)) for e in equations]
+
 
 def court(
     written: Written,

@@ -364,7 +364,14 @@ def _equation_dicts(
     equations: Sequence[Equation], free_runs: Mapping[str, float]
 ) -> list[dict[str, Any]]:
     """Return equations with the errors of their free runs, null for what has no sensor."""
-    return [{**_equation_dict(e), "free_run_nrmse": free_runs.get(e.state)} for e in equations]
+    return [
+        {
+            **_equation_dict(e),
+            "free_run_nrmse": free_runs.get(e.state),
+            "held_out_free_run_nrmse": e.held_out_nrmse,
+        }
+        for e in equations
+    ]
 
 
 def _equation_dict(equation: Equation) -> dict[str, Any]:
