@@ -19,7 +19,7 @@ from jaxsr.discovery.experiments import Source, opened, read_experiments, remark
 from jaxsr.discovery.find import Checkpoint
 from jaxsr.discovery.found import found_model
 from jaxsr.discovery.hybrid import ModeFinder, cut_at, find_resets
-from jaxsr.discovery.judgement import court, time_to_judge
+from jaxsr.discovery.judgement import LATER, court, time_to_judge
 from jaxsr.discovery.known import (
     Prior,
     admission,
@@ -204,7 +204,8 @@ def discover(
     model = written(equations)
     show.stage("free runs over data held back")
     symbols = len(config.primitives.functions) + len(names) + 1  # a constant is one more
-    judge = court(written, model, experiments, judged.searched, symbols, whole)
+    rest = whole.keeping(-LATER * whole.seconds)
+    judge = court(written, model, experiments, judged.searched, symbols, rest)
     verdict = Verdict(UNDECIDED, CANNOT_RUN)
     if judge is not None:
         verdict = judge.verdict(equations, compare=hybrid is None and not integrals)

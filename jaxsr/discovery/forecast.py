@@ -61,12 +61,6 @@ class Forecast:
     noise: np.ndarray
     rows: tuple[Row, ...]
 
-    def take(self, which: np.ndarray) -> Forecast:
-        """Return some of the windows (windows,) of bool."""
-        tables = (getattr(self, name)[:, which] for name in ("law", "still", "mean", "noise"))
-        kept = tuple(row for row, chosen in zip(self.rows, which, strict=True) if chosen)
-        return Forecast(*tables, kept)
-
     @property
     def count(self) -> int:
         """Return the number of samples that are predicted."""

@@ -33,6 +33,8 @@ from jaxsr.recordings import Recording
 
 _SHARE, _BASE, _STATE = 0.08, 1.5, 0.7  # of the budget, and seconds, at most
 
+LATER = 0.04
+"""Share of the budget by which a verdict may end later, where what came before it overran."""
 Written = Callable[[Sequence[Equation]], Model]
 """Equations to the model that is written for them."""
 
