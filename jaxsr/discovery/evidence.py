@@ -130,9 +130,7 @@ class Charge:
 
 
 def _constants(term: Term) -> int:
-    return sum(
-        n.is_constant and not float(n.value).is_integer() for n in term.walk() if n.size == 1
-    )
+    return sum(n.is_constant and not float(n.value).is_integer() for n in term.walk())
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,6 +71,13 @@ class Court:
         model = parse_model(model_text(self.written(equations)), "model.toml")
         return self.bench.evidence(model, equations, self.charge, self._over)
 
+    def _tried(self, equations: Sequence[Equation]) -> list[Evidence] | None:
+        """Return the evidence of a rival; None where it cannot be run."""
+        try:
+            return self.evidence(equations)
+        except InputError:
+            return None
+
     def _over(self) -> bool:
         return self.limit.exhausted
 
@@ -87,7 +94,7 @@ class Court:
         told, reason = decided(taken, self.rows)
         found: list[Rival] = []
         if told == LAW and compare and not self.limit.exhausted:
-            found = rivals(equations, taken, self.samples, self.evidence)
+            found = rivals(equations, taken, self.samples, self._tried)
         if not found:
             return Verdict(told, reason, every, by_state)
         others = tuple(Alternative(r.equations, *nrmse(r.evidence)) for r in found)

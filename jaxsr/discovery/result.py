@@ -131,8 +131,8 @@ class Discovery:
                 if e is not own
             )
             told.append(f"or ({place + 1}): {lines}")
-        if error:
-            told.append(f"Free run over data held back: {error}")
+        claim = f"Verdict: {judged.verdict}"
+        told.append(f"{claim}. Free run over data held back: {error}" if error else claim)
         return "\n".join(told)
 
     def _repr_html_(self) -> str:

@@ -14,7 +14,7 @@ from jaxsr.discovery.samples import Samples
 from jaxsr.expressions.term import Term
 
 _NEAR = 1.5  # mean square on rows held back over the pick's, up to which a candidate is run
-_MOST = 4  # candidates of an equation that are run
+_MOST = 2  # candidates of an equation that are run
 _LISTED = 5  # laws that are listed
 _SAME = 0.02  # rms difference of two rates over the rate's own, below which they are one law
 _APART = 0.2  # the same beyond the data, above which an experiment could split them

@@ -105,7 +105,7 @@ def _verdict(document: Mapping[str, Any]) -> list[str]:
         others = "another law fits" if count == 1 else f"{count} other laws fit"
         out.append(f"The data cannot tell the law from others: {others} as well.")
     elif told:
-        out.append("No law is claimed; what stands below is the best that was found.")
+        out.append("What stands below is the best that was found.")
     if reason:
         out.append(f"{reason[0].upper()}{reason[1:]}.")
     if is_number(document.get("free_run_nrmse")):
