@@ -80,7 +80,7 @@ def test_files_are_complete_and_the_model_reads_back(found, tmp_path):
     keys |= {"complexity", "operators", "free_run_nrmse", "held_out_free_run_nrmse"}
     assert set(equation) == keys
     assert document["verdict"] == "law" and document["reason"] == ""
-    assert document["free_run_nrmse"] < 1e-4 and equation["held_out_free_run_nrmse"] < 1e-4
+    assert document["free_run_nrmse"] < 1e-3 and equation["held_out_free_run_nrmse"] < 1e-3
     data = {n: DATA[0].channels[n] for n in ("q", "v", "u")}
     batch = jaxsr.compile_terms([equation["expression"]], ["q", "v", "u"])
     whole = batch.evaluate(np.column_stack(list(data.values())))[:, 0]
