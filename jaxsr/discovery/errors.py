@@ -26,7 +26,7 @@ def stated(
 
     ``train_mse`` is that of the expression on all rows of DATA. ``validation_mse`` is that of the
     expression on recordings that only served to choose by; where blocks of DATA did, that of its
-    terms with coefficients estimated on the other rows; None where nothing was held back.
+    terms with all constants estimated on the other rows; None where nothing was held back.
 
     Parameters
     ----------
@@ -57,10 +57,13 @@ def _held_back(equation: Equation, task: Task, experiments: Experiments) -> floa
         value = _mse(equation, judge)
         return value if np.isfinite(value) else None
     terms = [t.term for t in equation.terms if not t.given]
+    if any(node.op == "piecewise" for term in terms for node in term.walk()):
+        return None  # its modes have errors of their own
     with contextlib.suppress(ArithmeticError, np.linalg.LinAlgError):
         problem = task.problem(train)
         if -1 in problem.index(terms):
             return None
+        terms = list(problem.refine(terms)[0])
         weights = problem.fit(terms).coefficients
         fixed = [t for t in equation.terms if t.given]
         every = [t.term for t in fixed] + terms
