@@ -209,6 +209,7 @@ def discover(
     verdict = Verdict(UNDECIDED, CANNOT_RUN)
     if judge is not None:
         verdict = judge.verdict(equations, compare=hybrid is None and not integrals)
+    judged_by = rest.stopped_by
     if held_out:
         unread = opened(held_out, part, naming, time)
         unread = cut_at(unread, resets) if resets else unread
@@ -216,7 +217,7 @@ def discover(
         equations = with_errors(equations, unseen.whole, part, whole)
         if judge is not None:
             equations = judge.held_out(equations, unseen.searched)
-    reasons = [*(e.stopped_by for e in equations), ended]
+    reasons = [*(e.stopped_by for e in equations), ended, judged_by]
     reason = cut_short([*reasons, StoppedBy.BUDGET] if hurried else reasons)
     provenance: dict[str, Any] = {
         "seed": seed,

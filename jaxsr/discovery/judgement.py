@@ -31,7 +31,7 @@ from jaxsr.models.reading import parse_model
 from jaxsr.models.writing import model_text
 from jaxsr.recordings import Recording
 
-_SHARE, _BASE, _STATE = 0.08, 1.5, 0.7  # of the budget, and seconds, at most
+_SHARE, _BASE, _STATE = 0.1, 2.0, 1.0  # of the budget, and seconds, at most
 
 LATER = 0.04
 """Share of the budget by which a verdict may end later, where what came before it overran."""
