@@ -122,7 +122,8 @@ class Discovery:
             told += [f"Undecided: {judged.reason}.", "The best that was found, not a law:"]
         elif judged.verdict == SEVERAL:
             others = len(judged.alternatives)
-            told.append(f"Several laws fit: {others} beside this one. {judged.reason}.")
+            split = f"{judged.reason[:1].upper()}{judged.reason[1:]}"
+            told.append(f"Several laws fit: {others} beside this one. {split}.")
         told.append(str(self))
         for place, other in enumerate(judged.alternatives):
             lines = "; ".join(
