@@ -229,7 +229,8 @@ def test_terms_without_width_are_not_counted_twice(tmp_path, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["law-predators", "law-driven", "law-displacement", "walk-60"])
 def test_the_written_model_is_the_stated_law(name, tmp_path):
-    cases = pytest.importorskip("benchmarks.no_law_cases")
+    from benchmarks import no_law_cases as cases
+
     every = cases.NO_LAW | cases.LAWS
     case = every[name](np.random.default_rng(0))
     found = jaxsr.discover(case.recordings, states=case.states, budget=60, **case.options)
