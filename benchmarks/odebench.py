@@ -6,7 +6,8 @@
 multiplicative, x (1 + sigma n). The equations found are integrated again, from the initial
 condition of the data (reconstruction) and from the other one (generalisation), and count as right
 where R2 (variance weighted over states, against the noiseless solution) is above 0.9. Exact
-structure: the true terms and no others up to algebra, constants within 2 %. All systems are
+structure: the true terms and no others up to algebra, constants within 2 %. The verdict of the
+discovery stands in every row: exact ones must not be called undecided. All systems are
 autonomous and are searched as such, by jaxsr and by the peers alike. Peers are given derivatives:
 differences of clean states, Savitzky-Golay ones of noisy states; pyoperon runs on the 17 mechanical
 systems, 3 s an equation.
@@ -162,7 +163,9 @@ def run(task: tuple[int, int, float, int]) -> dict[str, Any]:
     )
     seconds = time.perf_counter() - began
     right = [sympy.sympify(e.sympy()) for e in found.equations]
-    return scored(task, "jaxsr", system, right, seconds, max(1, len(found.modes)))
+    row = scored(task, "jaxsr", system, right, seconds, max(1, len(found.modes)))
+    told = {"verdict": found.verdict, "reason": found.reason, "free_run": found.free_run_nrmse}
+    return row | told
 
 
 def run_peers(task: tuple[int, int, float, int]) -> list[dict[str, Any]]:
@@ -212,6 +215,16 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
         "reconstruction": sum(r["reconstruction"] > 0.9 for r in runs) / count,
         "generalisation": sum(r["generalisation"] > 0.9 for r in runs) / count,
         "exact": sum(all(r["exact"]) for r in runs) / count,
+        "exact_undecided": sorted(
+            f"{r['id']}.{r['start']}"
+            for r in runs
+            if r.get("verdict") == "undecided" and all(r["exact"])
+        ),
+        "inexact_law": sorted(
+            f"{r['id']}.{r['start']}"
+            for r in runs
+            if r.get("verdict") == "law" and not all(r["exact"])
+        ),
         "split": sorted(f"{r['id']}.{r['start']}" for r in runs if r.get("modes", 1) > 1),
         "wrong": sorted({f"{r['id']}.{r['start']}" for r in runs if not all(r["exact"])}),
         "exact_equations": sum(sum(r["exact"]) for r in runs) / sum(len(r["exact"]) for r in runs),
@@ -227,6 +240,7 @@ def show(done: dict[str, Any]) -> None:
         f"{done['method']:8s} {done['id']:2d}.{done['start']} noise {done['noise']:.2f} "
         f"R2 {done['reconstruction']:8.4f} {done['generalisation']:8.4f} "
         f"exact {''.join('.#'[e] for e in done['exact']):4s} {done['seconds']:5.1f} s  "
+        f"{done.get('verdict', ''):9s} "
         f"{'; '.join(done['found'].values())[:90]}",
         flush=True,
     )

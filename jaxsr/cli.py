@@ -133,9 +133,7 @@ def discover(
                 command=command,
                 **options,
             )
-        told = [f"{symbol} is column {column}" for symbol, column in found.columns.items()]
-        told += [f"d({e.state})/dt = {e.expression}" for e in found.equations]
-        save(found, folder, "\n".join(told), budget=limit)
+        save(found, folder, found.summary(), budget=limit)
 
     return job
 

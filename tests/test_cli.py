@@ -39,6 +39,7 @@ class Recorded:
             verdict="nothing",
             sentence="No mismatch.",
             equations=[],
+            summary=lambda: "Verdict: law",
             unread=(),
             columns={},
             save=self.save,

@@ -77,7 +77,10 @@ def test_files_are_complete_and_the_model_reads_back(found, tmp_path):
     assert {"version", "seed", "command", "seconds", "stopped_by"} <= set(document["provenance"])
     equation = document["equations"][1]
     keys = {"state", "expression", "terms", "train_mse", "validation_mse", "held_out_mse"}
-    assert set(equation) == keys | {"complexity", "operators"}
+    keys |= {"complexity", "operators", "free_run_nrmse", "held_out_free_run_nrmse"}
+    assert set(equation) == keys
+    assert document["verdict"] == "law" and document["reason"] == ""
+    assert document["free_run_nrmse"] < 1e-3 and equation["held_out_free_run_nrmse"] < 1e-3
     data = {n: DATA[0].channels[n] for n in ("q", "v", "u")}
     batch = jaxsr.compile_terms([equation["expression"]], ["q", "v", "u"])
     whole = batch.evaluate(np.column_stack(list(data.values())))[:, 0]

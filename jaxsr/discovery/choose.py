@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jaxsr.evaluation import ColumnCache
 from jaxsr.evolution import complexity
+from jaxsr.expressions.primitives import INTEGRALS
 from jaxsr.expressions.term import Term
 from jaxsr.regression import Fit, RegressionProblem
 
 _SAME = 9.0  # fits within three times the error of the target itself are both exact
 _HUGE = 1e3  # size of the terms relative to their sum at which they cancel
+_BETWEEN = 10.0  # size of a term between samples over that at samples from which it is unresolved
 _BLOCKS = 20
 # A tenth of the rms error does not pay for another term: recordings are never quite of the
 # class of models searched, and with thousands of samples any term becomes significant.
@@ -48,6 +50,35 @@ def predict(
     for c, term in zip(coefficients, terms, strict=True):
         total = total + c * cache.column(term)
     return total
+
+
+def resolved(
+    terms: Iterable[Term], variables: Mapping[str, np.ndarray], group: np.ndarray, time: str
+) -> set[Term]:
+    """Return the terms that do between samples what they do at samples.
+
+    A sine whose frequency is a multiple of the sampling rate, or a pole between two samples, can
+    fit rows with any coefficient, ``2.7e10*sin(207.7*t)``, and says nothing of the motion. Terms
+    are compared at the rows and halfway between neighbours. Integrals are smooth, and kept.
+    """
+    distinct = set(terms)
+    if len(group) < 2:
+        return distinct
+    near = np.flatnonzero(group[1:] == group[:-1])
+    halfway = {n: 0.5 * (v[near] + v[near + 1]) for n, v in variables.items()}
+    at = ColumnCache(variables, time=time, group=group)
+    between = ColumnCache(halfway, time=time, group=group[near])
+    kept = set()
+    with np.errstate(all="ignore"):
+        for term in distinct:
+            if any(node.op in INTEGRALS for node in term.walk()):
+                kept.add(term)
+                continue
+            largest = float(np.max(np.abs(at.column(term)), initial=0.0))
+            there = np.max(np.abs(between.column(term)), initial=0.0)
+            if not there > _BETWEEN * largest:
+                kept.add(term)
+    return kept
 
 
 def choose(

@@ -13,11 +13,13 @@ import numpy as np
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import InputError, StoppedBy
 from jaxsr.discovery.affordable import affordable
-from jaxsr.discovery.equation import cut_short
-from jaxsr.discovery.experiments import Source, opened, read_experiments
+from jaxsr.discovery.equation import Equation, cut_short
+from jaxsr.discovery.errors import stated
+from jaxsr.discovery.experiments import Source, opened, read_experiments, remarks
 from jaxsr.discovery.find import Checkpoint
 from jaxsr.discovery.found import found_model
 from jaxsr.discovery.hybrid import ModeFinder, cut_at, find_resets
+from jaxsr.discovery.judgement import LATER, court, time_to_judge
 from jaxsr.discovery.known import (
     Prior,
     admission,
@@ -33,6 +35,7 @@ from jaxsr.discovery.result import Discovery
 from jaxsr.discovery.samples import roles
 from jaxsr.discovery.thinning import thin
 from jaxsr.discovery.treatment import Treatment
+from jaxsr.discovery.verdict import CANNOT_RUN, UNDECIDED, Verdict
 from jaxsr.discovery.whole import estimated_on_whole, with_errors
 from jaxsr.evolution import SearchConfig
 from jaxsr.expressions.primitives import INTEGRALS
@@ -151,7 +154,8 @@ def discover(
     count = number_of_modes(modes)
     if not recordings:
         raise InputError("no recordings given", "discover")
-    began, limit, show = clock.monotonic(), as_budget(budget), progress or Silent()
+    began, whole, show = clock.monotonic(), as_budget(budget), progress or Silent()
+    limit = time_to_judge(whole, len(states))
     config = config or SearchConfig()
     naming = Naming.of([*states, *inputs], columns)
     states, inputs = naming.symbols(states), naming.symbols(inputs)
@@ -191,14 +195,29 @@ def discover(
         show.stage("estimates on the whole recordings")
         equations, used = estimated_on_whole(equations, tasks, data.whole, part, limit)
     equations = [equation.trimmed() for equation in equations]
-    model = found_model(equations, part, naming, time, table)
-    model = replace(model, events=tuple(reset.event for reset in resets))
+    equations = stated(equations, tasks, experiments, partial=data.is_partial and hybrid is None)
+    events = tuple(reset.event for reset in resets)
+
+    def written(laws: Sequence[Equation]) -> Model:
+        return replace(found_model(laws, part, naming, time, table), events=events)
+
+    model = written(equations)
+    show.stage("free runs over data held back")
+    symbols = len(config.primitives.functions) + len(names) + 1  # a constant is one more
+    rest = whole.keeping(-LATER * whole.seconds)
+    judge = court(written, model, experiments, judged.searched, symbols, rest)
+    verdict = Verdict(UNDECIDED, CANNOT_RUN)
+    if judge is not None:
+        verdict = judge.verdict(equations, compare=hybrid is None and not integrals)
+    judged_by = rest.stopped_by
     if held_out:
         unread = opened(held_out, part, naming, time)
         unread = cut_at(unread, resets) if resets else unread
         unseen = thin(unread, part, limit.seconds, joined=integrals)
-        equations = with_errors(equations, unseen.whole, part, limit)
-    reasons = [*(e.stopped_by for e in equations), ended]
+        equations = with_errors(equations, unseen.whole, part, whole)
+        if judge is not None:
+            equations = judge.held_out(equations, unseen.searched)
+    reasons = [*(e.stopped_by for e in equations), ended, judged_by]
     reason = cut_short([*reasons, StoppedBy.BUDGET] if hurried else reasons)
     provenance: dict[str, Any] = {
         "seed": seed,
@@ -211,7 +230,11 @@ def discover(
     if str(data):
         provenance["thinned"] = f"{data}; estimated on {used} rows"
     named = {s: c for s, c in naming.columns.items() if s in names}
-    return Discovery(tuple(equations), model, provenance, experiments.rows, hybrid, rare, named)
+    checks = tuple(remarks([*read, *unjudged], part))
+    rows = experiments.rows
+    return Discovery(
+        tuple(equations), model, provenance, rows, hybrid, rare, named, verdict, checks
+    )
 
 
 def number_of_modes(modes: str | int) -> int | None:

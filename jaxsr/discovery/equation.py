@@ -18,11 +18,16 @@ from jaxsr.expressions.term import Term
 
 @dataclass(frozen=True, slots=True)
 class FittedTerm:
-    """A term of outer coefficient one, its coefficient and 95 % interval."""
+    """A term of outer coefficient one, its coefficient and 95 % interval.
+
+    ``given`` says that it was known before the search and no fit may move it; an interval may lack
+    width for other reasons, such as too few rows.
+    """
 
     term: Term
     coefficient: float
     ci95: tuple[float, float]
+    given: bool = False
 
     @property
     def expression(self) -> str:
@@ -36,9 +41,13 @@ class Equation:
 
     Attributes
     ----------
-    train_mse, validation_mse : float
-        Mean squares of the coefficients estimated on the training rows alone.
+    train_mse : float
+    validation_mse : float or None
+        None where no rows were held back.
     held_out_mse : float or None
+        Of the rate, in recordings that were opened last.
+    held_out_nrmse : float or None
+        Of free runs over them.
     front : tuple of Candidate
         What was chosen from, smallest first; empty for a recognised equation.
     pick : int
@@ -53,8 +62,9 @@ class Equation:
     state: str
     terms: tuple[FittedTerm, ...]
     train_mse: float
-    validation_mse: float
+    validation_mse: float | None
     held_out_mse: float | None = None
+    held_out_nrmse: float | None = None
     front: tuple[Candidate, ...] = field(default=(), repr=False)
     pick: int = 0
     exact: bool = False
@@ -72,9 +82,14 @@ class Equation:
         return to_text(self.term)
 
     def trimmed(self) -> Equation:
-        """Return the equation with what nothing smaller beats on its front, and its pick."""
+        """Return the equation with what nothing smaller beats on its front, and its pick.
+
+        Candidates whose terms cancel (their error on rows held back is infinite) are left out.
+        """
         kept, best = [], np.inf
         for k, candidate in enumerate(self.front):
+            if k != self.pick and not np.isfinite(candidate.validation_mse):
+                continue
             if candidate.train_mse < best or k == self.pick:
                 kept.append(k)
             best = min(best, candidate.train_mse)

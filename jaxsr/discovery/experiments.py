@@ -11,9 +11,18 @@ import numpy as np
 from jaxsr._result import InputError
 from jaxsr.discovery.naming import Naming, quoted
 from jaxsr.discovery.samples import Roles, Samples, Trace, hold_back, samples
-from jaxsr.recordings import Recording, check_time_units, read_recording, unwrap
+from jaxsr.recordings import (
+    DataCheck,
+    Recording,
+    check_recording,
+    check_time_units,
+    read_recording,
+    unwrap,
+)
 
 _LARGEST = 1e30  # of a signal: higher powers of it are terms
+_FEWEST = 4  # samples of which anything can be said
+_RATES = 100.0  # ratio of sample times that is worth a word
 
 Source = Recording | str | Path
 
@@ -98,6 +107,31 @@ def opened(
         out.append(recording)
     check_time_units(out)
     return out
+
+
+def remarks(recordings: Sequence[Recording], part: Roles) -> list[DataCheck]:
+    """Return what is to be said of recordings, each by itself and beside the others."""
+    out: list[DataCheck] = []
+    for recording in recordings:
+        named = [*part.states, *part.derivatives.values(), *part.inputs]
+        known = [n for n in dict.fromkeys(named) if n in recording.channels]
+        usable = [n for n in known if _is_told(recording.channels[n])]
+        if len(recording) >= _FEWEST:
+            out += check_recording(recording, usable, part.inputs)
+    if len(recordings) > 1:
+        fine, *_, coarse = sorted(recordings, key=lambda r: r.sample_time)
+        ratio = coarse.sample_time / fine.sample_time
+        if ratio > _RATES:
+            text = (
+                f"samples are {coarse.sample_time:.4g} s apart, those of {fine.name} "
+                f"{fine.sample_time:.4g} s, {ratio:.3g} times less: is time in one unit in both?"
+            )
+            out.append(DataCheck(coarse.name, "time", "time_unit", text, ratio))
+    return out
+
+
+def _is_told(values: np.ndarray) -> bool:
+    return bool(np.any(np.isfinite(values))) and not bool(np.any(np.isinf(values)))
 
 
 def _check_sizes(recording: Recording, naming: Naming, symbols: Sequence[str]) -> None:

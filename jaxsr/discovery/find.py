@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxsr._deadline import OutOfTime, bounded
 from jaxsr._progress import Budget
-from jaxsr.discovery.choose import choose, predict
+from jaxsr.discovery.choose import choose, predict, resolved
 from jaxsr.discovery.equation import Equation, FittedTerm
 from jaxsr.discovery.rounding import rounded
 from jaxsr.discovery.samples import Samples, thinned
@@ -234,6 +234,9 @@ def find_equation(
         with contextlib.suppress(OutOfTime), bounded(problem, task.expired):
             sets += best_subsets(problem, task.config)
     sets = list({frozenset(terms): terms for terms in reversed(sets)}.values())
+    if task.time:  # else rows have no neighbours
+        kept = resolved((t for s in sets for t in s), judged.variables, judged.group, task.time)
+        sets = [s for s in sets if kept.issuperset(s)]
     usable = [s for s in sets if -1 not in whole.index(s)]
     return replace(chosen_of(task, usable, whole, validation, every), stopped_by=reason)
 
@@ -286,7 +289,7 @@ def final_estimate(task: Task, terms: Sequence[Term], samples: Samples) -> Equat
     padded = np.concatenate([fit.coefficients, np.zeros(slopes.shape[1])])
     ends = coefficient_ci95(both, residual, padded) if terms else np.zeros((0, 2))
     given = split(task.known) if task.known is not None else []
-    fitted = [FittedTerm(term, c, (c, c)) for c, term in given]
+    fitted = [FittedTerm(term, c, (c, c), given=True) for c, term in given]
     fitted += [
         FittedTerm(term, float(c), (float(low), float(high)))
         for term, c, (low, high) in zip(terms, fit.coefficients, ends, strict=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from jaxsr.discovery.samples import Roles
 from jaxsr.expressions import parse
 from jaxsr.expressions.editing import edit, split
 from jaxsr.expressions.term import Term
+from jaxsr.models.document import read_document
 from jaxsr.models.model import Model
 from jaxsr.models.reading import read_model
 from jaxsr.regression import InUnits
@@ -47,11 +47,9 @@ def unit_table(units: str | Path | Mapping[str, str] | None) -> dict[str, str]:
     """Return the unit of each column, from a mapping or the [units] table of a file."""
     if units is None or isinstance(units, Mapping):
         return dict(units or {})
-    path = Path(units)
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8")).get("units", {})
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"cannot be read: {error}", str(path)) from error
+    table = read_document(Path(units)).get("units", {})
+    if not isinstance(table, Mapping):
+        raise InputError("[units] is no table", Path(units).name, 'Write q = "m" under [units]')
     return {str(k): str(v) for k, v in table.items()}
 
 
@@ -146,7 +144,7 @@ def admission(units: InUnits | None, part: Roles) -> Admitted:
 
 def obeys(equation: Equation, signs: Mapping[Term, int]) -> bool:
     """Tell whether no searched term of an equation has the sign it must not have."""
-    searched = [t for t in equation.terms if t.ci95[0] != t.ci95[1]]
+    searched = [t for t in equation.terms if not t.given]
     return all(t.coefficient * signs.get(t.term, 0) >= 0.0 for t in searched)
 
 

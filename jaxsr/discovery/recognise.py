@@ -58,5 +58,5 @@ def kinematic(state: str, rate: str, train: Samples, judge: Samples) -> Equation
     def mse(part: Samples) -> float:
         return float(np.mean((part.targets[state] - part.variables[rate]) ** 2))
 
-    exact = FittedTerm(Term.variable(rate), 1.0, (1.0, 1.0))
+    exact = FittedTerm(Term.variable(rate), 1.0, (1.0, 1.0), given=True)
     return Equation(state, (exact,), mse(train), mse(judge))

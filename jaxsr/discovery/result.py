@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,17 +18,20 @@ from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation, weighted_sum
 from jaxsr.discovery.hybrid import Hybrid, Mode, RareMode
 from jaxsr.discovery.samples import Samples
+from jaxsr.discovery.verdict import OUT_OF_TIME, SEVERAL, UNDECIDED, Verdict
 from jaxsr.expressions import to_jax, to_numpy, to_sympy, to_text
 from jaxsr.expressions.editing import ONE
 from jaxsr.expressions.term import Term
 from jaxsr.models.model import Model
 from jaxsr.models.writing import model_text
+from jaxsr.recordings import DataCheck
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from jaxsr.discovery.plots import Fitted
 
+_SAID = ("time_unit", "wrap", "reading")  # checks that a terminal shows too
 _EXACT = 1e-30  # two losses below this share of the largest differ by rounding alone
 
 
@@ -50,6 +53,10 @@ class Discovery:
         Where few samples follow another law than all others, and too few to tell it.
     columns : dict of str to str
         Symbol to column, where a column's name could not stand in an expression.
+    judgement : Verdict
+        Whether it is a law, by free runs of the model over data held back.
+    data_checks : tuple of DataCheck
+        What is to be said of the recordings.
     """
 
     equations: tuple[Equation, ...]
@@ -59,6 +66,23 @@ class Discovery:
     hybrid: Hybrid | None = field(default=None, repr=False)
     rare: RareMode | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
+    judgement: Verdict = field(default_factory=lambda: Verdict(UNDECIDED, OUT_OF_TIME))
+    data_checks: tuple[DataCheck, ...] = field(default=(), repr=False)
+
+    @property
+    def verdict(self) -> str:
+        """Return "law", "several" or "undecided"."""
+        return self.judgement.verdict
+
+    @property
+    def reason(self) -> str:
+        """Return why no law is claimed, or the experiment that would split several."""
+        return self.judgement.reason
+
+    @property
+    def free_run_nrmse(self) -> float | None:
+        """Return the error of the model's free runs over data held back."""
+        return self.judgement.free_run_nrmse
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -87,6 +111,30 @@ class Discovery:
     def __str__(self) -> str:
         """Return the equations, one a line, coefficients to six digits."""
         return "\n".join(f"d({e.state})/dt = {to_text(e.term, 6)}" for e in self.equations)
+
+    def summary(self) -> str:
+        """Return the verdict and the equations in words, for a terminal."""
+        judged = self.judgement
+        told = [f"{symbol} is column {column}" for symbol, column in self.columns.items()]
+        told += [f"{c.file}: {c.message}" for c in self.data_checks if c.check in _SAID]
+        error = "" if judged.free_run_nrmse is None else f"NRMSE {judged.free_run_nrmse:.2g}"
+        if judged.verdict == UNDECIDED:
+            told += [f"Undecided: {judged.reason}.", "The best that was found, not a law:"]
+        elif judged.verdict == SEVERAL:
+            others = len(judged.alternatives)
+            split = f"{judged.reason[:1].upper()}{judged.reason[1:]}"
+            told.append(f"Several laws fit: {others} beside this one. {split}.")
+        told.append(str(self))
+        for place, other in enumerate(judged.alternatives):
+            lines = "; ".join(
+                f"d({e.state})/dt = {to_text(e.term, 6)}"
+                for e, own in zip(other.equations, self.equations, strict=True)
+                if e is not own
+            )
+            told.append(f"or ({place + 1}): {lines}")
+        claim = f"Verdict: {judged.verdict}"
+        told.append(f"{claim}. Free run over data held back: {error}" if error else claim)
+        return "\n".join(told)
 
     def _repr_html_(self) -> str:
         """Return the equations as MathML, for notebooks."""
@@ -164,8 +212,19 @@ class Discovery:
         }
         return {
             "schema": "jaxsr.discovery/1",
-            "equations": [_equation_dict(equation) for equation in self.equations],
+            "equations": _equation_dicts(self.equations, self.judgement.by_state),
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "free_run_nrmse": self.free_run_nrmse,
+            "alternatives": [
+                _equation_dicts(other.equations, other.by_state)
+                for other in self.judgement.alternatives
+            ],
             "pareto": fronts,
+            "data_checks": [
+                {"file": c.file, "channel": c.channel, "check": c.check, "message": c.message}
+                for c in self.data_checks
+            ],
             **({"columns": dict(self.columns)} if self.columns else {}),
             **self._hybrid_dict(),
             **self._reset_dict(),
@@ -300,6 +359,20 @@ def _scores(size: np.ndarray, loss: np.ndarray) -> np.ndarray:
             score[k] = (level[last] - level[k]) / (size[k] - size[last])
             last = k
     return score
+
+
+def _equation_dicts(
+    equations: Sequence[Equation], free_runs: Mapping[str, float]
+) -> list[dict[str, Any]]:
+    """Return equations with the errors of their free runs, null for what has no sensor."""
+    return [
+        {
+            **_equation_dict(e),
+            "free_run_nrmse": free_runs.get(e.state),
+            "held_out_free_run_nrmse": e.held_out_nrmse,
+        }
+        for e in equations
+    ]
 
 
 def _equation_dict(equation: Equation) -> dict[str, Any]:

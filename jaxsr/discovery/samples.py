@@ -201,7 +201,7 @@ def _joined(tables: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
 def _of_one(recording: Recording, roles: Roles) -> Samples:
     t = recording.time
     displacement = {rate: q for q, rate in roles.rate_of.items()}
-    recording = _integrated(recording, roles)
+    recording = integrated(recording, roles)
     computed = {r for r in displacement if r not in recording.channels}
     if computed and len(t) < _FEWEST_TWICE:
         raise InputError(
@@ -258,7 +258,7 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
     return Samples(values, targets, group, every, known, noise, weak, (trace,))
 
 
-def _integrated(recording: Recording, roles: Roles) -> Recording:
+def integrated(recording: Recording, roles: Roles) -> Recording:
     """Return the recording with velocities and displacements that only accelerations tell of."""
     channels = dict(recording.channels)
     for state, column in roles.derivatives.items():

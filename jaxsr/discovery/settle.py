@@ -131,7 +131,7 @@ def _estimated(
 def _with_constants(
     equation: Equation, parts: Sequence[tuple[Term, float, slice]], ends: np.ndarray
 ) -> Equation:
-    given = tuple(t for t in equation.terms if t.ci95[0] == t.ci95[1])
+    given = tuple(t for t in equation.terms if t.given)
     fitted = tuple(
         FittedTerm(term, weight, (float(ends[place.start, 0]), float(ends[place.start, 1])))
         for term, weight, place in parts

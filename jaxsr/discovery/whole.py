@@ -136,7 +136,7 @@ def _add_squares(
 
 def _searched(equation: Equation) -> list[FittedTerm]:
     """Return the terms that were searched and not given."""
-    return [t for t in equation.terms if t.ci95[0] != t.ci95[1]]
+    return [t for t in equation.terms if not t.given]
 
 
 @dataclass
@@ -208,11 +208,10 @@ def _loose(terms: Sequence[Term]) -> list[int]:
 
 
 def _given(equation: Equation) -> tuple[FittedTerm, ...]:
-    return tuple(t for t in equation.terms if t.ci95[0] == t.ci95[1])
+    return tuple(t for t in equation.terms if t.given)
 
 
 def _fitted(term: Term, weight: float, half: float) -> FittedTerm:
-    half = max(half, 1e-15 * abs(weight))  # an interval without width marks what is given
     return FittedTerm(term, weight, (weight - half, weight + half))
 
 

@@ -19,6 +19,12 @@ from jaxsr.report.mode_plane import ModePlane, plane_figures
 from jaxsr.report.page import write_page
 from jaxsr.report.style import Pace
 
+_TITLES = {
+    "law": "Discovered equations",
+    "several": "Several laws fit",
+    "undecided": "Undecided: no law is claimed",
+}
+
 
 def write_discovery_report(
     document: Mapping[str, Any],
@@ -56,8 +62,14 @@ def write_discovery_report(
     if plane is not None or document.get("switching"):
         switching = pace.drawn(lambda: [*mode_figure(document), *plane_figures(plane)], 3.0)
     context = {
-        "title": "Discovered equations",
+        "title": _TITLES.get(str(document.get("verdict")), "Discovered equations"),
         "sentence": _sentence(document),
+        "verdict": _verdict(document),
+        "alternatives": [
+            [_equation(equation) for equation in _different(law, equations)]
+            for law in document.get("alternatives") or []
+        ],
+        "data_checks": document.get("data_checks") or [],
         "equations": [_equation(equation) for equation in equations],
         "modes": [
             {
@@ -80,6 +92,34 @@ def write_discovery_report(
     }
     drawings = [*fronts, *fitted, *switching]
     write_page(Path(directory), "discovery.html.j2", context, drawings)
+
+
+def _verdict(document: Mapping[str, Any]) -> list[str]:
+    """Say what is claimed and on what it rests, sentence by sentence."""
+    told, reason = document.get("verdict"), str(document.get("reason") or "")
+    out = []
+    if told == "law":
+        out.append("One law fits.")
+    elif told == "several":
+        count = len(document.get("alternatives") or [])
+        others = "another law fits" if count == 1 else f"{count} other laws fit"
+        out.append(f"The data cannot tell the law from others: {others} as well.")
+    elif told:
+        out.append("What stands below is the best that was found.")
+    if reason:
+        out.append(f"{reason[0].upper()}{reason[1:]}.")
+    if is_number(document.get("free_run_nrmse")):
+        error = number(document["free_run_nrmse"], 2)
+        out.append(f"The model, run freely over data held back, errs by {error} (NRMSE).")
+    return out
+
+
+def _different(
+    law: Sequence[Mapping[str, Any]], taken: Sequence[Mapping[str, Any]]
+) -> list[Mapping[str, Any]]:
+    """Return the equations of another law that are not those taken."""
+    known = {e.get("state"): e.get("expression") for e in taken}
+    return [e for e in law if e.get("expression") != known.get(e.get("state"))]
 
 
 def _dwell(times: Sequence[float] | None) -> str:
@@ -129,7 +169,16 @@ def _equation(equation: Mapping[str, Any]) -> dict[str, Any]:
         terms.append(row)
     errors = (("training", "train_mse"), ("validation", "validation_mse"))
     errors += (("held out", "held_out_mse"),)
-    facts = [(f"Mean square error, {words}", number(equation.get(key), 3)) for words, key in errors]
+    facts = [
+        (f"Mean square error of the rate, {words}", number(equation.get(key), 3))
+        for words, key in errors
+    ]
+    if is_number(equation.get("held_out_free_run_nrmse")):
+        value = number(equation["held_out_free_run_nrmse"], 3)
+        facts.insert(0, ("Free run, NRMSE, held out", value))
+    if is_number(equation.get("free_run_nrmse")):
+        value = number(equation["free_run_nrmse"], 3)
+        facts.insert(0, ("Free run, NRMSE, data held back", value))
     if is_number(equation.get("relative_error")):
         facts.insert(0, ("Residual over rate, rms", percent(equation["relative_error"])))
     return {

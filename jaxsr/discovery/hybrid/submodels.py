@@ -79,7 +79,8 @@ def from_memory(
 def _rank(found: tuple[Equation, bool]) -> tuple[bool, float]:
     """Order submodels: those that explain their samples by terms, others by their error."""
     equation, explained = found
-    return not explained, equation.complexity if explained else equation.validation_mse
+    error = np.inf if equation.validation_mse is None else equation.validation_mse
+    return not explained, float(equation.complexity if explained else error)
 
 
 def _plainer(problem: RegressionProblem, sets: Sequence[Sequence[Term]]) -> list[Sequence[Term]]:
