@@ -11,6 +11,7 @@ import numpy as np
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.compared import Compared
 from jaxsr.diagnosis.comparison import Contest, contest
 from jaxsr.diagnosis.contest.arena import (
     in_steps_of,
@@ -199,10 +200,13 @@ def looked_further(case: Case, before: Decided, rng: np.random.Generator) -> Dec
     Their errors may grow for other reasons, so that nothing less counts than a set that
     brings them down to the noise.
     """
-    field = contest(case, beyond=before[1])
+    further = replace(case, compared=Compared())
+    field = contest(further, beyond=before[1])
     if field is None:
         return before
-    after = decided(case, field, rng)
+    after = decided(further, field, rng)
     arena, _, chosen, detection = after[0]
-    clear = detection.detected and residual_to_noise(arena, chosen) < ABOVE_NOISE
-    return after if clear else before
+    if not detection.detected or residual_to_noise(arena, chosen) >= ABOVE_NOISE:
+        return before
+    case.compared.become(further.compared)
+    return after

@@ -23,6 +23,7 @@ from jaxsr.report.page import write_page
 from jaxsr.report.trajectories import free_runs
 from jaxsr.report.words import (
     capital,
+    left_open,
     mechanism_at,
     mechanism_words,
     region_words,
@@ -73,6 +74,7 @@ def write_diagnosis_report(
         "verdict": str(document.get("verdict")),
         "verdict_title": verdict_title(document.get("verdict")),
         "verdict_sentence": verdict_sentence(document),
+        "left_open": left_open(document),
         "glance": figures_at_a_glance(fit),
         "cards": [_card(finding, units) for finding in findings],
         "diff": diff_tables(evidence.diff),

@@ -110,6 +110,14 @@ def verdict_sentence(document: Mapping[str, Any]) -> str:
     if verdict == Verdict.NOTHING:
         return "The model agrees with the recordings: no mismatch stands above the noise."
     if verdict == Verdict.UNDECIDED:
+        if left_open(document):
+            if not findings:
+                return "The search did not come to an answer."
+            names = list(dict.fromkeys(_place(finding) for finding in findings))
+            leading = listing(names, last="or")
+            return (
+                f"The search did not come to an answer. Leading among what was compared: {leading}."
+            )
         if not findings:
             return "A mismatch is there, but these recordings cannot tell its cause."
         names = list(dict.fromkeys(_place(finding) for finding in findings))
@@ -125,6 +133,12 @@ def verdict_sentence(document: Mapping[str, Any]) -> str:
         Verdict.EXTERNAL_INPUT: "Something acted that no column records: {}",
     }[verdict]
     return f"{opening.format(named or 'a cause without a name')}."
+
+
+def left_open(document: Mapping[str, Any]) -> str:
+    """Return who or what ended the search and what it did not try; empty where it tried all."""
+    provenance = document.get("provenance") or {}
+    return str((provenance.get("open") or {}).get("message") or "")
 
 
 def _place(finding: Mapping[str, Any]) -> str:

@@ -12,6 +12,7 @@ from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.scoring import FreeRun
 from jaxsr.diagnosis.contest.uncertainty import Sensitivities, sensitivities
+from jaxsr.diagnosis.explaining.bounds import bound_rows
 from jaxsr.diagnosis.explaining.evidence import Forces, build_evidence, force_errors
 from jaxsr.diagnosis.explaining.explain import (
     calibration_rows,
@@ -57,7 +58,7 @@ def assemble(parts: Ingredients) -> Diagnosis:
     for name, error in unread.items():
         row = {"file": name, "channel": "", "check": "held_out", "message": str(error)}
         document["data_checks"].append(row)
-    document["data_checks"] += _broken(case)
+    document["data_checks"] += _broken(case, [said] if (said := _left_open(parts, judged)) else [])
     remarks = len(document["data_checks"])
     evidence = build_evidence(parts, judged, explained_model, train, held_runs, forces, remarks)
     return Diagnosis(
@@ -97,10 +98,20 @@ def _held_out(
     return *prepare_search(model, good, checked=False, seconds=seconds), unread
 
 
-def _broken(case: Case) -> list[dict[str, str]]:
-    """Steps of the search that broke: a reader must know what was not tried."""
+def _broken(case: Case, more: list[str]) -> list[dict[str, str]]:
+    """Steps of the search that broke, and `more`: a reader must know what was not tried."""
     none = {"file": "", "channel": "", "check": "search"}
-    return [{**none, "message": line} for line in case.failures.lines]
+    return [{**none, "message": line} for line in (*case.failures.lines, *more)]
+
+
+def _stopped(parts: Ingredients) -> StoppedBy:
+    """Why no more was compared."""
+    return StoppedBy.INTERRUPTED if parts.case.budget.interrupted else parts.stopped
+
+
+def _left_open(parts: Ingredients, judged: Judged) -> str:
+    """Say what was not compared, and whether anything follows the recordings."""
+    return judged.open.in_words(_stopped(parts))
 
 
 def _forces(
@@ -169,6 +180,7 @@ def _document(
         scores = {name: [r.nrmse for r in runs] for name, runs in held_runs.models.items()}
         fit["held_out"] = {**scores, "files": [r.name for r in held_runs.recordings]}
     checks = [row for r in train.recordings for row in _checks(model, r)]
+    checks += bound_rows(model, judged.recalibrated, judged.explained)
     checks += _thinned(parts, judged, train)
     return {
         "schema": SCHEMA,
@@ -187,12 +199,17 @@ def _document(
             "seed": parts.seed,
             "command": parts.command,
             "seconds": round(case.budget.elapsed, 1),
-            "stopped_by": (
-                StoppedBy.INTERRUPTED if case.budget.interrupted else parts.stopped
-            ).value,
+            "stopped_by": _stopped(parts).value,
             "data_sha256": {r.name: r.sha256 for r in train.recordings},
+            **_open(parts, judged),
         },
     }
+
+
+def _open(parts: Ingredients, judged: Judged) -> dict[str, Any]:
+    """What is left open, where something is."""
+    said = _left_open(parts, judged)
+    return {"open": {**judged.open.as_json(), "message": said}} if said else {}
 
 
 def _sensitivities(parts: Ingredients) -> tuple[Sensitivities | None, Sensitivities | None]:
