@@ -31,6 +31,8 @@ class Case:
         Steps of the search that broke and were given up.
     compared : Compared
         What the search has compared so far.
+    quiet : tuple of str
+        Inputs whose noise did not act and was smoothed out.
     """
 
     simulator: Simulator
@@ -41,6 +43,7 @@ class Case:
     progress: Progress = field(default_factory=Silent)
     failures: Failures = field(default_factory=lambda: Failures(Silent()))
     compared: Compared = field(default_factory=Compared)
+    quiet: tuple[str, ...] = ()
 
     def stopped_by(self, grown: StoppedBy) -> StoppedBy:
         """Why no more sets are tried, where larger ones are not tried by `grown`."""

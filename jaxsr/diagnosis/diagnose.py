@@ -21,6 +21,7 @@ from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.explaining.document import assemble
 from jaxsr.diagnosis.explaining.judge import Ingredients
 from jaxsr.diagnosis.failures import Failures, unsimulable
+from jaxsr.diagnosis.input_noise import idle_noise, quieted
 from jaxsr.diagnosis.judging.alternatives import likelier_without
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
@@ -44,6 +45,8 @@ Decided = tuple[Decision, float, StoppedBy]
 
 SEARCHING, DECIDING = 0.7, 0.78
 """Shares of the time budget after which no more sets are tried, and nothing more is compared."""
+HEARING = 0.05
+"""Share of the time budget in which it is told whether noise of the inputs acted."""
 SCREENING = 0.25
 """Share of the time budget after which no more memories are screened in the weak view."""
 REPORTING = 2.0
@@ -106,14 +109,23 @@ def diagnose(
     if simulator.function is not None:
         simulator = with_function(simulator.model, simulator.function)
     prepared, whole = prepare_search(simulator.model, data, seconds=budget.seconds)
-    progress.stage("screening mechanisms in the weak view")
     failures, early = Failures(progress), budget.share(SCREENING)
+    quiet = ()
+    if whole is None:
+        first = budget.share(HEARING)
+        quiet = failures.attempt(
+            "telling noise of inputs",
+            lambda: idle_noise(simulator, prepared, lambda: first.exhausted),
+            (),
+        )
+        prepared = quieted(simulator.model, prepared, quiet) if quiet else prepared
+    progress.stage("screening mechanisms in the weak view")
     screened = failures.attempt("screening", lambda: screen_all(simulator, prepared, early), None)
     # What was slow to read and to screen is slow to report.
     reading = max(budget.elapsed, time_for(whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
-    case = Case(simulator, prepared, screened, budget, search, progress, failures)
+    case = Case(simulator, prepared, screened, budget, search, progress, failures, quiet=quiet)
     if with_many_equations(case):
         decision, headline, grown = decided_among_many(case, rng)
     else:

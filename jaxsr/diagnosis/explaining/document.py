@@ -22,6 +22,7 @@ from jaxsr.diagnosis.explaining.explain import (
 )
 from jaxsr.diagnosis.explaining.judge import Ingredients, Judged, explained, judge
 from jaxsr.diagnosis.explaining.whole_runs import Runs, whole_horizons, whole_runs
+from jaxsr.diagnosis.input_noise import quieted
 from jaxsr.diagnosis.result import SCHEMA, Diagnosis
 from jaxsr.diagnosis.setup import open_recording
 from jaxsr.diagnosis.thinning import Whole, prepare_search
@@ -95,7 +96,10 @@ def _held_out(
     if not good:
         return (), None, unread
     seconds = parts.case.budget.seconds
-    return *prepare_search(model, good, checked=False, seconds=seconds), unread
+    prepared, whole = prepare_search(model, good, checked=False, seconds=seconds)
+    if parts.case.quiet and whole is None:
+        prepared = quieted(model, prepared, parts.case.quiet)
+    return prepared, whole, unread
 
 
 def _broken(case: Case, more: list[str]) -> list[dict[str, str]]:
@@ -180,6 +184,7 @@ def _document(
         scores = {name: [r.nrmse for r in runs] for name, runs in held_runs.models.items()}
         fit["held_out"] = {**scores, "files": [r.name for r in held_runs.recordings]}
     checks = [row for r in train.recordings for row in _checks(model, r)]
+    checks += [_smoothed(model, name) for name in case.quiet]
     checks += bound_rows(model, judged.recalibrated, judged.explained)
     checks += _thinned(parts, judged, train)
     return {
@@ -228,6 +233,15 @@ def _sensitivities(parts: Ingredients) -> tuple[Sensitivities | None, Sensitivit
     if budget.remaining - took < LEFT * budget.seconds:
         return inner, None
     return inner, sensitivities(parts.arena, parts.null.fit)
+
+
+def _smoothed(model: Model, name: str) -> dict[str, str]:
+    column = model.column(name)
+    text = (
+        f"the noise of {column} did not act on the system: without it the readings are likelier; "
+        "it was smoothed out before use"
+    )
+    return {"file": "", "channel": column, "check": "input_noise", "message": text}
 
 
 def _thinned(parts: Ingredients, judged: Judged, train: Runs) -> list[dict[str, str]]:
