@@ -22,7 +22,7 @@ from jaxsr.diagnosis.explaining.document import assemble
 from jaxsr.diagnosis.explaining.judge import Ingredients
 from jaxsr.diagnosis.failures import Failures, unsimulable
 from jaxsr.diagnosis.input_noise import idle_noise, quieted
-from jaxsr.diagnosis.judging.alternatives import likelier_without
+from jaxsr.diagnosis.judging.alternatives import likelier_with, likelier_without
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
 from jaxsr.diagnosis.result import Diagnosis
@@ -134,6 +134,7 @@ def diagnose(
     if not any(e.fit.usable for e in good):
         raise unsimulable(simulator, prepared)
     null = next(e for e in good if not e.members)
+    chosen = likelier_with(arena.super_model, chosen, good, np.random.default_rng(seed))
     if likelier_without(arena.super_model, chosen, good, np.random.default_rng(seed)):
         chosen = null
     ingredients = Ingredients(
