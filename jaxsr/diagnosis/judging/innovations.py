@@ -25,6 +25,8 @@ LARGEST_ORDER = 8
 """Highest order that is tried."""
 FEWEST = 10
 """Samples for each lag that an order needs."""
+ENOUGH = 0.25
+"""Share of the samples that must have all before them known, as many as the highest order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,24 +53,30 @@ class Autoregression:
     def of(residual: np.ndarray, seen: np.ndarray, largest: int = LARGEST_ORDER) -> Autoregression:
         """Estimate from residuals, both (samples, segments); what is not `seen` does not count.
 
-        Least squares on the samples of which all before are known: covariances, which count the
-        ends of stretches as zeros, would make slow noise forget too soon.
+        Least squares on the samples of which all before are known, the same for all orders:
+        covariances, which count the ends of stretches as zeros, would make slow noise forget too
+        soon.
         """
-        r, count = np.where(seen, residual, 0.0), max(int(seen.sum()), 1)
-        largest = max(min(largest, len(r) // FEWEST), 0)
-        predictors, variances = [np.zeros(0)], [float(np.sum(r**2)) / count + 1e-300]
+        least = ENOUGH * max(int(seen.sum()), 1)
+        largest = max(min(largest, len(residual) // FEWEST), 0)
+        known = _following(seen, largest)
+        while largest and known.sum() < max(least, FEWEST * largest):
+            largest -= 1
+            known = _following(seen, largest)
+        size = len(residual)
+        lags = [residual[largest - j : size - j][known] for j in range(largest + 1)]
+        count = max(int(known.sum()), 2)
+        # one factor serves all orders: their columns are its first ones
+        factor = np.linalg.qr(np.stack([*lags[1:], lags[0]], axis=1), mode="r")
+        told = factor[:, -1]
+        predictors = [np.zeros(0)]
         for m in range(1, largest + 1):
-            lags = range(1, m + 1)
-            known = np.logical_and.reduce([seen[m - j : len(r) - j] for j in range(m + 1)])
-            if known.sum() < FEWEST * m:
-                break
-            before = np.stack([r[m - j : len(r) - j][known] for j in lags], axis=1)
-            now = r[m:][known]
-            weights = np.linalg.lstsq(before, now, rcond=1e-12)[0]
-            predictors.append(weights)
-            variances.append(float(np.mean((now - before @ weights) ** 2)) + 1e-300)
-        orders = np.arange(len(variances))
-        best = int(np.argmin(count * np.log(variances) + orders * np.log(max(count, 2))))
+            inner = factor[:m, :m]
+            predictors.append(np.linalg.lstsq(inner, told[:m], rcond=1e-12)[0])
+        left = np.cumsum(told[::-1] ** 2)[::-1][: largest + 1]
+        variances = left / count + 1e-300
+        orders = np.arange(largest + 1)
+        best = int(np.argmin(count * np.log(variances) + orders * np.log(count)))
         return Autoregression(tuple(predictors[: best + 1]), np.array(variances[: best + 1]))
 
     def innovations(self, a: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -82,8 +90,20 @@ class Autoregression:
         for k in range(1, len(seen)):
             known[k] = np.where(seen[k - 1], known[k - 1] + 1, 0)
         known, result = np.minimum(known, self.order), np.array(a, dtype=float)
-        for m in range(1, self.order + 1):
+        size, most = len(seen), self.order
+        for j, weight in enumerate(self.predictors[most], start=1):
+            result[..., most:, :] -= weight * a[..., most - j : size - j, :]
+        for m in range(most):  # the beginnings of stretches
             rows, columns = np.nonzero((known == m) & seen)
+            early = a[..., rows, columns].astype(float)
             for j, weight in enumerate(self.predictors[m], start=1):
-                result[..., rows, columns] -= weight * a[..., rows - j, columns]
+                early -= weight * a[..., rows - j, columns]
+            result[..., rows, columns] = early
+        result = np.where(seen, result, 0.0)
         return result * np.sqrt(self.variances[-1] / self.variances[known])
+
+
+def _following(seen: np.ndarray, lags: int) -> np.ndarray:
+    """Whether each sample from `lags` on is seen and as many before it are."""
+    size = len(seen)
+    return np.logical_and.reduce([seen[lags - j : size - j] for j in range(lags + 1)])
