@@ -88,5 +88,7 @@ class Compared:
                 seen.add(candidate.label)
                 family, verdict = candidate.family, candidate.verdict
                 yield Proposal(candidate.label, family, verdict, candidate.label in known)
+        sets = any(e.fit.usable and len(e.members) > 1 for e in (*entries, chosen))
+        reached = self.stages | ({SEVERAL} if sets else set())
         for name, family, verdict in _STAGES:
-            yield Proposal(name, family, verdict, name in self.stages)
+            yield Proposal(name, family, verdict, name in reached)

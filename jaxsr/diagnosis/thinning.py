@@ -159,7 +159,9 @@ def _factor(model: Model, recordings: Sequence[Recording], most: int) -> int:
     allowed = min(widths, default=0.0) / step / PER_WIDTH
     if asked > 1.0 and all(model.kinematic_parent(s) is None for s in model.dynamic_states):
         # A level or a temperature changes by sums: what is small and fast there is a sensor's.
-        allowed = asked = max(allowed, _between(model, recordings))
+        between = _between(model, recordings)
+        if between > min(asked, allowed):
+            allowed = asked = between
     shortest = min(len(r) for r in recordings) / STRETCH
     return max(int(min(asked, allowed, max(shortest, 1.0))), 1)
 
