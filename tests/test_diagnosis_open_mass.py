@@ -85,13 +85,13 @@ def test_what_promises_but_is_not_estimated_stays_open() -> None:
     null, record = SimpleNamespace(members=(), fit=SimpleNamespace(usable=True)), Compared()
     record.tell(super_model, range(len(super_model.candidates)))
     record.leave(super_model, [0])
-    table = {p.name: p for p in record.proposals([super_model], [null], null)}  # type: ignore[arg-type, list-item]
+    table = {p.name: p for p in record.proposals([super_model], [null], null)}
     assert not table[labels[0]].compared
     assert all(table[name].compared for name in labels[1:])
     # stages that were not reached are open as well
     assert not table[UNNAMED].compared
     record.reach(UNNAMED)
-    again = record.proposals([super_model], [null], null)  # type: ignore[arg-type, list-item]
+    again = record.proposals([super_model], [null], null)
     assert {p.name: p.compared for p in again}[UNNAMED]
 
 

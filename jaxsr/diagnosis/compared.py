@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from jaxsr._result import Verdict
 from jaxsr.diagnosis.open_mass import Proposal
 
 if TYPE_CHECKING:
-    from jaxsr.diagnosis.contest.entry import Entry
     from jaxsr.diagnosis.mechanisms.super_model import SuperModel
     from jaxsr.diagnosis.setup import Screened
 
@@ -24,6 +23,22 @@ _STAGES = (
     (SEVERAL, "several", Verdict.STRUCTURE),
     (UNNAMED, "unnamed", Verdict.STRUCTURE),
 )
+
+
+class Usable(Protocol):
+    """What tells whether an estimate can be used."""
+
+    @property
+    def usable(self) -> bool: ...
+
+
+class Estimated(Protocol):
+    """A set of candidates after estimation."""
+
+    @property
+    def members(self) -> tuple[int, ...]: ...
+    @property
+    def fit(self) -> Usable: ...
 
 
 @dataclass
@@ -70,8 +85,8 @@ class Compared:
     def proposals(
         self,
         super_models: Sequence[SuperModel],
-        entries: Sequence[Entry],
-        chosen: Entry,
+        entries: Sequence[Estimated],
+        chosen: Estimated,
     ) -> Iterator[Proposal]:
         """Yield every mechanism at every place of the super-models, and every stage.
 
