@@ -67,7 +67,7 @@ class Autoregression:
         lags = [residual[largest - j : size - j][known] for j in range(largest + 1)]
         count = max(int(known.sum()), 2)
         # one factor serves all orders: their columns are its first ones
-        factor = np.linalg.qr(np.stack([*lags[1:], lags[0]], axis=1), mode="r")
+        factor = np.asarray(np.linalg.qr(np.stack([*lags[1:], lags[0]], axis=1), mode="r"))
         told = factor[:, -1]
         predictors = [np.zeros(0)]
         for m in range(1, largest + 1):
