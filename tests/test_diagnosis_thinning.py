@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.signal import lsim
+from scipy.signal import lfilter, lsim
 
 from jaxsr._progress import Budget
 from jaxsr.diagnosis import diagnose, thinning
@@ -119,6 +119,37 @@ def test_samples_that_follow_each_other_too_fast_become_fewer(monkeypatch):
     prepared, whole = prepare_search(MODEL, [recording(30_000, step=1e-3)])
     assert whole is not None and whole.factor >= 3
     assert np.median(np.diff(prepared[0].time)) == pytest.approx(1e-3 * whole.factor)
+
+
+TANK = parse_model(
+    """
+[model]
+states = ["h"]
+inputs = ["u"]
+outputs = ["y"]
+input_hold = "zero"
+[equations]
+h = "u - k*h"
+[readings]
+y = "h"
+[parameters]
+k = { value = 0.02, bounds = [0.001, 1.0] }
+"""
+)
+
+
+def test_fast_small_ripple_of_a_sensor_does_not_cut_a_slow_level_to_pieces(monkeypatch):
+    """A level of 50 s under a filtered sensor at 100 Hz: one in many samples tells its course."""
+    monkeypatch.setattr(thinning, "MOST", 20_000)
+    rng, time = np.random.default_rng(0), 0.01 * np.arange(40_000)
+    u = np.where(time < 2.0, 0.02, 0.04)
+    level = 1.0 + np.where(time < 2.0, 0.0, 1.0 - np.exp(-0.02 * (time - 2.0)))
+    ripple = lfilter([1.0], [1.0, -0.995], rng.normal(size=time.size))
+    ripple = lfilter([0.02], [1.0, -0.98], ripple)
+    y = level + 0.005 * ripple / np.std(ripple)
+    prepared, whole = prepare_search(TANK, [Recording("t.csv", time, {"u": u, "y": y})])
+    assert whole is not None and whole.factor >= 8
+    assert sum(np.ptp(p.time) for p in prepared) > 0.9 * np.ptp(time)
 
 
 def test_rows_are_spread_and_far_apart():

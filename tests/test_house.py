@@ -120,14 +120,17 @@ def test_the_walk_sees_every_form_of_import() -> None:
 
 
 DIAGNOSIS = (
+    "open_mass",
     "mechanisms",
     "screening",
     "setup",
     "thinning",
     "failures",
+    "compared",
     "case",
     "contest",
     "likelihood",
+    "input_noise",
     "judging",
     "locating",
     "search",

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from jaxsr._progress import Budget, Progress, Silent
 from jaxsr._result import StoppedBy
+from jaxsr.diagnosis.compared import Compared
 from jaxsr.diagnosis.failures import Failures
 from jaxsr.diagnosis.setup import Screened
 from jaxsr.models import Simulator
@@ -28,6 +29,10 @@ class Case:
     progress : Progress
     failures : Failures
         Steps of the search that broke and were given up.
+    compared : Compared
+        What the search has compared so far.
+    quiet : tuple of str
+        Inputs whose noise did not act and was smoothed out.
     """
 
     simulator: Simulator
@@ -37,6 +42,8 @@ class Case:
     search: Budget
     progress: Progress = field(default_factory=Silent)
     failures: Failures = field(default_factory=lambda: Failures(Silent()))
+    compared: Compared = field(default_factory=Compared)
+    quiet: tuple[str, ...] = ()
 
     def stopped_by(self, grown: StoppedBy) -> StoppedBy:
         """Why no more sets are tried, where larger ones are not tried by `grown`."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION
 from jaxsr.diagnosis.contest.arena import (
     Arena,
     in_widths_of_best,
@@ -21,6 +22,7 @@ from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.integration import choose_stepping, with_smooth
 from jaxsr.diagnosis.contest.output_weights import rescaled
+from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.judging.noise_ratio import in_noise, residual_to_noise
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
@@ -31,6 +33,7 @@ from jaxsr.diagnosis.search.choice import with_sound_part
 from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.search.horizon import Headline, Outlook
 from jaxsr.diagnosis.search.regrouping import settled
+from jaxsr.diagnosis.search.restarts import Restarts
 from jaxsr.diagnosis.search.stepwise import grow
 from jaxsr.models import Simulator
 from jaxsr.models.states import spread
@@ -44,6 +47,8 @@ MOST_PATIENCE = 10.0
 """The same in seconds: what takes longer is caught in a law that jumps."""
 NULL_ITERATIONS = 120
 """Iterations of re-calibration alone: no mechanism must win because it stopped early."""
+RESTARTING = 0.1
+"""Share of the time left that re-calibration from other starts may take."""
 LOCATING = 0.25
 """The same from which forces are located beside a set that explains everything: with less, what is
 left is for telling that set from its parts."""
@@ -73,6 +78,7 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     """
     sets = leading_sets(case)
     super_model, starts = contenders(case, sets)
+    case.compared.screen(case.screened, super_model)
     promised = {}
     if case.screened is not None:
         null_error = case.screened.screening.empty.error
@@ -102,6 +108,16 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     arena = with_rounded_jumps(arena)
     case.progress.stage("telling sets of mechanisms from the path of the re-calibrated model")
     arena, null = _recalibrated(arena, headline, starts[0][1], stop)
+    if beyond is None:
+        restarting = case.search.share(RESTARTING)
+
+        def shortest() -> Arena:
+            return with_rounded_jumps(outlook.arena(horizons(case.prepared)[0]))
+
+        restarts = Restarts(arena, shortest, lambda: restarting.exhausted, NULL_ITERATIONS)
+        null = case.failures.attempt("starting anew", lambda: restarts.best(null), null)
+    if null.fit.converged or not stop():
+        case.compared.reach(RECALIBRATION)
     entries = [null]
     # Where re-calibration is near the noise, larger sets grow from single ones.
     calm = residual_to_noise(arena, entries[0]) <= ABOVE_NOISE
@@ -127,7 +143,12 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
         known = arena, entries
         if not (stop() or (short and _at_noise(arena, entries))):
             known = attempt("locating forces", lambda: with_located(*known, stop), known)
+            if not stop():
+                case.compared.reach(LOCATED)
         arena, entries = known
+        if stop():
+            hurried = (e for e in entries if not e.fit.converged)
+            case.compared.leave(arena.super_model, {i for e in hurried for i in e.members})
         entries, stopped = _grown(case, arena, entries)
         arena, entries = in_widths_of_best(arena, entries)
     return arena, entries, headline.seconds, stopped
@@ -213,7 +234,8 @@ def _grown(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry],
     Less time is theirs where a law without a name promises far more than any mechanism.
     """
     growing = case.search.share(GROWING)
-    rounds = grow(arena, entries, lambda: growing.exhausted, case.progress.update)
+    tell, compared = case.progress.update, case.compared
+    rounds = grow(arena, entries, lambda: growing.exhausted, tell, compared)
     for size in itertools.count(1):
         larger = case.failures.attempt("growing sets", lambda: next(rounds, None), None)
         if larger is None:

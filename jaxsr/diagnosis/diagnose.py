@@ -11,6 +11,7 @@ import numpy as np
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.compared import Compared
 from jaxsr.diagnosis.comparison import Contest, contest
 from jaxsr.diagnosis.contest.arena import (
     in_steps_of,
@@ -20,7 +21,8 @@ from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.explaining.document import assemble
 from jaxsr.diagnosis.explaining.judge import Ingredients
 from jaxsr.diagnosis.failures import Failures, unsimulable
-from jaxsr.diagnosis.judging.alternatives import likelier_without
+from jaxsr.diagnosis.input_noise import idle_noise, quieted
+from jaxsr.diagnosis.judging.alternatives import likelier_with, likelier_without
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
 from jaxsr.diagnosis.laws.renaming import with_names
@@ -44,6 +46,8 @@ Decided = tuple[Decision, float, StoppedBy]
 
 SEARCHING, DECIDING = 0.7, 0.78
 """Shares of the time budget after which no more sets are tried, and nothing more is compared."""
+HEARING = 0.05
+"""Share of the time budget in which it is told whether noise of the inputs acted."""
 SCREENING = 0.25
 """Share of the time budget after which no more memories are screened in the weak view."""
 REPORTING = 2.0
@@ -107,14 +111,23 @@ def diagnose(
         simulator = with_function(simulator.model, simulator.function)
     simulator = Simulator(simulator.model.pinned())
     prepared, whole = prepare_search(simulator.model, data, seconds=budget.seconds)
-    progress.stage("screening mechanisms in the weak view")
     failures, early = Failures(progress), budget.share(SCREENING)
+    quiet = ()
+    if whole is None:
+        first = budget.share(HEARING)
+        quiet = failures.attempt(
+            "telling noise of inputs",
+            lambda: idle_noise(simulator, prepared, lambda: first.exhausted),
+            (),
+        )
+        prepared = quieted(simulator.model, prepared, quiet) if quiet else prepared
+    progress.stage("screening mechanisms in the weak view")
     screened = failures.attempt("screening", lambda: screen_all(simulator, prepared, early), None)
     # What was slow to read and to screen is slow to report.
     reading = max(budget.elapsed, time_for(whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
-    case = Case(simulator, prepared, screened, budget, search, progress, failures)
+    case = Case(simulator, prepared, screened, budget, search, progress, failures, quiet=quiet)
     if with_many_equations(case):
         decision, headline, grown = decided_among_many(case, rng)
     else:
@@ -123,6 +136,7 @@ def diagnose(
     if not any(e.fit.usable for e in good):
         raise unsimulable(simulator, prepared)
     null = next(e for e in good if not e.members)
+    chosen = likelier_with(arena.super_model, chosen, good, np.random.default_rng(seed))
     if likelier_without(arena.super_model, chosen, good, np.random.default_rng(seed)):
         chosen = null
     ingredients = Ingredients(
@@ -201,10 +215,13 @@ def looked_further(case: Case, before: Decided, rng: np.random.Generator) -> Dec
     Their errors may grow for other reasons, so that nothing less counts than a set that
     brings them down to the noise.
     """
-    field = contest(case, beyond=before[1])
+    further = replace(case, compared=Compared())
+    field = contest(further, beyond=before[1])
     if field is None:
         return before
-    after = decided(case, field, rng)
+    after = decided(further, field, rng)
     arena, _, chosen, detection = after[0]
-    clear = detection.detected and residual_to_noise(arena, chosen) < ABOVE_NOISE
-    return after if clear else before
+    if not detection.detected or residual_to_noise(arena, chosen) >= ABOVE_NOISE:
+        return before
+    case.compared.become(further.compared)
+    return after

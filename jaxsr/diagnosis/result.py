@@ -50,7 +50,8 @@ class Diagnosis:
     @property
     def sentence(self) -> str:
         """The verdict in a sentence."""
-        return verdict_sentence(self.verdict, self.findings)
+        left_open = (self.document.get("provenance") or {}).get("open") or {}
+        return verdict_sentence(self.verdict, self.findings, left_open.get("message", ""))
 
     def save(
         self,
@@ -96,13 +97,16 @@ class Diagnosis:
         write_diagnosis_report(self.document, self.evidence, folder, late)
 
 
-def verdict_sentence(verdict: str, findings: list[dict[str, Any]]) -> str:
-    """Say the verdict in one plain sentence."""
+def verdict_sentence(verdict: str, findings: list[dict[str, Any]], left_open: str = "") -> str:
+    """Say the verdict in one plain sentence, and in another what was left open."""
     *most, last = [f"{f['mechanism'].replace('_', ' ')} at {f['site']}" for f in findings] or [""]
     named = f"{', '.join(most)} and {last}" if most else last
     if verdict == "undecided" and not findings:
-        return "There is a mismatch that no mechanism tried explains."
-    return {
+        plain = "There is a mismatch that no mechanism tried explains."
+        return f"{left_open} Until then nothing was found." if left_open else plain
+    if verdict == "undecided" and left_open:
+        return f"{left_open} Leading among those compared: {named}."
+    sentence = {
         "nothing": "No mismatch above the noise.",
         "parameter": f"The structure is right, a value is wrong: {named}.",
         "structure": f"Physics is missing: {named}.",
@@ -110,3 +114,4 @@ def verdict_sentence(verdict: str, findings: list[dict[str, Any]]) -> str:
         "external_input": f"Something acted that no column records: {named}.",
         "undecided": f"A mismatch is there, the data cannot tell its cause; leading: {named}.",
     }[verdict]
+    return f"{sentence} {left_open}".strip()

@@ -118,6 +118,7 @@ class Screened:
     system: WeakSystem
     screening: Screening
     grid: WeakGrid
+    unscreened: frozenset[str] = frozenset()  # labels of memories that there was no time for
 
     @property
     def half_width(self) -> float:
@@ -159,7 +160,12 @@ def screen_all(
     system = with_memory(
         with_candidates(columns, given, super_model), super_model, grid, lambda: budget.exhausted
     )
-    return Screened(super_model, system, screen(system, super_model), grid)
+    left = [
+        c.label
+        for i, c in enumerate(super_model.candidates)
+        if c.states and budget.exhausted and not system.jacobian[:, super_model.index(i)].any()
+    ]
+    return Screened(super_model, system, screen(system, super_model), grid, frozenset(left))
 
 
 def enough_rows(system: WeakSystem, free: int) -> bool:

@@ -31,6 +31,9 @@ PER_WIDTH = 40
 """Samples in the half-width of a test function beyond which there are more than the motion asks."""
 COMPLETING = 0.2
 """Half the share of the time budget that is kept for estimates and runs over everything."""
+BETWEEN = 0.01
+"""Error of straight lines between fewer samples, relative to a reading's deviation, up to which
+they tell the course of a state that no force accelerates."""
 SEEN = 20_000
 """Samples that tell how fast the motion is."""
 
@@ -154,8 +157,32 @@ def _factor(model: Model, recordings: Sequence[Recording], most: int) -> int:
         if present.sum() > PER_WIDTH and moving.any():
             widths += choose_half_widths(part.time[present], signals[:, moving])
     allowed = min(widths, default=0.0) / step / PER_WIDTH
+    if asked > 1.0 and all(model.kinematic_parent(s) is None for s in model.dynamic_states):
+        # A level or a temperature changes by sums: what is small and fast there is a sensor's.
+        between = _between(model, recordings)
+        if between > min(asked, allowed):
+            allowed = asked = between
     shortest = min(len(r) for r in recordings) / STRETCH
     return max(int(min(asked, allowed, max(shortest, 1.0))), 1)
+
+
+def _between(model: Model, recordings: Sequence[Recording]) -> float:
+    """Return how many samples straight lines may leap without losing what the readings do."""
+    factor = 1
+    while True:
+        for recording in recordings:
+            for output in model.outputs:
+                y = recording.channels.get(model.column(output))
+                if y is None or not np.isfinite(y).all() or np.ptp(y) == 0.0:
+                    continue
+                kept = np.arange(0, y.size, 2 * factor)
+                drawn = np.interp(np.arange(kept[-1] + 1), kept, y[kept])
+                error = np.sqrt(np.mean((y[: kept[-1] + 1] - drawn) ** 2))
+                if error > BETWEEN * np.std(y) or kept.size < STRETCHES[1]:
+                    return float(factor)
+        factor *= 2
+        if 2 * factor > max(len(r) for r in recordings):
+            return float(factor)
 
 
 def _tiles(recordings: Sequence[Recording], length: int) -> list[tuple[int, int, int]]:

@@ -24,6 +24,7 @@ from jaxsr.report.trajectories import free_runs
 from jaxsr.report.words import (
     capital,
     figures_of,
+    left_open,
     mechanism_at,
     mechanism_words,
     region_words,
@@ -83,6 +84,7 @@ def write_diagnosis_report(
             (capital(mechanism_words(f.get("mechanism"))), figures_of(f)) for f in findings[:4]
         ],
         "glance": figures_at_a_glance(fit, about, findings[0].get("site") if findings else None),
+        "left_open": left_open(document),
         "cards": [_card(finding, units) for finding in findings],
         "diff": diff_tables(evidence.diff),
         "fit": fit,

@@ -123,6 +123,14 @@ def verdict_sentence(document: Mapping[str, Any]) -> str:
     if verdict == Verdict.NOTHING:
         return "The model agrees with the recordings: no mismatch stands above the noise."
     if verdict == Verdict.UNDECIDED:
+        if left_open(document):
+            if not findings:
+                return "The search did not come to an answer."
+            names = list(dict.fromkeys(_place(finding) for finding in findings))
+            leading = listing(names, last="or")
+            return (
+                f"The search did not come to an answer. Leading among what was compared: {leading}."
+            )
         if not findings:
             return "A mismatch is there, but these recordings cannot tell its cause."
         names = list(dict.fromkeys(_place(finding) for finding in findings))
@@ -151,6 +159,12 @@ def figures_of(finding: Mapping[str, Any]) -> str:
     if is_number(finding.get("probability")):
         parts.append(f"{sureness(finding.get('probability'))} probable")
     return ", ".join(parts)
+
+
+def left_open(document: Mapping[str, Any]) -> str:
+    """Return who or what ended the search and what it did not try; empty where it tried all."""
+    provenance = document.get("provenance") or {}
+    return str((provenance.get("open") or {}).get("message") or "")
 
 
 def _place(finding: Mapping[str, Any]) -> str:

@@ -12,6 +12,7 @@ from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.scoring import FreeRun
 from jaxsr.diagnosis.contest.uncertainty import Sensitivities, sensitivities
+from jaxsr.diagnosis.explaining.bounds import bound_rows
 from jaxsr.diagnosis.explaining.detectable import detectable_rows
 from jaxsr.diagnosis.explaining.evidence import Forces, build_evidence, force_errors
 from jaxsr.diagnosis.explaining.experiment import next_experiment
@@ -21,6 +22,7 @@ from jaxsr.diagnosis.explaining.explain import (
 )
 from jaxsr.diagnosis.explaining.judge import Ingredients, Judged, explained, judge
 from jaxsr.diagnosis.explaining.whole_runs import Runs, whole_horizons, whole_runs
+from jaxsr.diagnosis.input_noise import quieted
 from jaxsr.diagnosis.result import SCHEMA, Diagnosis
 from jaxsr.diagnosis.setup import open_recording
 from jaxsr.diagnosis.thinning import Whole, prepare_search
@@ -58,7 +60,7 @@ def assemble(parts: Ingredients) -> Diagnosis:
     for name, error in unread.items():
         row = {"file": name, "channel": "", "check": "held_out", "message": str(error)}
         document["data_checks"].append(row)
-    document["data_checks"] += _broken(case)
+    document["data_checks"] += _broken(case, [said] if (said := _left_open(parts, judged)) else [])
     count = len(document["data_checks"])
     evidence = build_evidence(parts, judged, explained_model, train, held_runs, forces, count)
     return Diagnosis(
@@ -95,13 +97,26 @@ def _held_out(
     if not good:
         return (), None, unread
     seconds = parts.case.budget.seconds
-    return *prepare_search(model, good, checked=False, seconds=seconds), unread
+    prepared, whole = prepare_search(model, good, checked=False, seconds=seconds)
+    if parts.case.quiet and whole is None:
+        prepared = quieted(model, prepared, parts.case.quiet)
+    return prepared, whole, unread
 
 
-def _broken(case: Case) -> list[dict[str, str]]:
-    """Steps of the search that broke: a reader must know what was not tried."""
+def _broken(case: Case, more: list[str]) -> list[dict[str, str]]:
+    """Steps of the search that broke, and `more`: a reader must know what was not tried."""
     none = {"file": "", "channel": "", "check": "search"}
-    return [{**none, "message": line} for line in case.failures.lines]
+    return [{**none, "message": line} for line in (*case.failures.lines, *more)]
+
+
+def _stopped(parts: Ingredients) -> StoppedBy:
+    """Why no more was compared."""
+    return StoppedBy.INTERRUPTED if parts.case.budget.interrupted else parts.stopped
+
+
+def _left_open(parts: Ingredients, judged: Judged) -> str:
+    """Say what was not compared, and whether anything follows the recordings."""
+    return judged.open.in_words(_stopped(parts))
 
 
 def _forces(
@@ -170,6 +185,8 @@ def _document(
         scores = {name: [r.nrmse for r in runs] for name, runs in held_runs.models.items()}
         fit["held_out"] = {**scores, "files": [r.name for r in held_runs.recordings]}
     checks = [row for r in train.recordings for row in _checks(model, r)]
+    checks += [_smoothed(model, name) for name in case.quiet]
+    checks += bound_rows(model, judged.recalibrated, judged.explained)
     checks += [*_thinned(parts, judged, train), *map(dict, remarks(model))]
     return {
         "schema": SCHEMA,
@@ -190,12 +207,17 @@ def _document(
             "seed": parts.seed,
             "command": parts.command,
             "seconds": round(case.budget.elapsed, 1),
-            "stopped_by": (
-                StoppedBy.INTERRUPTED if case.budget.interrupted else parts.stopped
-            ).value,
+            "stopped_by": _stopped(parts).value,
             "data_sha256": {r.name: r.sha256 for r in train.recordings},
+            **_open(parts, judged),
         },
     }
+
+
+def _open(parts: Ingredients, judged: Judged) -> dict[str, Any]:
+    """What is left open, where something is."""
+    said = _left_open(parts, judged)
+    return {"open": {**judged.open.as_json(), "message": said}} if said else {}
 
 
 def _sensitivities(parts: Ingredients) -> tuple[Sensitivities | None, Sensitivities | None]:
@@ -214,6 +236,15 @@ def _sensitivities(parts: Ingredients) -> tuple[Sensitivities | None, Sensitivit
     if budget.remaining - took < LEFT * budget.seconds:
         return inner, None
     return inner, sensitivities(parts.arena, parts.null.fit)
+
+
+def _smoothed(model: Model, name: str) -> dict[str, str]:
+    column = model.column(name)
+    text = (
+        f"the noise of {column} did not act on the system: without it the readings are likelier; "
+        "it was smoothed out before use"
+    )
+    return {"file": "", "channel": column, "check": "input_noise", "message": text}
 
 
 def _thinned(parts: Ingredients, judged: Judged, train: Runs) -> list[dict[str, str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, model_limited, residual_to_noise
 from jaxsr.diagnosis.judging.refine import Estimate, Ground, refine
 from jaxsr.diagnosis.judging.whole import over_all
+from jaxsr.diagnosis.open_mass import OpenMass, open_mass
 from jaxsr.diagnosis.thinning import Whole
 from jaxsr.models import Edit, Model, apply_edit
 
@@ -40,6 +41,10 @@ SHARPENING = 0.3
 """The same for estimates without the rounding of jumps, and their comparison."""
 WRONG = 0.02
 """Log mean square that re-calibration must gain over the given values for these to be wrong."""
+DRAWN_BACK = (1.0, 0.5, 0.25, 0.125)
+"""Shares of the way from the given values to an estimate that are tried in turn."""
+CONSTANT = 1.0
+"""Free-run error (NRMSE) of the best constant, the mean of the readings."""
 MATTERS = 1e-3
 """Share of the free-run error that physics left out must remove to be claimed."""
 
@@ -76,10 +81,48 @@ class Judged:
     significant: bool
     edits: tuple[Edit, ...] = ()  # of readings alone, which no simulation feels
     leader: Entry | None = None  # what `rivals` could replace, where nothing was chosen
+    open: OpenMass = field(default_factory=OpenMass)  # of what was not compared
 
 
 def judge(parts: Ingredients) -> Judged:
-    """Refine both models and give the verdict."""
+    """Refine both models and give the verdict, what was not compared left open."""
+    judged = _judged_by_compared(parts)
+    mass = _open_mass(parts, judged)
+    rows = [_lowered(row, mass.factor) for row in judged.findings]
+    verdict = judged.verdict
+    if mass.against(verdict) > TIE or not mass.follows:
+        verdict = Verdict.UNDECIDED
+    return replace(judged, findings=rows, verdict=verdict, open=mass)
+
+
+def _open_mass(parts: Ingredients, judged: Judged) -> OpenMass:
+    """Mass of what was not compared, where something ended the search before its time.
+
+    A model whose squared error is above the variance of the readings follows them worse than
+    their mean.
+    """
+    case, fitted = parts.case, judged.explained
+    horizon = None if parts.headline == parts.horizons[-1] else parts.headline
+    run = fitted.lean.free_run(case.prepared, fitted.theta, horizon, like=case.prepared)
+    follows = not run.nrmse >= CONSTANT
+    ended = parts.stopped in (StoppedBy.BUDGET, StoppedBy.INTERRUPTED)
+    if not (ended or case.budget.interrupted or case.failures.lines):
+        return open_mass([], follows)
+    super_models = [parts.arena.super_model]
+    if case.screened is not None:
+        super_models.insert(0, case.screened.super_model)
+    proposals = case.compared.proposals(super_models, parts.entries, parts.chosen)
+    return open_mass(proposals, follows)
+
+
+def _lowered(row: dict[str, Any], factor: float) -> dict[str, Any]:
+    """Return a finding with its probabilities, over what was compared, lowered by a factor."""
+    others = [{**a, "probability": factor * a["probability"]} for a in row["alternatives"]]
+    return {**row, "probability": factor * row["probability"], "alternatives": others}
+
+
+def _judged_by_compared(parts: Ingredients) -> Judged:
+    """Give the verdict as if what was compared were everything."""
     case, arena = parts.case, parts.arena
     ground = Ground(
         arena,
@@ -90,7 +133,7 @@ def judge(parts: Ingredients) -> Judged:
         case.budget.share(SHARPENING),
     )
     recalibrated = refine(ground, parts.null, thorough=not parts.chosen.members)
-    recalibrated = _completed(parts, recalibrated)
+    recalibrated = _not_worse(parts, _completed(parts, recalibrated))
     if not parts.chosen.members:
         judged = _without_finding(parts, recalibrated)
         leading = [e for e in parts.entries if e.members and e.fit.cost < parts.null.fit.cost]
@@ -118,6 +161,28 @@ def _completed(parts: Ingredients, estimate: Estimate) -> Estimate:
     parts.case.progress.stage(f"estimating {what} over all {parts.whole.samples} samples")
     budget = parts.case.budget.share(COMPLETING)
     return over_all(parts.whole, estimate, lambda: budget.exhausted)
+
+
+def _not_worse(parts: Ingredients, estimate: Estimate) -> Estimate:
+    """Return a re-calibration that follows DATA no worse than the given values do.
+
+    Judged by the report's measure over the headline's horizon. An estimate over other segments,
+    or one that time cut short, may do worse: on the line to the given values, which are always a
+    candidate, it is then drawn back as far as it must be.
+    """
+    given = neutral_values(parts.arena.super_model)
+    horizon = None if parts.headline == parts.horizons[-1] else parts.headline
+
+    def error(theta: np.ndarray) -> float:
+        found = estimate.lean.free_run(parts.case.prepared, theta, horizon, parts.case.prepared)
+        return found.nrmse if np.isfinite(found.nrmse) else np.inf
+
+    least, step = error(given), estimate.theta - given
+    for share in DRAWN_BACK:
+        theta = given + share * step
+        if error(theta) <= least:
+            return replace(estimate, theta=theta)
+    return replace(estimate, theta=given)
 
 
 def _rows(

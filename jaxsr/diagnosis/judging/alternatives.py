@@ -89,6 +89,23 @@ def likelier_without(
     return 1.0 - probability - sum(a.probability for a in others) > LIKELIER
 
 
+def likelier_with(
+    super_model: SuperModel, chosen: Entry, entries: Sequence[Entry], rng: np.random.Generator
+) -> Entry:
+    """Return the set with another mechanism of the same verdict in the place of a member.
+
+    Where blocks held back speak for it, what is stated must be what is likelier.
+    """
+    candidates = super_model.candidates
+    for number in chosen.members:
+        _, others = alternatives(super_model, chosen, number, entries, rng)
+        for other in others:
+            same = candidates[other.number].verdict is candidates[number].verdict
+            if same and other.probability > LIKELIER:
+                return other.entry
+    return chosen
+
+
 def shares(
     super_model: SuperModel, entries: Sequence[Entry], rng: np.random.Generator
 ) -> np.ndarray:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.compared import UNNAMED as UNNAMED_LAWS
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values, with_rounded_jumps
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
@@ -75,7 +76,10 @@ def with_unnamed(case: Case, field: Field, rng: np.random.Generator) -> Field:
     best = min((e for e in entries if e is null or plausible(arena, e)), key=lambda e: e.fit.cost)
     unexplained = np.sqrt(best.error / max(null.error, 1e-300)) > REMOVED
     enough = ABOVE_NOISE if unexplained else LIMITED
-    if case.search.exhausted or residual_to_noise(arena, best) <= enough:
+    asked = residual_to_noise(arena, best) > enough
+    if not asked or not case.search.exhausted:
+        case.compared.reach(UNNAMED_LAWS)
+    if case.search.exhausted or not asked:
         return field
     case.progress.stage("searching a law that no named mechanism covers")
     kept, most = field, best.fit.cost

@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION, SEVERAL, UNNAMED
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
@@ -66,6 +67,9 @@ def decided_among_many(case: Case, rng: np.random.Generator) -> tuple[Decision, 
     arena = replace(arena, patience=PATIENCE * case.budget.seconds)
     case.progress.stage(f"estimating {len(leading[0])} mechanisms together in free run")
     entries = [enter(arena, *empty, max_iterations=PART)]
+    # what this search does not ask about leaves no mass open: sets are what it compares
+    case.compared.reach(RECALIBRATION, LOCATED, SEVERAL, UNNAMED)
+    case.compared.screen(screened, super_model)
     if leading[0]:  # else nothing gains at any equation
         entries.append(enter(arena, *leading, stop=_stop(case), max_iterations=WHOLE))
     arena, entries = rescaled(arena, entries, _stop(case))
@@ -96,8 +100,13 @@ def _settled(
     while better and not case.search.exhausted:
         better = False
         around = Neighbours.of(arena, best)
-        for members in _promising(around, rng):
-            if members in tried or case.search.exhausted:
+        promising = _promising(around, rng)
+        case.compared.tell(arena.super_model, range(len(arena.super_model.candidates)))
+        for members in promising:
+            if members in tried:
+                continue
+            if case.search.exhausted:
+                case.compared.leave(arena.super_model, set(members) - set(best.members))
                 continue
             tried.add(members)
             expected = around.entry(members)

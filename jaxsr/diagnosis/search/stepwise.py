@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr.diagnosis.compared import SEVERAL, Compared
 from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter, shifting_members
 from jaxsr.diagnosis.contest.entry import Entry
@@ -52,26 +53,31 @@ def grow(
     entries: Sequence[Entry],
     exhausted: Callable[[], bool],
     tell: Callable[[float, str], None] = lambda share, text: None,
+    compared: Compared | None = None,
 ) -> Iterator[list[Entry]]:
     """Yield the entries and those of larger sets found on the way, size by size.
 
     One iteration from a leader's estimate, all parameters moving with it, tells what a mechanism
     can gain (the tangent view); the best of each round are estimated until they settle. Growth
     ends where Schwarz's criterion asks for no more, unless a mismatch far above the noise is left:
-    effects that hide each other show together.
+    effects that hide each other show together. What was asked of each mechanism beside
+    re-calibration is kept in `compared`.
     """
     found = {e.members: e for e in entries}
-    leaders = [found[()]]
+    leaders, record = [found[()]], Compared() if compared is None else compared
     for size, most in enumerate(FULL, start=1):
         for leader in leaders:
             if exhausted():
                 break
             # what one linearisation tells comes first: it may leave nothing to find
-            quick = expected(arena, leader, found)
-            _estimate(arena, leader, quick, most, found, exhausted)
+            own = record if not leader.members else Compared()
+            quick = expected(arena, leader, found, own)
+            _estimate(arena, leader, quick, most, found, exhausted, own)
             if size < len(FULL) and leader is leaders[0]:
-                quick += tried(arena, leader, quick, found, exhausted, tell)
-                _estimate(arena, leader, quick, most, found, exhausted)
+                quick += tried(arena, leader, quick, found, exhausted, tell, own)
+                _estimate(arena, leader, quick, most, found, exhausted, own)
+            if leader.members:
+                record.reach(SEVERAL)
         yield list(found.values())
         if exhausted():
             return
@@ -80,6 +86,7 @@ def grow(
         known.sort(key=lambda e: criterion(arena.super_model, e, n))
         far = residual_to_noise(arena, known[0]) > LIMITED
         if size == 1 and not far and not _detected(arena, found[()], known[0]):
+            record.reach(SEVERAL)
             return
         distinct: dict[tuple[str, ...], Entry] = {}
         for entry in (e for e in known if len(e.members) == size):
@@ -89,6 +96,7 @@ def grow(
         if not far:
             leaders = [e for e in leaders if e.fit.cost < BEHIND * leaders[0].fit.cost]
         if not leaders or (leaders[0] is not known[0] and not far):
+            record.reach(SEVERAL)
             return
 
 
@@ -106,20 +114,27 @@ def _estimate(
     most: int,
     found: dict[tuple[int, ...], Entry],
     exhausted: Callable[[], bool],
+    compared: Compared,
 ) -> None:
-    """Estimate the promising trials until they settle, and enter them in `found`."""
+    """Estimate the promising trials until they settle, and enter them in `found`.
+
+    Those that time cuts short or does not allow are kept in `compared`.
+    """
     known = (e.fit.cost for e in found.values() if e.fit.usable and plausible(arena, e))
     reached = min(known, default=leader.fit.cost)
     worth, broken = OUT_OF_REACH * reached, Counter[tuple[str, ...]]()
     for trial in promising(arena.super_model, leader, quick, most, reached=reached):
-        if exhausted():
-            break
         if trial.members in found:
+            continue
+        if exhausted():
+            compared.leave(arena.super_model, set(trial.members) - set(leader.members))
             continue
         labels = tuple(arena.super_model.candidates[i].label for i in trial.members)
         if broken[labels] == MOST_BROKEN:
             continue
         full, missed = _in_full(arena, leader, trial, worth, exhausted)
+        if exhausted() and not full.fit.converged:
+            compared.leave(arena.super_model, set(trial.members) - set(leader.members))
         broken[labels] += missed
         found[full.members] = full
         _without_idle(arena, full, found)
@@ -219,10 +234,18 @@ class Trial:
     path: np.ndarray | None = None
 
 
-def expected(arena: Arena, leader: Entry, found: Mapping[tuple[int, ...], Entry]) -> list[Trial]:
+def expected(
+    arena: Arena,
+    leader: Entry,
+    found: Mapping[tuple[int, ...], Entry],
+    compared: Compared | None = None,
+) -> list[Trial]:
     """Add every mechanism that grows in proportion to a set, in one linearisation."""
     numbers = [i for i in _beside(arena, leader, found) if _proportional(arena, i)]
-    return _tangent(arena, leader, numbers)
+    trials = _tangent(arena, leader, numbers)
+    if compared is not None:
+        compared.tell(arena.super_model, numbers)
+    return trials
 
 
 def tried(
@@ -232,13 +255,14 @@ def tried(
     found: Mapping[tuple[int, ...], Entry],
     exhausted: Callable[[], bool],
     tell: Callable[[float, str], None],
+    compared: Compared | None = None,
 ) -> list[Trial]:
     """Add every other mechanism to a set, by a few iterations.
 
     A lag delays slow motion: where a delay of the same input promises next to nothing in `quick`,
     it is left out.
     """
-    super_model = arena.super_model
+    super_model, record = arena.super_model, Compared() if compared is None else compared
     numbers = [i for i in _beside(arena, leader, found) if not _proportional(arena, i)]
     punctual = _punctual(super_model, leader, quick)
     hidden = any(p.states.hidden for p in arena.prepared)
@@ -248,6 +272,7 @@ def tried(
             break
         candidate = super_model.candidates[number]
         if candidate.mechanism == "actuator_lag" and candidate.site in punctual:
+            record.tell(super_model, [number])
             continue
         tell(number / len(super_model.candidates), candidate.label)
         members = tuple(sorted({*leader.members, number}))
@@ -257,6 +282,8 @@ def tried(
         # a memory alone is tried without samples before a segment
         place = arena if shifting_members(super_model, members) else replace(arena, wide=None)
         entry = enter(place, members, start, leader.fit.path, exhausted, most)
+        if not exhausted():
+            record.tell(super_model, [number])
         if entry.fit.usable:
             trials.append(Trial(members, entry.fit.cost, entry.fit.theta, entry.fit.path))
     return trials
