@@ -88,6 +88,7 @@ class Plant:
     band: tuple[float, float]
     inertia: Mapping[str, str] = field(default_factory=dict)
     definitions: Mapping[str, str] = field(default_factory=dict)
+    delays: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     sample_time: float = 0.01
     samples: int = 400
@@ -110,6 +111,7 @@ class Plant:
                 f"{k} = {{ value = {v}, bounds = [{v / FREE_PLAY}, {v * FREE_PLAY}] }}"
                 for k, v in values.items()
             ],
+            "delays": [f"{k} = {v}" for k, v in self.delays.items()],
             "units": [f'{k} = "{v}"' for k, v in self.units.items()],
         }
         head = (
@@ -423,6 +425,7 @@ AXIS = Plant(
     "M",
     10.0,
     (2.0, 12.0),
+    delays={"vel": 0.005},  # a backward difference is the speed half a sample ago
     inertia={"v": "M"},
 )
 

@@ -114,10 +114,10 @@ def quantisation_step(y: np.ndarray) -> float | None:
         return None
     for step in (float(np.median(gaps)), float(np.quantile(gaps, 0.1))):
         step = _refined(levels, step)
-        if step > 1e3 * resolution and _on_grid(y, step) and _levels_used(levels, step):
+        if step > 1e3 * resolution and on_grid(y, step) and _levels_used(levels, step):
             return step
     step = _refined(levels, _common_divisor(gaps, resolution))
-    return step if step > 1e3 * resolution and _on_grid(y, step) else None
+    return step if step > 1e3 * resolution and on_grid(y, step) else None
 
 
 def _refined(levels: np.ndarray, step: float) -> float:
@@ -130,7 +130,8 @@ def _refined(levels: np.ndarray, step: float) -> float:
     return float(np.sum(counts[used] * rise[used]) / np.sum(counts[used] ** 2))
 
 
-def _on_grid(y: np.ndarray, step: float) -> bool:
+def on_grid(y: np.ndarray, step: float) -> bool:
+    """Whether values, but for one in fifty, lie on a grid, wherever its origin."""
     phase = np.exp(2j * np.pi * (y - np.median(y)) / step)
     centre = np.angle(np.mean(phase))
     off = np.abs(np.angle(phase * np.exp(-1j * centre))) / (2 * np.pi)

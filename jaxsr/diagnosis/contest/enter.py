@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import held_back
+from jaxsr.diagnosis.contest.converters import converters_in
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.estimation import Estimation
 from jaxsr.diagnosis.contest.integration import accurate, rounded_share, steady
@@ -82,7 +83,8 @@ def enter(
     errors = held_back(arena.pieces, arena.problem.segments, result)
     changed = own.problem.stepping != given
     stepping = _everywhere(arena, own.problem) if changed else None
-    return Entry(members, result, errors, stepping, share, time.monotonic() - begun)
+    took, steps = time.monotonic() - begun, converters_in(arena)
+    return Entry(members, result, errors, stepping, share, took, steps)
 
 
 def _refinable(arena: Arena, members: tuple[int, ...]) -> bool:

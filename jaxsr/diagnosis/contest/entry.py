@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr.diagnosis.contest.converters import Converters
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.rollout import Stepping
 
@@ -26,6 +27,8 @@ class Entry:
         Share of its cost that is the doing of how its jumps are rounded.
     seconds : float
         Time that its estimation took.
+    converters : Converters, optional
+        Of the sensors, in the unit of the residuals.
     """
 
     members: tuple[int, ...]
@@ -34,6 +37,7 @@ class Entry:
     stepping: Stepping | None = None
     rounded: float = 0.0
     seconds: float = 0.0
+    converters: Converters | None = None
 
     @property
     def error(self) -> float:
@@ -56,4 +60,5 @@ class Entry:
             jacobian=fitted.jacobian / factor,
             by_start=fitted.by_start / factor,
         )
-        return replace(self, fit=fitted, errors=self.errors / factor**2)
+        steps = None if self.converters is None else self.converters.scaled(factor)
+        return replace(self, fit=fitted, errors=self.errors / factor**2, converters=steps)

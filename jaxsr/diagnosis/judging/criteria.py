@@ -8,7 +8,8 @@ import numpy as np
 import scipy.special
 import scipy.stats
 
-from jaxsr.diagnosis.contest.blocks import MIN_GAIN, correlation_length, gain
+from jaxsr.diagnosis.contest.blocks import MIN_GAIN, gain
+from jaxsr.diagnosis.contest.converters import independent_samples
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 
@@ -89,9 +90,8 @@ def _same_family(super_model: SuperModel, numbers: set[int]) -> bool:
 
 
 def independent_residuals(entry: Entry) -> float:
-    """How many independent residuals the recordings hold, by the residuals' correlation."""
-    samples = float(np.count_nonzero(entry.fit.residual))
-    return max(samples / correlation_length(entry.fit.residual), 10.0)
+    """How many independent residuals the recordings hold, by their correlation and their steps."""
+    return max(independent_samples(entry.fit.residual, entry.converters), 10.0)
 
 
 def most_credible(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
@@ -195,6 +195,6 @@ def simplest_adequate(super_model: SuperModel, entries: Sequence[Entry]) -> Entr
 
 
 def independent_per_block(entry: Entry) -> float:
-    """Independent residuals per block, by the correlation length of the residuals."""
-    samples = float(np.count_nonzero(entry.fit.residual))
-    return max(samples / correlation_length(entry.fit.residual) / entry.errors.size, 1.0)
+    """Independent residuals per block, by their correlation and their steps."""
+    samples = independent_samples(entry.fit.residual, entry.converters)
+    return max(samples / entry.errors.size, 1.0)
