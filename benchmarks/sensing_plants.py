@@ -212,7 +212,11 @@ def rough(x: Any, width: float) -> Any:
 
 def _dc(x: Any, u: Any, p: Values, f: Callable[..., Any]) -> Any:
     th, w, i = x
-    return [w, (p["K"] * i - p["b"] * w + f(th, w)) / p["J"], (u - p["R"] * i - p["K"] * w) / p["L"]]
+    return [
+        w,
+        (p["K"] * i - p["b"] * w + f(th, w)) / p["J"],
+        (u - p["R"] * i - p["K"] * w) / p["L"],
+    ]
 
 
 DC_MOTOR = Plant(

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import held_back
+from jaxsr.diagnosis.contest.carried import carried_on, starts_told
 from jaxsr.diagnosis.contest.converters import converters_in
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.estimation import Estimation
@@ -68,6 +69,8 @@ def enter(
     estimate = Estimation(arena, (low, high), active, stopped, max_iterations)
     refreshes = REFRESHES if super_model.remembers(members) and full else 0
     result = estimate.renewed(own, inner, course, near, refreshes)
+    if full and not starts_told(super_model, arena.prepared):
+        result = carried_on(arena, estimate, own, result)
     share = 0.0
     if careful and result.cost <= worth:
         sharp = any(super_model.candidates[i].sharp for i in members)
