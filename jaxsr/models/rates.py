@@ -69,7 +69,7 @@ def with_named_rates(model: Model) -> Model:
     product of it with one common factor: ``g*(u/m - k*q/m) + 9.81`` repeats ``(u - k*q)/m``. The
     factor is a number, or has parameters that are not in the equation: a force that is measured,
     m*d(v), is another thing. An equation that says no more than a number or another symbol is not
-    looked for.
+    looked for, nor one of a single product inside others: 2*q is no -2*d(q) where q' = -q.
     """
     if all(term.is_variable for term in model.reading_terms.values()):
         return model
@@ -104,10 +104,9 @@ def _with_repeated_sums(model: Model, term: Term, symbols: Mapping[Term, Term]) 
         return None
     for rate in repeated:
         part = expanded(rate)
-        if not part or len(whole) < len(part):
+        if part is None or not 1 < len(part) <= len(whole):
             continue
-        others = frozenset(model.parameters) - rate.variables if len(part) > 1 else frozenset()
-        factor = factor_inside(whole, part, others)
+        factor = factor_inside(whole, part, frozenset(model.parameters) - rate.variables)
         if factor is not None:
             whole = without(whole, part, factor)
             found[factor[0] | {(symbols[rate], 1.0)}] = factor[1]

@@ -12,7 +12,7 @@ from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import held_back
 from jaxsr.diagnosis.contest.carried import carried_on, starts_told
 from jaxsr.diagnosis.contest.converters import converters_in
-from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.entry import Entry, told_starts
 from jaxsr.diagnosis.contest.estimation import Estimation
 from jaxsr.diagnosis.contest.integration import accurate, rounded_share, steady
 from jaxsr.diagnosis.contest.reduced import cropped, reduce
@@ -87,7 +87,7 @@ def enter(
     changed = own.problem.stepping != given
     stepping = _everywhere(arena, own.problem) if changed else None
     took, steps = time.monotonic() - begun, converters_in(arena)
-    return Entry(members, result, errors, stepping, share, took, steps)
+    return Entry(members, result, errors, stepping, share, took, steps, told_starts(result))
 
 
 def _refinable(arena: Arena, members: tuple[int, ...]) -> bool:
