@@ -38,7 +38,7 @@ from benchmarks.sensing_plants import (
     rough,
 )
 
-SEEDS, BUDGET = 20, 30.0
+SEEDS, BUDGET = 20, 60.0
 STRENGTH = (0.15, 0.4)
 """Rms of a missing force over that of the net force without it."""
 WRONG = 1.35

@@ -149,15 +149,26 @@ def test_steps_are_a_finding_only_where_less_than_a_third_is_stated(
         assert sensor.variance == pytest.approx(STEP**2 / 12.0)
 
 
-def test_too_few_levels_are_steps_where_the_model_says_so() -> None:
+def test_few_levels_are_steps_of_their_spacing_unless_the_model_knows_better() -> None:
     (low,) = waves(2.2)
     assert len(np.unique(low)) == 3
-    assert steps_of(parse_model(READS.format("")), prepared(low)) == (0.0,)
-    told = parse_model(READS.format(f"[resolution]\ny = {STEP}"))
-    assert steps_of(told, prepared(low)) == (STEP,)
-    # 0.3 is no step of readings that lie on another grid
-    other = parse_model(READS.format("[resolution]\ny = 0.3"))
-    assert steps_of(other, prepared(low)) == (0.0,)
+    assert steps_of(parse_model(READS.format("")), prepared(low)) == (pytest.approx(STEP),)
+    told = parse_model(READS.format("[resolution]\ny = 1.0"))
+    assert steps_of(told, prepared(low)) == (1.0,)
+    # 0.7 is no step of readings that lie on another grid
+    other = parse_model(READS.format("[resolution]\ny = 0.7"))
+    assert steps_of(other, prepared(low)) == (pytest.approx(STEP),)
+    still = prepared(np.full(100, 3.0))
+    assert steps_of(parse_model(READS.format("")), still) == (0.0,)
+
+
+def test_a_differenced_speed_of_three_levels_has_their_spacing() -> None:
+    """Most samples are equal: no difference of neighbours tells any noise, and none is left."""
+    position = 0.06 * np.round(0.4 * np.sin(0.02 * np.arange(400)) / 0.06)
+    speed = np.diff(position) / 0.01
+    assert np.median(np.abs(speed)) < 1e-9
+    (step,) = steps_of(parse_model(READS.format("")), prepared(speed))
+    assert step == pytest.approx(6.0, rel=1e-6)
 
 
 def test_a_rounded_reading_is_a_model_that_reads_in_steps() -> None:

@@ -14,7 +14,7 @@ from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import quantisation_step
 from jaxsr.recordings.converter import effective_samples, uniform_variance
-from jaxsr.recordings.noise import on_grid
+from jaxsr.recordings.noise import level_spacing, on_grid
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.contest.arena import Arena
@@ -47,15 +47,17 @@ class Converters:
 def steps_of(model: Model, prepared: tuple[Prepared, ...]) -> tuple[float, ...]:
     """Return the step of every output as it is read, in its unit; 0 where none shows.
 
-    Where too few levels are read for their spacing to tell, [resolution] does, if they lie on it.
+    Where too few levels are read to tell a grid, [resolution] does, if they lie on it, or else
+    their spacing.
     """
     found = []
     for k, output in enumerate(model.outputs):
         readings = np.concatenate([item.outputs[:, k] for item in prepared])
         step, stated = quantisation_step(readings), model.resolution.get(output)
-        if step is None and stated is not None:
+        if step is None:
             seen = readings[np.isfinite(readings)]
-            step = stated if on_grid(seen, stated) and np.ptp(seen) < LEVELS * stated else None
+            few = stated is not None and np.ptp(seen) < LEVELS * stated
+            step = stated if few and on_grid(seen, stated) else level_spacing(seen)
         found.append(step or 0.0)
     return tuple(found)
 
