@@ -260,7 +260,7 @@ def main() -> int:
     args = parser.parse_args()
     todo = [(case, seed, args.budget) for case in args.cases for seed in args.seeds]
     if args.quick:
-        todo = [("nothing", 0, 8.0), ("motor", 0, 8.0)]
+        todo = [("nothing", 0, 10.0), ("wrong value", 0, 10.0)]
     whole = not args.quick and args.cases == list(CASES) and len(args.seeds) == SEEDS
     rows: list[dict[str, Any]] = []
 

@@ -44,7 +44,7 @@ ACCELEROMETER = SHAKER.format(outputs='"acc"', readings='acc = "d(v)"')
 FRICTION, NOISE = 4.8, 0.04
 
 
-def shaken(seed: int) -> Recording:
+def shaken(seed: int, friction: float = FRICTION) -> Recording:
     """The shaker with dry friction that its model leaves out; q and d(v) are read."""
     rng, time = np.random.default_rng(seed), 0.01 * np.arange(300)
     line, phase = rng.uniform(2.0, 15.0, 4), rng.uniform(0.0, 6.0, 4)
@@ -52,16 +52,14 @@ def shaken(seed: int) -> Recording:
 
     def rates(t: float, x: Any) -> Any:
         force = np.interp(t, time, u) - 0.7 * x[1] - 32.0 * x[0]
-        return [x[1], (force - FRICTION * np.tanh(x[1] / 5e-4)) / 1.6]
+        return [x[1], (force - friction * np.tanh(x[1] / 5e-4)) / 1.6]
 
     found = solve_ivp(
         rates, (0.0, time[-1]), [0.0, 0.0], "LSODA", time, rtol=1e-8, atol=1e-10, max_step=0.01
     )
     acc = np.array([rates(t, x)[1] for t, x in zip(time, found.y.T, strict=True)])
-    read = {
-        "y": found.y[0] + 1e-3 * rng.normal(size=300),
-        "acc": acc + NOISE * rng.normal(size=300),
-    }
+    noise = rng.normal(size=(2, time.size))
+    read = {"y": found.y[0] + 1e-3 * noise[0], "acc": acc + NOISE * noise[1], "exact": found.y[0]}
     return Recording(f"{seed}.csv", time, {"u": u, **read})
 
 
@@ -142,7 +140,6 @@ def test_a_law_pays_for_the_starts_that_it_alone_needs() -> None:
     [
         'y = "q"\nacc = "(-k*q + u - c*v)/m"',
         'y = "q"\nacc = "u/m - c*v/m - k*q/m"',
-        'y = "q"\nacc = "d(v)"',
     ],
 )
 def test_friction_beside_an_accelerometer_blames_no_sensor(readings: str) -> None:
@@ -161,15 +158,9 @@ def test_an_ordinary_encoder_is_no_finding(step: float, wrong: bool) -> None:
     model = parse_model(text.replace("value = 32.0", "value = 42.0") if wrong else text)
     recordings = []
     for seed in (0, 1):
-        rng, time = np.random.default_rng(seed), 0.01 * np.arange(300)
-        line = rng.uniform(2.0, 15.0, 4)
-        u = 8.0 * np.sin(np.multiply.outer(time, line) + line).sum(1)
-        x = solve_ivp(
-            lambda t, x, u=u, time=time: [x[1], (np.interp(t, time, u) - 0.7 * x[1] - 32.0 * x[0]) / 1.6],
-            (0.0, time[-1]), [0.0, 0.0], "LSODA", time, rtol=1e-8, atol=1e-10, max_step=0.01,
-        ).y[0]  # fmt: skip
-        read = step * np.round(x / step)
-        recordings.append(Recording(f"{seed}.csv", time, {"u": u, "y": read}))
+        moved = shaken(seed, 0.0)
+        y = step * np.round(moved.channels["exact"] / step)
+        recordings.append(Recording(moved.name, moved.time, {**moved.channels, "y": y}))
     found = jaxsr.diagnose(jaxsr.Simulator(model), recordings, budget=90.0)
     assert found.verdict == ("parameter" if wrong else "nothing")
     assert [f["site"] for f in found.findings[:1]] == (["parameter:k"] if wrong else [])

@@ -54,10 +54,11 @@ def steps_of(model: Model, prepared: tuple[Prepared, ...]) -> tuple[float, ...]:
     for k, output in enumerate(model.outputs):
         readings = np.concatenate([item.outputs[:, k] for item in prepared])
         step, stated = quantisation_step(readings), model.resolution.get(output)
-        if step is None:
-            seen = readings[np.isfinite(readings)]
-            few = stated is not None and np.ptp(seen) < LEVELS * stated
-            step = stated if few and on_grid(seen, stated) else level_spacing(seen)
+        seen = readings[np.isfinite(readings)]
+        if step is None and seen.size:
+            step = level_spacing(seen)
+            if stated and np.ptp(seen) < LEVELS * stated and on_grid(seen, stated):
+                step = stated
         found.append(step or 0.0)
     return tuple(found)
 
