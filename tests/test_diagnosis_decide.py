@@ -1,4 +1,4 @@
-"""Decisions where noise limits the fit: false alarms, a coarse converter, the price of choosing."""
+"""Decisions where noise limits the fit: false alarms, the price of choosing."""
 
 from __future__ import annotations
 
@@ -14,12 +14,11 @@ from jaxsr._progress import as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.explaining.coarse import _gain, coarse_sensors, rounded_reading
 from jaxsr.diagnosis.judging.alternatives import likelier_without
 from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, detect, detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import NOISE_ALONE, colour, residual_to_noise
-from jaxsr.models import Simulator, apply_edit, parse_model
+from jaxsr.models import parse_model
 from jaxsr.models.least_squares import Fit
 
 ROWS, SEGMENTS = 40, 25
@@ -32,6 +31,14 @@ class Measured:
 
     time: np.ndarray
     outputs: np.ndarray
+
+
+def arena_of(*items: Measured) -> Any:
+    """An arena of recordings of one sensor, of a model that states nothing of it."""
+    text = '[model]\nstates = ["q"]\noutputs = ["y"]\n[equations]\nq = "-q"\n[readings]\ny = "q"\n'
+    known = SimpleNamespace(given=parse_model(text))
+    problem = SimpleNamespace(scale=np.ones(1))
+    return SimpleNamespace(problem=problem, prepared=items, super_model=known)
 
 
 def entry(residual: np.ndarray, constants: int, members: tuple[int, ...]) -> Entry:
@@ -119,48 +126,6 @@ def test_the_best_of_many_useless_mechanisms_is_not_taken():
     assert taken <= 3  # the price asks for chi-squared above 14.3: 0.6 % of 300
 
 
-@pytest.mark.parametrize(("step", "named"), [(0.3, False), (1.0, False), (8.0, True), (12.0, True)])
-def test_a_grid_is_told_from_gaussian_noise_only_where_it_is_coarse(step, named):
-    rng, found = np.random.default_rng(4), 0
-    for _ in range(60):
-        h = 20.0 * np.sin(0.031 * np.arange(2500) + rng.uniform(0, 6))
-        residual = step * np.round((h + rng.normal(size=2500)) / step) - h
-        found += bool(2.0 * _gain(residual, step) > 20.0)
-    assert found == (60 if named else 0)
-
-
-def test_a_grid_is_seen_though_one_recording_shows_three_of_its_levels():
-    rng, step = np.random.default_rng(5), 2.0
-    time = np.arange(2500)
-    heights = [size * np.sin(0.031 * time + rng.uniform(0, 6)) for size in (2.2, 30.0)]
-    read = [step * np.round((h + 0.1 * rng.normal(size=h.size)) / step) for h in heights]
-    assert len(np.unique(read[0])) == 3
-    left = np.stack([y - h for y, h in zip(read, heights, strict=True)], axis=1)[None]
-    segments = SimpleNamespace(weights=np.ones_like(left))
-    named = SimpleNamespace(model=SimpleNamespace(outputs=("y",)))
-    problem = SimpleNamespace(simulator=named, scale=np.ones(1), segments=segments)
-    prepared = [SimpleNamespace(outputs=y[:, None]) for y in read]
-    arena: Any = SimpleNamespace(problem=problem, prepared=prepared)
-    left_over: Any = SimpleNamespace(fit=SimpleNamespace(residual=left))
-    (found,) = coarse_sensors(arena, left_over)
-    assert found.step == pytest.approx(step, rel=1e-6)
-    assert found.p < 1e-6 and found.variance_share > 0.9
-
-
-def test_a_rounded_reading_is_a_model_that_reads_in_steps():
-    model = parse_model(
-        '[model]\nstates = ["q"]\noutputs = ["y"]\n[equations]\nq = "-q"\n[readings]\ny = "2*q"\n'
-    )
-    coarse: Any = SimpleNamespace(output="y", step=0.25)
-    rounded = Simulator(apply_edit(model, rounded_reading(model, coarse, "step")))
-    x = np.linspace(-1.0, 1.0, 101)
-    reading = rounded.model.term(rounded.model.readings["y"])
-    from jaxsr.expressions import evaluate
-
-    y = evaluate(reading, {"q": x, "step": 0.25}, "numpy")
-    np.testing.assert_allclose(y, 0.25 * np.floor(2.0 * x / 0.25 + 0.5))
-
-
 @pytest.mark.parametrize("test", [detect, detect_in_noise])
 def test_the_stated_rate_of_false_alarms_is_that_of_the_threshold(test):
     """Shared by all candidates (Bonferroni); what the report says is what is applied."""
@@ -194,7 +159,7 @@ def test_coloured_noise_explains_a_residual_of_its_own_size_alone(size, seen):
     white = rng.normal(size=t.size + 200)
     noise = np.asarray(lfilter([1.0], [1.0, -rho], white))[200:]
     item = Measured(t, (50.0 * np.sin(0.01 * t) + noise)[:, None])
-    arena: Any = SimpleNamespace(problem=SimpleNamespace(scale=np.ones(1)), prepared=(item,))
+    arena = arena_of(item)
     fit = SimpleNamespace(residual=size * noise.reshape(20, 400).T[None])
     outcome: Any = SimpleNamespace(fit=fit)
     ratio = residual_to_noise(arena, outcome)
@@ -212,7 +177,7 @@ def test_noise_is_no_less_than_a_converter_makes_over_all_recordings() -> None:
     for k in range(4):
         y = step * np.round((k * 1.0 + 0.45 * np.sin(0.02 * t)) / step)
         items.append(Measured(t, y[:, None]))
-    arena: Any = SimpleNamespace(problem=SimpleNamespace(scale=np.ones(1)), prepared=tuple(items))
+    arena = arena_of(*items)
     residual = np.random.default_rng(0).uniform(-step / 2, step / 2, (1, 300, 4))
     outcome: Any = SimpleNamespace(fit=SimpleNamespace(residual=residual))
     assert residual_to_noise(arena, outcome) == pytest.approx(1.0, abs=0.1)

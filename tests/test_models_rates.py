@@ -102,3 +102,76 @@ def test_rates_solve_a_coupled_mass_matrix():
 def test_the_rate_of_what_is_no_state_is_refused_in_one_line(reading):
     with pytest.raises(InputError, match=r"\[readings\] acc"):
         sprung(reading)
+
+
+@pytest.mark.parametrize(
+    ("acc", "named"),
+    [
+        ("(-k*q + u)/m", "d(v)"),
+        ("u/m - k/m*q + 9.81", "d(v) + 9.81"),
+        ("0.102*(u - q*k)/m", "0.102*d(v)"),
+        ("b*(u/m - k*q/m) - 3*q", "b*d(v) - 3.0*q"),  # b is not in the equation
+        ("sin(q) - (u - k*q)/m", "-d(v) + sin(q)"),
+        ("u - k*q", "u - k*q"),  # the force, not the rate
+        ("(u - b*q)/m", "(u - b*q)/m"),
+        ("u/m - k*q/m**2", "u/m - k*q/m**2"),
+        ("u/m", "u/m"),
+    ],
+)
+@pytest.mark.parametrize(("force", "inertia"), [(DIVIDED, ""), ("u - k*q", MASS)])
+def test_an_equation_is_repeated_in_whatever_order(
+    acc: str, named: str, force: str, inertia: str
+) -> None:
+    model = sprung(acc, force, inertia)
+    rng = np.random.default_rng(0)
+    env = {name: rng.uniform(0.5, 2.0, 50) for name in model.symbols}
+    written = evaluate(
+        parse_model(SPRUNG.format(force=force, inertia=inertia, acc="q")).term(acc), env
+    )
+    np.testing.assert_allclose(evaluate(model.reading_terms["acc"], env), written, rtol=1e-12)
+    assert ("d(v)" in named) == ("d(v)" in model.readings["acc"])
+    again = sprung(named, force, inertia)
+    np.testing.assert_allclose(evaluate(again.reading_terms["acc"], env), written, rtol=1e-12)
+
+
+DEFINED = """
+[model]
+states = ["q1", "q2", "w1", "w2"]
+inputs = ["u"]
+outputs = ["a1", "apart", "pos"]
+[definitions]
+pull = "k*(q1 - q2)"
+[equations]
+q1 = "w1"
+q2 = "w2"
+w1 = "(u - pull)/m1"
+w2 = "(pull - c*w2)/m2"
+[readings]
+a1 = "u/m1 - pull/m1"
+apart = "(u - pull)/m1 - (k*q1 - k*q2 - c*w2)/m2 + 0.1*q1"
+pos = "pull/k"
+[parameters]
+m1 = 1.0
+m2 = 2.0
+k = 3.0
+c = 1.0
+"""
+
+
+def test_an_equation_is_repeated_through_definitions_and_beside_another() -> None:
+    model = parse_model(DEFINED)
+    assert model.readings["a1"] == "d(w1)"
+    assert model.readings["apart"] == "0.1*q1 + d(w1) - d(w2)"
+    assert model.readings["pos"] == "pull/k"
+    after = apply_edit(model, Edit({"equations.w2": "(pull - c*w2 - 4*sign(w2))/m2"}))
+    at = {"q1": 1.0, "q2": 0.4, "w1": 0.2, "w2": -2.0, "u": 2.0, "t": 0.0}
+    at |= {"m1": 1.0, "m2": 2.0, "k": 3.0, "c": 1.0}
+    change = evaluate(after.reading_terms["apart"], at) - evaluate(model.reading_terms["apart"], at)
+    assert change == pytest.approx(-4.0 / 2.0)
+
+
+def test_a_rate_in_proportion_to_its_state_is_no_accelerometer() -> None:
+    text = (
+        '[model]\nstates = ["q"]\noutputs = ["y"]\n[equations]\nq = "-q"\n[readings]\ny = "2*q"\n'
+    )
+    assert parse_model(text).readings["y"] == "2*q"

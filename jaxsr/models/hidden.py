@@ -17,13 +17,18 @@ LARGEST = 1e6
 
 
 def with_hidden(
-    model: Model, estimate: StateEstimate, time: np.ndarray, inputs: np.ndarray
+    model: Model,
+    estimate: StateEstimate,
+    time: np.ndarray,
+    inputs: np.ndarray,
+    start: np.ndarray | None = None,
 ) -> StateEstimate:
     """Return the estimate with its hidden states integrated, the known ones inserted.
 
     At every sample the known states are put back to what the sensors say (direct insertion), so
     that what is hidden follows as it does in the machine where its own motion dies out. A
-    coordinate starts from rest at zero, a state of another kind from its first guess.
+    coordinate starts from rest at zero, a state of another kind from its first guess; all of them
+    from `start`, shape (states,), where that is known.
     """
     hidden = [i for i, s in enumerate(model.states) if s in estimate.hidden]
     if not hidden or not model.formulas:
@@ -37,6 +42,8 @@ def with_hidden(
         integrates = rate.is_variable and rate.name in model.states
         if model.kinematic_parent(name) is not None or integrates:
             values[:, i] = 0.0
+        if start is not None:
+            values[0, i] = start[i]
     limit = LARGEST * (1.0 + np.abs(estimate.values).max())
     tables = [stage_inputs(time, u, model.input_hold, 1) for u in inputs.T]
     stages = [[table[s][:, 0] for table in tables] for s in range(3)]

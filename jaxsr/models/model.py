@@ -65,6 +65,11 @@ class Model:
         sum_j inertia[i][j] * dx_j/dt = equations[i]        (identity where no row is given)
         output_k(t) = readings_k at time clock_k(t) - delay_k
 
+    `noise` and `resolution` hold what a data sheet says of an output, in its unit: the standard
+    deviation of the sensor's noise, and the step of its converter, whose readings lie on a grid
+    of it. Steps that are read without a word of theirs are noise; three times as wide as stated,
+    they are a finding.
+
     Expressions are kept as the text of the file; `term` parses them. Where the model stands on a
     Python function (`base`), `vector_field` holds what that function says; it is in no file, and
     no part of what makes two models equal. `forces` are forces by the state along which they act,

@@ -251,10 +251,17 @@ def _with_table(table: Path, base: str) -> str:
 
 
 def width_scales(simulator: Simulator, environment: Mapping[str, np.ndarray]) -> tuple[float, ...]:
-    """Widths for sign and Heaviside: 2/1000 of the rms of their argument in the recordings."""
+    """Widths for sign and Heaviside: 2/1000 of the rms of their argument in the recordings.
+
+    Half as much where a reading has the jump in it, as accelerometers do: it shows the width
+    itself, not what the motion makes of it.
+    """
+    terms = simulator.model.reading_terms.values()
+    seen = {n.args[0] for t in terms for n in t.distinct() if n.op in SMOOTHED}
     widths = []
     for argument in simulator.smoothed_arguments:
         value = np.asarray(evaluate(argument, environment, "numpy"), dtype=float)
         rms = float(np.sqrt(np.nanmean(value**2)))
-        widths.append(2e-3 * rms if np.isfinite(rms) and rms > 0 else DEFAULT_WIDTH)
+        share = 1e-3 if argument in seen else 2e-3
+        widths.append(share * rms if np.isfinite(rms) and rms > 0 else DEFAULT_WIDTH)
     return tuple(widths)

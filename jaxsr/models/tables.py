@@ -214,7 +214,7 @@ class Tables:
         return found
 
     def spreads(self, name: str, what: str) -> dict[str, float]:
-        """Return a table of positive numbers in the units of the readings."""
+        """Return a table of positive numbers in the readings' units: [noise], [resolution]."""
         table = self.table(name)
         return {k: self.above_zero(v, place(name, k), what) for k, v in table.items()}
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxsr.recordings.data_check import DataCheck
 from jaxsr.recordings.lag import Lag, find_lags
-from jaxsr.recordings.noise import noise_level, quantisation_step
+from jaxsr.recordings.noise import level_spacing, noise_level, quantisation_step
 from jaxsr.recordings.recording import Recording
 
 GAP = 1.5  # medians of the sample time
@@ -102,7 +102,7 @@ def _channel(recording: Recording, name: str, y: np.ndarray, is_input: bool) -> 
     if y.size < 8:
         return found
     noise = noise_level(t, y)
-    step = quantisation_step(y)
+    step = quantisation_step(y) or (None if is_input else level_spacing(y))
     if not is_input:
         found += _clipping(file, name, y, max(noise, step or 0.0))
         found += _outliers(file, name, t, y, noise)

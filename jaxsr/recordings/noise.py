@@ -8,6 +8,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 DIFFERENCE_ORDERS = (2, 4, 6, 8, 10)
 _TRIM = 3.0  # residuals beyond this many robust standard deviations are not noise
 _TRIMMED_STD = 0.98658  # standard deviation of a unit normal cut at +-3
+_LEVELS = 6  # from which their spacing tells a grid
+_SAME = 1e-9  # of the range, within which two levels are one
 _MAX_ROWS = 20_000  # differences that suffice on long non-uniform records
 
 
@@ -105,7 +107,7 @@ def quantisation_step(y: np.ndarray) -> float | None:
     y = np.asarray(y, dtype=np.float64)
     y = y[np.isfinite(y)]
     levels = np.unique(y)
-    if levels.size < 6:
+    if levels.size < _LEVELS:
         return None
     resolution = 64.0 * np.finfo(np.float64).eps * float(np.max(np.abs(levels)))
     gaps = np.diff(levels)
@@ -114,10 +116,29 @@ def quantisation_step(y: np.ndarray) -> float | None:
         return None
     for step in (float(np.median(gaps)), float(np.quantile(gaps, 0.1))):
         step = _refined(levels, step)
-        if step > 1e3 * resolution and _on_grid(y, step) and _levels_used(levels, step):
+        if step > 1e3 * resolution and on_grid(y, step) and _levels_used(levels, step):
             return step
     step = _refined(levels, _common_divisor(gaps, resolution))
-    return step if step > 1e3 * resolution and _on_grid(y, step) else None
+    return step if step > 1e3 * resolution and on_grid(y, step) else None
+
+
+def level_spacing(y: np.ndarray) -> float | None:
+    """Return the spacing of a sensor that reads two to five levels, too few to tell a grid by.
+
+    A body that moves passes every value in between; the sensor does not tell them. None where
+    the levels lie on no common grid, or are more, or one.
+    """
+    y = np.asarray(y, dtype=np.float64)
+    y = y[np.isfinite(y)]
+    levels = np.unique(y)
+    if levels.size < 2:
+        return None
+    apart = np.diff(levels) > _SAME * np.ptp(levels)  # differences of readings are rounded
+    levels = levels[np.concatenate([[True], apart])]
+    if not 2 <= levels.size < _LEVELS:
+        return None
+    step = _refined(levels, float(np.diff(levels).min()))
+    return step if on_grid(y, step) else None
 
 
 def _refined(levels: np.ndarray, step: float) -> float:
@@ -130,7 +151,8 @@ def _refined(levels: np.ndarray, step: float) -> float:
     return float(np.sum(counts[used] * rise[used]) / np.sum(counts[used] ** 2))
 
 
-def _on_grid(y: np.ndarray, step: float) -> bool:
+def on_grid(y: np.ndarray, step: float) -> bool:
+    """Whether values, but for one in fifty, lie on a grid, wherever its origin."""
     phase = np.exp(2j * np.pi * (y - np.median(y)) / step)
     centre = np.angle(np.mean(phase))
     off = np.abs(np.angle(phase * np.exp(-1j * centre))) / (2 * np.pi)

@@ -10,7 +10,9 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import held_back
-from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.carried import carried_on, starts_told
+from jaxsr.diagnosis.contest.converters import converters_in
+from jaxsr.diagnosis.contest.entry import Entry, told_starts
 from jaxsr.diagnosis.contest.estimation import Estimation
 from jaxsr.diagnosis.contest.integration import accurate, rounded_share, steady
 from jaxsr.diagnosis.contest.reduced import cropped, reduce
@@ -67,6 +69,8 @@ def enter(
     estimate = Estimation(arena, (low, high), active, stopped, max_iterations)
     refreshes = REFRESHES if super_model.remembers(members) and full else 0
     result = estimate.renewed(own, inner, course, near, refreshes)
+    if full and not starts_told(super_model, arena.prepared):
+        result = carried_on(arena, estimate, own, result)
     share = 0.0
     if careful and result.cost <= worth:
         sharp = any(super_model.candidates[i].sharp for i in members)
@@ -82,7 +86,8 @@ def enter(
     errors = held_back(arena.pieces, arena.problem.segments, result)
     changed = own.problem.stepping != given
     stepping = _everywhere(arena, own.problem) if changed else None
-    return Entry(members, result, errors, stepping, share, time.monotonic() - begun)
+    took, steps = time.monotonic() - begun, converters_in(arena)
+    return Entry(members, result, errors, stepping, share, took, steps, told_starts(result))
 
 
 def _refinable(arena: Arena, members: tuple[int, ...]) -> bool:

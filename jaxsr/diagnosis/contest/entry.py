@@ -6,8 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr.diagnosis.contest.converters import Converters
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.rollout import Stepping
+
+TRACE = 1e-12
+"""Effect of a start, relative to the largest, that is more than rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +30,10 @@ class Entry:
         Share of its cost that is the doing of how its jumps are rounded.
     seconds : float
         Time that its estimation took.
+    converters : Converters, optional
+        Of the sensors, in the unit of the residuals.
+    starts : int
+        How many starts of states the residuals tell (`told_starts`).
     """
 
     members: tuple[int, ...]
@@ -34,6 +42,16 @@ class Entry:
     stepping: Stepping | None = None
     rounded: float = 0.0
     seconds: float = 0.0
+    converters: Converters | None = None
+    starts: int = 0
+
+    @property
+    def constants(self) -> int:
+        """How many numbers were estimated: parameters, and the starts of states that show.
+
+        A law of a position that no sensor tells, and nothing else needs, has one for every segment.
+        """
+        return self.fit.active.size + self.starts
 
     @property
     def error(self) -> float:
@@ -56,4 +74,11 @@ class Entry:
             jacobian=fitted.jacobian / factor,
             by_start=fitted.by_start / factor,
         )
-        return replace(self, fit=fitted, errors=self.errors / factor**2)
+        steps = None if self.converters is None else self.converters.scaled(factor)
+        return replace(self, fit=fitted, errors=self.errors / factor**2, converters=steps)
+
+
+def told_starts(fit: Fit) -> int:
+    """Return how many starts, of states and segments, move any residual of a fit."""
+    size = np.abs(fit.by_start).max(axis=(1, 2), initial=0.0)
+    return int(np.count_nonzero(size > TRACE * size.max(initial=0.0)))

@@ -8,7 +8,8 @@ import numpy as np
 import scipy.stats
 
 from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.blocks import column_sizes, correlation_length
+from jaxsr.diagnosis.contest.blocks import column_sizes
+from jaxsr.diagnosis.contest.converters import converters_in, correlated
 from jaxsr.diagnosis.contest.reduced import resolved
 from jaxsr.diagnosis.contest.tangent import Tangent
 from jaxsr.models.least_squares import Fit
@@ -29,7 +30,7 @@ def covariance(arena: Arena, result: Fit) -> np.ndarray:
     hessian, gradient = result.normal_equations()
     used = arena.problem.segments.weights.sum()
     unknowns = result.active.size + np.sum(arena.problem.segments.free_start)
-    length = correlation_length(result.residual)
+    length = correlated(result.residual, converters_in(arena))
     variance = result.cost / max(used - unknowns, 1.0) * length
     blocks = _in_blocks(arena, hessian), _in_blocks(arena, gradient)
     return covariance_of(hessian.sum(0), variance, blocks)
@@ -224,7 +225,8 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     strength = np.maximum(np.diag(gram), 0.0)
     angle = np.degrees(np.arcsin(np.sqrt(np.clip(strength / (raw[position] + 1e-300), 0, 1))))
     used = problem.segments.weights.sum()
-    variance = result.cost / max(used - len(base), 1.0) * correlation_length(result.residual)
+    length = correlated(result.residual, converters_in(arena))
+    variance = result.cost / max(used - len(base), 1.0) * length
     error = np.sqrt(variance) / np.sqrt(strength + 1e-300)  # one root would overflow
     size = np.sqrt(raw[position])
     return Sensitivities(numbers, gram, error, angle, size, float(variance))

@@ -1,77 +1,72 @@
-"""A coarse converter: readings that stand on a grid wider than the noise."""
+"""A converter coarser than stated: readings in steps that the model file does not know of.
+
+Steps themselves are noise, which the likelihood knows (`contest/converters.py`).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import scipy.optimize
-import scipy.special
-import scipy.stats
 
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.blocks import correlation_length
-from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.converters import steps_of
 from jaxsr.models import Edit, Model, Parameter
-from jaxsr.recordings import quantisation_step
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings.converter import uniform_variance
 
-MATTERS = 0.25
-"""Share of the residual's variance from which rounding is worth a finding."""
-FINEST, WIDEST = 0.02, 20.0
-"""Noise of a gridded reading that is tried, in steps of the grid."""
+STATED = 1.0 / 3.0
+"""Share of what is read below which a stated step or noise is another one (CONTRACT.md, 4)."""
 
 
 @dataclass(frozen=True)
 class Coarse:
-    """A sensor whose grid explains what is left.
+    """A sensor that reads in wider steps than its model says.
 
     Attributes
     ----------
     output : str
     step : float
-    log_likelihood : float
-        Gain of the grid's likelihood over a Gaussian's.
-    p : float
-    variance_share : float
-        Share of the residual's variance that rounding alone makes.
     half : float
         Half the interval of the step: how far readings lie off the grid, over their multiples.
+    stated : str
+        What the model file says instead, in words.
     """
 
     output: str
     step: float
-    log_likelihood: float
-    p: float
-    variance_share: float
     half: float
+    stated: str
+
+    @property
+    def variance(self) -> float:
+        """Of the steps, in the square of the reading's unit."""
+        return uniform_variance(self.step)
 
 
-def coarse_sensors(arena: Arena, entry: Entry) -> list[Coarse]:
-    r"""Return the sensors whose residuals a grid explains better than Gaussian noise, best first.
+def coarse_sensors(model: Model, prepared: tuple[Prepared, ...]) -> list[Coarse]:
+    r"""Return the sensors whose stated resolution, or else noise, is far below what is read.
 
-    A reading rounded to multiples of a step d, of a value h with noise of deviation s, has
-
-    .. math:: P(y|h) = \Phi\big((y - h + d/2)/s\big) - \Phi\big((y - h - d/2)/s\big),
-
-    and without a grid the density of a Gaussian times d. The two are the same where d is far
-    below s (Sheppard), so that a fine converter is never named. Twice the gain, over the
-    residuals' correlation length, is compared with chi-squared of one degree of freedom.
+    A step q is read where [resolution] states less than q/3; where it states nothing, the noise
+    of q's steps, :math:`q/\sqrt{12}`, is compared with what [noise] states. A file that states
+    neither says nothing of its converters.
     """
-    problem = arena.problem
     found = []
-    for k, name in enumerate(problem.simulator.model.outputs):
-        readings = np.concatenate([p.outputs[:, k] for p in arena.prepared])
-        step = quantisation_step(readings)
-        if step is None:
-            continue
-        own = entry.fit.residual[k : k + 1] * problem.scale[k]
-        residual = own[0][problem.segments.weights[k] > 0]
-        gain = _gain(residual, step) / correlation_length(own)
-        p = float(scipy.stats.chi2.sf(2.0 * max(gain, 0.0), 1))
-        share = float(min(step**2 / 12.0 / max(np.mean(residual**2), 1e-300), 1.0))
-        found.append(Coarse(name, step, gain, p, share, _half_width(readings, step)))
-    return sorted(found, key=lambda c: -c.log_likelihood)
+    for k, (output, step) in enumerate(zip(model.outputs, steps_of(model, prepared), strict=True)):
+        stated = _stated(model, output, step)
+        if stated is not None:
+            readings = np.concatenate([p.outputs[:, k] for p in prepared])
+            found.append(Coarse(output, step, _half_width(readings, step), stated))
+    return found
+
+
+def _stated(model: Model, output: str, step: float) -> str | None:
+    """Return what is stated in the place of a step, if it is another one."""
+    resolution, noise = model.resolution.get(output), model.noise.get(output)
+    if resolution is not None:
+        return f"steps of {resolution:.4g}" if resolution < STATED * step else None
+    if noise is not None and noise < STATED * np.sqrt(uniform_variance(step)):
+        return f"noise of {noise:.4g}"
+    return None
 
 
 def _half_width(readings: np.ndarray, step: float) -> float:
@@ -80,24 +75,6 @@ def _half_width(readings: np.ndarray, step: float) -> float:
     count = np.round((levels - levels[0]) / step)
     off = np.abs(levels - levels[0] - count * step)
     return float(np.quantile(off, 0.98) / max(count[-1], 1.0) + 1e-9 * step)
-
-
-def _gain(residual: np.ndarray, step: float) -> float:
-    """Log likelihood of a grid less that of a Gaussian, each at its best noise."""
-    gaussian = -0.5 * residual.size * (np.log(2.0 * np.pi * np.mean(residual**2)) + 1.0)
-    gaussian += residual.size * np.log(step)
-
-    def wrong(log_noise: float) -> float:
-        noise, size = step * np.exp(log_noise), np.abs(residual)
-        # By symmetry, both on the side of the tail that keeps its digits.
-        near = scipy.special.ndtr((0.5 * step - size) / noise)
-        probability = near - scipy.special.ndtr((-0.5 * step - size) / noise)
-        return -float(np.sum(np.log(np.maximum(probability, 1e-300))))
-
-    best: Any = scipy.optimize.minimize_scalar(
-        wrong, bounds=(np.log(FINEST), np.log(WIDEST)), method="bounded"
-    )
-    return -float(best.fun) - float(gaussian)
 
 
 def rounded_reading(model: Model, coarse: Coarse, name: str) -> Edit:

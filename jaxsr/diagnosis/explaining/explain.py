@@ -9,9 +9,8 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.uncertainty import RANK, Sensitivities
 from jaxsr.diagnosis.explaining.acting import where_acting
-from jaxsr.diagnosis.explaining.coarse import MATTERS, coarse_sensors, rounded_reading
+from jaxsr.diagnosis.explaining.coarse import coarse_sensors, rounded_reading
 from jaxsr.diagnosis.judging.alternatives import Alternative
-from jaxsr.diagnosis.judging.detection import SIGNIFICANCE
 from jaxsr.diagnosis.judging.refine import Estimate
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.models import Edit, Model, with_values
@@ -159,22 +158,28 @@ def wrong_value_row(
 
 
 def rounding_rows(
-    parts: Ingredients, estimate: Estimate
+    parts: Ingredients, estimate: Estimate, given_cost: float
 ) -> tuple[list[dict[str, Any]], list[Edit]]:
-    """Findings that a sensor's converter is coarser than its noise, with their edits."""
-    given, labels = parts.case.simulator.model, len(parts.arena.super_model.candidates)
+    """Findings that a sensor's converter is coarser than stated, with edits of the estimate.
+
+    That readings lie on a grid, and what a file states of it, are certain. What rounding the
+    simulated readings would save is the power of the steps.
+    """
+    given, problem, model = parts.case.simulator.model, estimate.arena.problem, estimate.model
     rows, edits = [], []
-    for coarse in coarse_sensors(estimate.arena, estimate.entry):
-        if coarse.p > SIGNIFICANCE / labels or coarse.variance_share < MATTERS:
-            continue
+    for coarse in coarse_sensors(given, parts.case.prepared):
+        k = list(given.outputs).index(coarse.output)
+        saved = coarse.variance * problem.segments.weights[k].sum() / problem.scale[k] ** 2
+        share = float(np.clip(saved / max(given_cost, 1e-300), 0.0, 1.0))
         taken = {
             *given.symbols,
-            *given.definitions,
+            *model.symbols,
+            *model.definitions,
             *(n for row in rows for n in row["parameters"]),
         }
         name = next(n for n in ("step", *(f"step_{k}" for k in range(1000))) if n not in taken)
         edit = rounded_reading(given, coarse, name)
-        edits.append(edit)
+        edits.append(rounded_reading(model, coarse, name))
         unit = given.units.get(coarse.output)
         size = f"{coarse.step:.4g}{' ' + unit if unit else ''}"
         rows.append(
@@ -182,7 +187,7 @@ def rounding_rows(
                 "site": f"output:{coarse.output}",
                 "mechanism": "quantisation",
                 "family": "measurement",
-                "probability": float(1.0 / (1.0 + np.exp(-min(coarse.log_likelihood, 50.0)))),
+                "probability": 1.0,
                 "alternatives": [],
                 "edit": edit.as_json(),
                 "term": edit.changes[f"readings.{coarse.output}"],
@@ -194,9 +199,9 @@ def rounding_rows(
                     }
                 },
                 "where": where(parts, ""),
-                "share": coarse.variance_share,
-                "explanation": f"Sensor {coarse.output} reads in steps of {size}, which makes "
-                f"{100 * coarse.variance_share:.0f} % of the variance that is left.",
+                "share": share,
+                "explanation": f"Sensor {coarse.output} reads in steps of {size}, where the model "
+                f"states {coarse.stated}.",
             }
         )
     return rows, edits

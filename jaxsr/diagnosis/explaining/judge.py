@@ -145,11 +145,15 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
         return judged
     best = _completed(parts, refine(ground, parts.chosen))
     rows, rivals, order = _rows(parts, parts.chosen, best)
+    rounding, edits = rounding_rows(parts, best, _given(parts).fit.cost)
     verdict = _verdict(parts, order, rivals)
+    if max((row["share"] for row in rounding), default=0.0) > rows[0]["share"]:
+        verdict = Verdict.MEASUREMENT
     if verdict is not Verdict.MEASUREMENT and not _simulates_better(parts, recalibrated, best):
         # Short runs of late or clipped readings start from what those do not tell.
         verdict = Verdict.UNDECIDED
-    return Judged(recalibrated, best, verdict, rows, rivals, True)
+    every = sorted([*rows, *rounding], key=lambda row: -row["share"])
+    return Judged(recalibrated, best, verdict, every, rivals, True, tuple(edits))
 
 
 def _completed(parts: Ingredients, estimate: Estimate) -> Estimate:
@@ -190,7 +194,7 @@ def _rows(
 ) -> tuple[list[dict[str, Any]], list[tuple[int, list[Alternative]]], list[int]]:
     """Findings of an entry by falling share, what could replace each, and the order by share."""
     rows, rivals = [], []
-    given = enter(frozen(parts.arena), (), neutral_values(parts.arena.super_model)).fit.cost
+    given = _given(parts).fit.cost
     for k, number in enumerate(entry.members):
         probability, others = alternatives(
             parts.arena.super_model, entry, number, parts.entries, parts.rng
@@ -243,8 +247,7 @@ def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate
 
 def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
-    given_values = neutral_values(parts.arena.super_model)
-    given = enter(frozen(parts.arena), (), given_values)
+    given, given_values = _given(parts), neutral_values(parts.arena.super_model)
     rows = []
     for name in parts.case.simulator.model.free_parameters:
         place = recalibrated.positions[name]
@@ -252,7 +255,7 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
         distance = abs(float(recalibrated.theta[place]) - given_values[place])
         if distance > half:
             rows.append((distance / max(half, 1e-300), name))
-    rounding, edits = rounding_rows(parts, recalibrated)
+    rounding, edits = rounding_rows(parts, recalibrated, given.fit.cost)
     findings = []
     if rows and _differ(given, recalibrated):
         rows.sort(reverse=True)
@@ -290,6 +293,11 @@ def _differ(given: Entry, recalibrated: Estimate) -> bool:
         return test.detected and test.log_gain > WRONG
     mean, _, p = gain(given.errors, best.errors)
     return p < SIGNIFICANCE and mean > WRONG
+
+
+def _given(parts: Ingredients) -> Entry:
+    """Return the given values' entry."""
+    return enter(frozen(parts.arena), (), neutral_values(parts.arena.super_model))
 
 
 def frozen(arena: Arena, names: Collection[str] | None = None) -> Arena:

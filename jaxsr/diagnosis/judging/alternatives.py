@@ -128,7 +128,7 @@ def shares(
 
 def _margin(chosen: Entry, rival: Entry) -> float:
     """Return the standard error of a richer rival's gain; 0 for any other."""
-    if rival.fit.active.size <= chosen.fit.active.size:
+    if rival.constants <= chosen.constants:
         return 0.0
     error = gain(chosen.errors, rival.errors)[1]
     return error if np.isfinite(error) else 0.0

@@ -8,7 +8,8 @@ import numpy as np
 import scipy.special
 import scipy.stats
 
-from jaxsr.diagnosis.contest.blocks import MIN_GAIN, correlation_length, gain
+from jaxsr.diagnosis.contest.blocks import MIN_GAIN, gain
+from jaxsr.diagnosis.contest.converters import independent_samples
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 
@@ -57,7 +58,7 @@ def penalties(super_model: SuperModel, entries: Sequence[Entry]) -> np.ndarray:
     best = min(entries, key=lambda e: e.error)
     n = max(independent_per_block(best) * best.errors.size, 3.0)
     return np.array(
-        [(e.fit.active.size * np.log(n) - 2.0 * log_prior(super_model, e)) / n for e in entries]
+        [(e.constants * np.log(n) - 2.0 * log_prior(super_model, e)) / n for e in entries]
     )
 
 
@@ -89,9 +90,8 @@ def _same_family(super_model: SuperModel, numbers: set[int]) -> bool:
 
 
 def independent_residuals(entry: Entry) -> float:
-    """How many independent residuals the recordings hold, by the residuals' correlation."""
-    samples = float(np.count_nonzero(entry.fit.residual))
-    return max(samples / correlation_length(entry.fit.residual), 10.0)
+    """How many independent residuals the recordings hold, by their correlation and their steps."""
+    return max(independent_samples(entry.fit.residual, entry.converters), 10.0)
 
 
 def most_credible(super_model: SuperModel, entries: Sequence[Entry]) -> Entry:
@@ -123,7 +123,7 @@ def nearest_given(super_model: SuperModel, chosen: Entry, entries: Sequence[Entr
         e
         for e in entries
         if len(e.members) == len(chosen.members)
-        and e.fit.active.size == chosen.fit.active.size
+        and e.constants == chosen.constants
         and abs(criterion(super_model, e, n) - best) < TIED
     ]
     return min([chosen, *tied], key=distance)
@@ -142,7 +142,7 @@ def criterion(super_model: SuperModel, entry: Entry, n: float) -> float:
     for part in (len(entry.members), max(mechanisms - len(entry.members), 0)):
         choices -= float(scipy.special.gammaln(part + 1.0))
     choices += float(sum(np.log(super_model.candidates[i].tried) for i in entry.members))
-    price = entry.fit.active.size * np.log(n) + 2.0 * choices
+    price = entry.constants * np.log(n) + 2.0 * choices
     price += n * least_gain(super_model, entry)
     price -= 2.0 * log_prior(super_model, entry)
     return float(n * (np.log(entry.fit.cost + 1e-300) - credit(super_model, entry)) + price)
@@ -190,11 +190,11 @@ def simplest_adequate(super_model: SuperModel, entries: Sequence[Entry]) -> Entr
             mean + cost - price[leader] <= max(error, MIN_GAIN) and prior < IMPLAUSIBLE
         ):
             adequate.append((entry, cost))
-    chosen = min(adequate, key=lambda a: (a[0].fit.active.size, np.log(a[0].error) + a[1]))
+    chosen = min(adequate, key=lambda a: (a[0].constants, np.log(a[0].error) + a[1]))
     return chosen[0]
 
 
 def independent_per_block(entry: Entry) -> float:
-    """Independent residuals per block, by the correlation length of the residuals."""
-    samples = float(np.count_nonzero(entry.fit.residual))
-    return max(samples / correlation_length(entry.fit.residual) / entry.errors.size, 1.0)
+    """Independent residuals per block, by their correlation and their steps."""
+    samples = independent_samples(entry.fit.residual, entry.converters)
+    return max(samples / entry.errors.size, 1.0)

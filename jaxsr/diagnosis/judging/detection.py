@@ -36,7 +36,7 @@ def detect_in_noise(null: Entry, chosen: Entry, candidates: float) -> Detection:
     ratio by innovations sees where in the spectrum coloured noise is strong: a slow force must
     stand out from noise that is slow itself. The smaller of the two counts.
     """
-    more = max(chosen.fit.active.size - null.fit.active.size, 1)
+    more = max(chosen.constants - null.constants, 1)
     ratio = np.log((null.fit.cost + 1e-300) / (chosen.fit.cost + 1e-300))
     statistic = independent_residuals(chosen) * ratio
     if null.fit.usable and chosen.fit.usable:

@@ -8,9 +8,11 @@ from functools import lru_cache
 import numpy as np
 
 from jaxsr.diagnosis.contest.arena import Arena
+from jaxsr.diagnosis.contest.converters import steps_of
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.models.segments import Prepared
-from jaxsr.recordings import noise_level, quantisation_step
+from jaxsr.recordings import noise_level
+from jaxsr.recordings.converter import uniform_variance
 
 LIMITED = 10.0
 """Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
@@ -39,7 +41,7 @@ def residual_to_noise(arena: Arena, entry: Entry) -> float:
         count = max(np.count_nonzero(residual), 1)
         rms = np.sqrt(np.sum(residual**2) / count)
         rho = colour(residual)
-        ratio = rms / max(_noise(arena.prepared, k), 1e-300)
+        ratio = rms / max(_noise(arena, k), 1e-300)
         # More than such noise can leave is a misfit, whatever its correlation.
         coloured = ratio * np.sqrt((1.0 - rho) / (1.0 + rho))
         ratios.append(coloured if coloured < NOISE_ALONE else ratio)
@@ -48,21 +50,23 @@ def residual_to_noise(arena: Arena, entry: Entry) -> float:
 
 def in_noise(arena: Arena) -> Arena:
     """Return the arena with its outputs weighed by the noise of their sensors."""
-    noise = np.array([_noise(arena.prepared, k) for k in range(arena.problem.scale.size)])
+    noise = np.array([_noise(arena, k) for k in range(arena.problem.scale.size)])
     scale = np.where(noise > 0.0, noise, arena.problem.scale)
     return replace(arena, problem=replace(arena.problem, scale=scale))
 
 
-@lru_cache(maxsize=64)
-def _noise(prepared: tuple[Prepared, ...], output: int) -> float:
+def _noise(arena: Arena, output: int) -> float:
     """Noise of a sensor: the median over the recordings, and no less than its converter makes.
 
     One recording may show too few levels for its steps to be told.
     """
-    readings = [p.outputs[:, output] for p in prepared]
-    noise = np.median([noise_level(p.time, y) for p, y in zip(prepared, readings, strict=True)])
-    step = quantisation_step(np.concatenate(readings)) or 0.0
-    return float(max(noise, step / np.sqrt(12.0)))
+    step = steps_of(arena.super_model.given, arena.prepared)[output]
+    return max(_median_noise(arena.prepared, output), float(np.sqrt(uniform_variance(step))))
+
+
+@lru_cache(maxsize=64)
+def _median_noise(prepared: tuple[Prepared, ...], output: int) -> float:
+    return float(np.median([noise_level(p.time, p.outputs[:, output]) for p in prepared]))
 
 
 def colour(residual: np.ndarray) -> float:

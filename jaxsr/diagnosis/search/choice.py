@@ -28,6 +28,8 @@ from jaxsr.diagnosis.search.regrouping import regrouped
 
 ROUNDS = 4
 """Times that a decision is made anew because a smaller or another set did better than before."""
+PRUNING = 0.1
+"""Share of the time left that the chosen set without each of its members is owed."""
 MERGED = 3
 """Single mechanisms that are estimated again from where a larger set ended."""
 
@@ -38,13 +40,14 @@ Decision = tuple[Arena, list[Entry], Entry, Detection]
 def decide(case: Case, arena: Arena, entries: list[Entry]) -> Decision:
     """Choose an entry; re-calibration alone unless another clearly beats it."""
     exchanged: set[tuple[int, ...]] = set()
+    pruning = case.budget.share(PRUNING)
     for _ in range(ROUNDS):
         good, chosen, detection = choose(case, arena, entries)
         if not detection.detected:
             break
         before = entries
+        entries = _with(entries, ablate(arena, chosen, entries, lambda: pruning.exhausted))
         entries = _with(entries, alone(arena, chosen, entries, case))
-        entries = _with(entries, ablate(arena, chosen, entries, case))
         if entries == before and chosen.members in exchanged:
             break
         exchanged.add(chosen.members)
@@ -116,7 +119,7 @@ def with_sound_part(case: Case, arena: Arena, whole: Entry, entries: list[Entry]
     """
     part = sound_members(arena, whole) if whole.fit.usable else ()
     rest = [part] if part and part != whole.members else []
-    return _with(entries, _reduced(arena, whole, rest, entries, case))
+    return _with(entries, _reduced(arena, whole, rest, entries, _stop(case)))
 
 
 def _with(entries: list[Entry], better: list[Entry]) -> list[Entry]:
@@ -132,10 +135,16 @@ def alone(arena: Arena, whole: Entry, entries: list[Entry], case: Case) -> list[
     found only while others stand beside it, which are not needed once it is.
     """
     singles = [(number,) for number in whole.members] if len(whole.members) > 1 else []
-    return _reduced(arena, whole, singles, entries, case)
+    return _reduced(arena, whole, singles, entries, _stop(case))
 
 
-def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> list[Entry]:
+def _stop(case: Case) -> Callable[[], bool]:
+    return lambda: case.search.exhausted
+
+
+def ablate(
+    arena: Arena, chosen: Entry, entries: list[Entry], stop: Callable[[], bool]
+) -> list[Entry]:
     """Enter the chosen set without each of its members, from where the whole set ended.
 
     Returned are the entries that the contest lacks or has with a larger cost: a smaller set must
@@ -145,17 +154,17 @@ def ablate(arena: Arena, chosen: Entry, entries: list[Entry], case: Case) -> lis
     have = {e.members: e for e in entries}
     # what is left of one mechanism is re-calibration, which began from nothing else
     settled = () in have and have[()].fit.converged
-    return _reduced(arena, chosen, [r for r in rests if r or not settled], entries, case)
+    return _reduced(arena, chosen, [r for r in rests if r or not settled], entries, stop)
 
 
 def _reduced(
-    arena: Arena, whole: Entry, sets: Sequence[tuple[int, ...]], entries: list[Entry], case: Case
+    arena: Arena,
+    whole: Entry,
+    sets: Sequence[tuple[int, ...]],
+    entries: list[Entry],
+    stop: Callable[[], bool],
 ) -> list[Entry]:
     """Enter sets with some of the members of another, from where that ended; return the better."""
-
-    def stop() -> bool:
-        return case.search.exhausted
-
     have = {e.members: e for e in entries}
     neutral = neutral_values(arena.super_model)
     found: list[Entry] = []

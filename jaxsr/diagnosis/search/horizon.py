@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.contest.carried import starts_told
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.reduced import lean, reduce
@@ -140,8 +141,11 @@ class Outlook:
             if not growing:
                 headline = horizon
         whole = len(scores) == len(options)
-        if whole and growing and scores[-1] <= min(SATURATED * scores[-2], FORGOTTEN):
-            headline = options[-1]
+        # Where no sensor tells a start, growth says only that a start absorbs less and less.
+        told = starts_told(self.super_model, self.prepared)
+        if whole and growing:
+            least = min(SATURATED * scores[-2], FORGOTTEN) if told else FORGOTTEN
+            headline = options[-1] if scores[-1] <= least else headline
         fitting = [h for h in fitting if h <= headline]
         least = MANY_SEGMENTS
         if self._jumps(starts[: 2 if promised < BELIEVED else 1]):

@@ -95,7 +95,8 @@ class Neighbours:
         here.theta[order] += step
         here = replace(here, x0=fit.x0 + starts, residual=residual, cost=squares(residual))
         errors = held_back(arena.pieces, arena.problem.segments, here)
-        found = Entry(tuple(sorted(members)), here, errors)
+        known = {"converters": self.centre.converters, "starts": self.centre.starts}
+        found = Entry(tuple(sorted(members)), here, errors, **known)
         if not np.isfinite(errors).all() or not new <= set(sound_members(arena, found)):
             return None
         # hundreds are kept: without the derivatives, which nothing asks for any more

@@ -273,7 +273,8 @@ class Regrouping:
         estimated = np.concatenate([order, *(super_model.index(i) for i in limits)]).astype(int)
         theta = super_model.switched(members, theta)
         fit = replace(self.centre.fit, theta=theta, active=estimated, cost=cost)
-        return Entry(members, fit, self.centre.errors)
+        known = self.centre
+        return Entry(members, fit, known.errors, converters=known.converters, starts=known.starts)
 
 
 def _limits(arena: Arena, centre: Entry, number: int) -> bool:
