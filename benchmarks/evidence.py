@@ -35,11 +35,10 @@ NORMAL = 1.959964
 
 
 def weighed(model: Path, data: list[Path]) -> Posterior | None:
-    """Return the posterior of a case; None where the weak view shows no equation."""
+    """Return the posterior of a case; None where nothing can be followed."""
     simulator = Simulator.from_file(model)
     prepared, _ = prepare_search(simulator.model, data, seconds=np.inf)
-    screened = screen_all(simulator, prepared)
-    return None if screened is None else posterior(screened, prepared)
+    return posterior(simulator.model, prepared, screen_all(simulator, prepared))
 
 
 def document(found: Posterior) -> dict[str, Any]:
@@ -71,7 +70,19 @@ def document(found: Posterior) -> dict[str, Any]:
                 },
             }
         )
-    verdict = own[0].verdict.value if own else "nothing"
+    for wrong in found.wrong:
+        reach = NORMAL * wrong.deviation
+        row = {"value": wrong.value, "ci95": [wrong.value - reach, wrong.value + reach]}
+        findings.append(
+            {
+                "site": f"parameter:{wrong.name}",
+                "mechanism": "wrong_value",
+                "probability": 1.0 - np.exp(-3.0),
+                "alternatives": [],
+                "parameters": {wrong.name: row},
+            }
+        )
+    verdict = own[0].verdict.value if own else "parameter" if found.wrong else "nothing"
     return {"verdict": verdict, "findings": findings}
 
 
@@ -86,7 +97,7 @@ def shadow(folder: Path, name: str) -> dict[str, Any]:
             found = weighed(here / case["model"], [here / d for d in case["data"]])
         answer = {} if found is None else document(found)
         left = None if found is None else found.leader.share
-        broke = "" if found is not None else "no equation in the weak view"
+        broke = "" if found is not None else "nothing can be followed"
     except Exception as error:  # a case that breaks is a case that is wrong
         answer, left, broke = {}, None, f"{type(error).__name__}: {error}"
     return {

@@ -24,12 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from jaxsr.expressions.slopes import evaluate_with_slopes
 from jaxsr.models.alone import alone
-from jaxsr.models.delays import delay_of, delayed_stages, smoothly_interpolated, stage_of
+from jaxsr.models.delays import delayed_stages, stage_of
 from jaxsr.models.directions import Directions
 from jaxsr.models.field import Field, Point
 from jaxsr.models.jumps import Jumps
+from jaxsr.models.late import late_readings
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments, values_over
 from jaxsr.models.sensitivity import advanced, condensed
@@ -110,7 +110,7 @@ def linear(
     spread, shift = condensed(slopes, ends - path[:, 1:])
     y, by = _read(ground, path + shift, spread)
     gap = y - np.stack(ground.field.readings(ground.at(path))[0])
-    y, by = _late(simulator, segments, ground.values, ground.to, (y, by))
+    y, by = late_readings(simulator, segments, ground.values, ground.to, (y, by))
     return Linear(path, shift, spread, y, gap, by[n:], by[:n])
 
 
@@ -142,16 +142,20 @@ def readings_along(
     theta: Array,
     path: Array,
     active: Sequence[int] = (),
+    late: bool = False,
 ) -> tuple[Array, Array]:
-    """Return readings of a path, delays left out, and their derivatives.
+    """Return readings of a path and their derivatives; delays and clocks only where `late`.
 
     Shapes are (outputs, samples, segments) and (outputs, states + active, samples, segments).
     """
     ground = _Ground.of(simulator, stepping, segments, theta, active)
-    y, rows = ground.field.readings(ground.at(path))
-    directions = [*simulator.model.states, *(list(simulator.model.parameters)[i] for i in active)]
-    none = np.zeros(path.shape[1:])
-    return np.stack(y), np.array([[row.get(d, 0.0) + none for d in directions] for row in rows])
+    values, rows = ground.field.readings(ground.at(path))
+    names = [*simulator.model.states, *(list(simulator.model.parameters)[i] for i in active)]
+    y, none = np.stack(values), np.zeros(path.shape[1:])
+    by = np.array([[row.get(name, 0.0) + none for row in rows] for name in names])
+    if late:
+        y, by = late_readings(simulator, segments, ground.values, ground.to, (y, by))
+    return y, by.swapaxes(0, 1)
 
 
 def carried_errors(
@@ -188,7 +192,9 @@ def simulated(
         return None
     ground = _Ground.of(simulator, stepping, segments, theta, ())
     y = np.stack(ground.field.readings(ground.at(path))[0])
-    return _late(simulator, segments, ground.values, ground.to, (y, np.zeros((0, *y.shape))))[0]
+    return late_readings(
+        simulator, segments, ground.values, ground.to, (y, np.zeros((0, *y.shape)))
+    )[0]
 
 
 def closed(
@@ -357,43 +363,3 @@ def _read(ground: _Ground, path: Array, spread: Array) -> tuple[Array, Array]:
             if name in row:
                 by[column, k] += row[name] * ground.own[column]
     return np.stack(y), by
-
-
-def _late(
-    simulator: Simulator,
-    segments: Segments,
-    values: Sequence[Array],
-    to: Directions,
-    read: tuple[Array, Array],
-) -> tuple[Array, Array]:
-    """Shift readings by their delays and clocks."""
-    model, (y, by) = simulator.model, read
-    time = segments.time
-    for k, name in enumerate(model.outputs):
-        delay = delay_of(model, name, values)
-        if delay is None and name not in model.clock:
-            continue
-        at, at_rates = time, {}
-        if delay is not None:
-            at = at - delay
-            if model.delays[name] in to.columns:
-                at_rates[to.columns[str(model.delays[name])]] = -np.ones_like(time)
-        if name in model.clock:
-            env = dict(zip(model.parameters, values, strict=True))
-            scale, slopes = _clock(simulator, name, env, set(to.columns))
-            at_rates = {c: rate * scale for c, rate in at_rates.items()}
-            for parameter, slope in slopes.items():
-                c = to.columns[parameter]
-                at_rates[c] = at_rates.get(c, 0.0) + at * slope
-            at = at * scale
-        both = np.concatenate([y[None, k], by[:, k]])
-        found, slopes_in_time = smoothly_interpolated(time, both, at)
-        y[k], by[:, k] = found[0], found[1:]
-        for c, rate in at_rates.items():
-            by[c, k] += slopes_in_time[0] * rate
-    return y, by
-
-
-def _clock(simulator: Simulator, output: str, env: dict, by: set[str]) -> tuple[Array, dict]:
-    clock = simulator.model.term(simulator.model.clock[output])
-    return evaluate_with_slopes(clock, env, by)

@@ -137,11 +137,12 @@ def estimated(
         Of the chosen parameters.
     """
     size = len(chosen)
-    scales = replace(scales, forces=tuple(range(size, size + len(helpers))))
+    active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
+    scales = replace(scales, forces=tuple(active.index(int(j)) for j in helpers))
 
     def weighed(theta: np.ndarray, path: np.ndarray) -> _Point | None:
         args = problem.simulator, problem.stepping, problem.segments, theta, path
-        local = linearised(*args, [*chosen, *helpers])
+        local = linearised(*args, active)
         if not np.isfinite(local.defect).all():
             return None
         prior = belief.about(theta[chosen])
@@ -158,7 +159,7 @@ def estimated(
     for number in range(most):
         change = np.clip(theta[chosen] + point.mode.change, belief.low, belief.high) - theta[chosen]
         little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
-        local = point.local.moved(np.concatenate([change, np.zeros(len(helpers))]))
+        local = point.local.moved(np.concatenate([change, np.zeros(len(active) - size)]))
         latent = scales.latent(point.local, scales.shares[point.best])
         noise = scales.noise.scaled(point.mode.noise)
         moved = smoothed(System.of(local, latent, noise, scales.start), len(path))

@@ -75,7 +75,7 @@ def linearised(
     """
     with np.errstate(all="ignore"):
         ends, slopes = one_step(simulator, stepping, segments, theta, path, active)
-        y, by = readings_along(simulator, stepping, segments, theta, path, active)
+        y, by = readings_along(simulator, stepping, segments, theta, path, active, late=True)
     n = len(path)
     inside = np.arange(1, path.shape[1])[:, None] < segments.count
     defect = np.where(inside, ends - path[:, 1:], 0.0)

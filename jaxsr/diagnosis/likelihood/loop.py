@@ -87,7 +87,7 @@ def search(
     Parameters
     ----------
     others : sequence of int
-        Candidates whose effect is no column (states, delays), the most promising first.
+        Candidates with states of their own, the most promising first.
     """
     state, table = begun(work)
     if state.known[()] is None:

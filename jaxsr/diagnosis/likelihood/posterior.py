@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr.diagnosis.likelihood.evidence import Mode, Prior
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.loop import State, search
-from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.likelihood.offered import offered
+from jaxsr.diagnosis.likelihood.workspace import Workspace, in_columns, tabled
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
-from jaxsr.diagnosis.setup import Screened
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.setup import Screened, sample_step
+from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 
 FROM_SCREEN = 3
 """Candidates whose effect is no column, taken from the leading sets of the weak view."""
+UNSEEN = 10.0
+"""Samples for which a force that nobody knows keeps its sign, where no weak view tells better."""
+CERTAIN = 1e-6
+"""Deviation of a value held as given, in that of its belief."""
+ODDS = 3.0
+"""Log odds against a wrong value: twenty to one for a model that is right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +39,14 @@ class Posterior:
     hypotheses : tuple of Hypothesis
     probabilities : ndarray, shape (hypotheses,)
         Over what was estimated.
+    wrong : tuple of WrongValue
+        Where nothing is missing.
     """
 
     candidates: tuple[Candidate, ...]
     hypotheses: tuple[Hypothesis, ...]
     probabilities: np.ndarray
+    wrong: tuple[WrongValue, ...] = ()
 
     @staticmethod
     def of(state: State) -> Posterior:
@@ -60,22 +73,79 @@ class Posterior:
         return dict(sorted(mass.items(), key=lambda item: -item[1]))
 
 
+@dataclass(frozen=True, eq=False)
+class WrongValue:
+    """A parameter of the given model that is not what the file says."""
+
+    name: str
+    value: float
+    deviation: float
+
+
+def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
+    """Return the free parameters that the recordings ask to move, the others held as given.
+
+    One after the other is freed, as long as the evidence gains more than the prior odds of one
+    parameter among all; a parameter held as given is one that is known for certain.
+    """
+    theta = in_columns(work, null.theta)
+    table = tabled(work, theta, null.path)
+    base = list(range(len(work.columns.base_index())))
+    known = table.belief.about(theta[list(table.active)]).of(base)
+    names = list(work.columns.model.parameters)
+
+    def weighed(free: Sequence[int]) -> Mode:
+        certain = [k not in free for k in base]
+        deviation = np.where(certain, CERTAIN * known.deviation, known.deviation)
+        prior = Prior(known.mean, deviation, np.zeros(len(base)), np.zeros(len(base)))
+        modes = [g.evidence(base, prior) for g in table.grams]
+        return max(modes, key=lambda m: m.log_evidence)
+
+    free: list[int] = []
+    best = weighed(free)
+    while len(free) < len(base):
+        found = {k: weighed([*free, k]) for k in base if k not in free}
+        k = max(found, key=lambda k: found[k].log_evidence)
+        if found[k].log_evidence - best.log_evidence <= np.log(len(base)) + ODDS:
+            break
+        free, best = [*free, k], found[k]
+    return tuple(
+        WrongValue(
+            names[table.active[k]],
+            float(theta[table.active[k]] + best.change[k]),
+            float(best.deviation[k]),
+        )
+        for k in free
+    )
+
+
 def posterior(
-    screened: Screened,
-    prepared: tuple[Prepared, ...],
+    model: Model,
+    prepared: Sequence[Prepared],
+    screened: Screened | None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Posterior | None:
     """Search by evidence; None where not even re-calibration can be followed.
 
     Parameters
     ----------
-    screened : Screened
-        Of the weak view, which offers the candidates.
+    model : Model
+        The given one.
+    screened : Screened or None
+        What the weak view offers.
     """
-    work = Workspace.build(screened.super_model, prepared, 0.5 * screened.half_width)
-    asked = (i for found in screened.screening.sets for i in found.members)
-    others = [i for i in dict.fromkeys(asked) if i not in work.place][:FROM_SCREEN]
+    super_model = SuperModel.build(model, offered(model, prepared, screened))
+    interval = sample_step(prepared)
+    seconds = UNSEEN * interval if screened is None else 0.5 * screened.half_width
+    work = Workspace.build(super_model, prepared, seconds)
+    sets = () if screened is None else screened.screening.sets
+    asked = dict.fromkeys(i for found in sets for i in found.members)
+    others = [i for i in asked if i not in work.place][:FROM_SCREEN]
     state = search(work, others, stop)
-    if not any(h is not None for h in state.known.values()):
+    null = state.known[()]
+    if null is None:
         return None
-    return Posterior.of(state)
+    found = Posterior.of(state)
+    if found.leader.members:
+        return found
+    return replace(found, wrong=wrong_values(state.work, null))

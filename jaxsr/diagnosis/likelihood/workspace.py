@@ -38,7 +38,7 @@ class Workspace:
     super_model : SuperModel
         All candidates.
     columns : SuperModel
-        Those whose effect, to first order, is a column: no states or delays of their own.
+        Those whose effect, to first order, is a column: without states of their own.
     place : tuple of int
         Where the candidates of `columns` stand in `super_model`.
     problem : Problem
@@ -127,7 +127,7 @@ def in_columns(work: Workspace, theta: np.ndarray) -> np.ndarray:
 
 
 def _is_column(candidate: Candidate) -> bool:
-    return not (candidate.states or candidate.delays or candidate.clock)
+    return not candidate.states
 
 
 def _pieces(prepared: Sequence[Prepared]) -> list[tuple[int, int, int]]:
