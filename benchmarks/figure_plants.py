@@ -248,8 +248,10 @@ def regions(seed: int) -> Iterator[Row]:
     yield Row("a second spring from", row["from"], 0.6 * top + 0.05 * 0.4 * top, 0.02)
     most = drive.frequency
     low, high = region("input_saturation@input:u", us=0.5 * most)
-    yield Row("a limit, below", low["to"], -0.525 * most, 0.03)
-    yield Row("a limit, above", high["from"], 0.525 * most, 0.03)
+    command = signals["u"]
+    edge = 0.95 * 0.5 * most + 0.05 * float(np.abs(command).max())
+    yield Row("a limit, below", low["to"], float(command[command < -edge].max()), 0.01)
+    yield Row("a limit, above", high["from"], float(command[command > edge].min()), 0.01)
     pulse = push(sites_of(model, {})[0], 4.0, 0.5, (), 1, np.inf)
     ((begin, end),) = _where(pulse, drive, J=1.0, t0=4.0, dt=0.5)["times"]
     reach = 0.5 * float(np.sqrt(np.log(20.0)))

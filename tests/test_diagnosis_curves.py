@@ -72,7 +72,7 @@ def test_the_precision_of_some_parameters_is_that_of_their_own_covariance():
             cost=float(np.sum(residual**2)),
             residual=residual,
         )
-        root = _root_of_precision(SimpleNamespace(fit=fit), [5, 8, 9])
+        root = _root_of_precision(SimpleNamespace(fit=fit, converters=None), [5, 8, 9])
         own = np.linalg.inv(np.linalg.inv(jacobian.T @ jacobian)[np.ix_([2, 4, 5], [2, 4, 5])])
         ratio = (root.T @ root) / own
         np.testing.assert_allclose(ratio, ratio[0, 0], rtol=1e-6)
@@ -203,7 +203,7 @@ def test_a_nameless_law_at_the_noise_must_be_the_shorter_one(monkeypatch):
 
     def entry(cost: float, constants: int):
         fit = SimpleNamespace(cost=cost, active=np.arange(constants), residual=noise)
-        return SimpleNamespace(fit=fit)
+        return SimpleNamespace(fit=fit, converters=None, constants=constants)
 
     named = entry(1000.0, 4)
     assert not worth_no_name(None, entry(999.0, 12), named)

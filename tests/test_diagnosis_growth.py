@@ -10,9 +10,10 @@ import pytest
 from diagnosis_systems import CART
 from scipy.integrate import solve_ivp
 
+from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.explaining.judge import _differ, _frozen, _without_finding
+from jaxsr.diagnosis.explaining.judge import _differ, _without_finding, frozen
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.memory import actuator_lags
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -116,7 +117,7 @@ def test_given_values_are_wrong_where_the_likelihood_says_so(spring, most, least
         arena = arena_of(cart(seed, noise, spring=spring), noise)
         values = neutral_values(arena.super_model)
         recalibrated = SimpleNamespace(arena=arena, entry=enter(arena, (), values))
-        found += _differ(enter(_frozen(arena), (), values), recalibrated)
+        found += _differ(enter(frozen(arena), (), values), recalibrated)
     assert least <= found <= most
 
 
@@ -141,7 +142,8 @@ def test_wrong_values_do_not_account_for_what_stands_far_above_the_noise(
         told=np.full(values.size, 1e-6),
         theta=entry.fit.theta,
     )
-    parts = SimpleNamespace(arena=arena, case=SimpleNamespace(simulator=SIMULATOR), rng=None)
+    case = SimpleNamespace(simulator=SIMULATOR, budget=Budget())
+    parts = SimpleNamespace(arena=arena, case=case, null=entry, rng=None)
     judged = _without_finding(parts, recalibrated)
     assert judged.verdict.value == verdict
     assert judged.findings

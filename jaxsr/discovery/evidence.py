@@ -245,7 +245,7 @@ class Bench:
         steps = [np.diff(item.outputs[:, place]) for item in self.readings.items]
         scale = float(self.readings.scale[place])
         rough = [s[np.isfinite(s)] for s in steps]
-        square = float(np.mean(np.concatenate(rough) ** 2)) if rough else 0.0
+        square = float(np.mean(np.concatenate(rough) ** 2)) if sum(map(len, rough)) else 0.0
         pairs = [(s[1:] * s[:-1])[np.isfinite(s[1:] * s[:-1])] for s in steps]
         product = float(np.mean(np.concatenate(pairs))) if sum(map(len, pairs)) else 0.0
         return 0.5 * square / scale**2, product / square if square > 0.0 else 0.0

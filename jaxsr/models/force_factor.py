@@ -6,7 +6,8 @@ read, in this order of belief, from
 - *inputs that a mass matrix couples*: two joints solved for their accelerations, whose columns
   \partial f/\partial u are those of its inverse; a force beside an input enters as the input does;
 - *a bracket* that the whole rate is divided or multiplied by;
-- *the input* that drives the rate, \partial f/\partial u;
+- *the input* that drives the rate, \partial f/\partial u, or what divides it alone: what multiplies
+  an input, such as a pump's gain, is its own affair;
 - *the divisor* common to its terms, as in ``tau/J - b*w/J``.
 
 Where units are known, the first of the last three that leaves N or N*m is taken. A rate without
@@ -189,7 +190,8 @@ class _Reader:
         options: list[tuple[Term | None, Why, bool]] = [
             (whole, "bracket", True),
             (below, "bracket", False),
-            (gain, "inputs", True),
+            (gain, "inputs", False),
+            (_divisor_of(gain), "inputs", True),
             (common, "terms", sure),
         ]
         good: list[tuple[Term, Why, bool]] = [
@@ -272,6 +274,12 @@ def _divisor(rate: Term) -> tuple[Term | None, bool]:
         return None, False
     sure = all(d == told[0] for d in told) and (len(told) > 1 or brackets > 0)
     return _quotient((), list(common.elements())), sure
+
+
+def _divisor_of(gain: Term | None) -> Term | None:
+    """Return what an input's gain is divided by alone."""
+    below = [] if gain is None else _parts(gain)[1]
+    return _quotient((), below) if below else None
 
 
 def _summands(term: Term) -> Iterator[Term]:
