@@ -11,12 +11,15 @@ from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, w
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
 from jaxsr.models.least_squares import Problem
 
-MOST = 8
+MOST = 10
 """Linearisations of one estimate."""
 SETTLED = 0.3
 """Step of a constant, in its posterior deviation, that ends the iteration."""
 HALVED = (1.0, 0.5, 0.2)
 """Shares of a step that are tried."""
+NEARBY, CALM = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0), 0.5
+"""Sizes of the latent force, in that of the last step, that are tried; change of the log evidence
+that ends the iteration."""
 WORSE, FIRM = 1.0, 4
 """Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
 promise, about paths that are no motion of the model, is not kept."""
@@ -140,19 +143,20 @@ def estimated(
     active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
     scales = replace(scales, forces=tuple(active.index(int(j)) for j in helpers))
 
-    def weighed(theta: np.ndarray, path: np.ndarray) -> _Point | None:
+    def weighed(theta: np.ndarray, path: np.ndarray, shares: np.ndarray) -> _Point | None:
         args = problem.simulator, problem.stepping, problem.segments, theta, path
         local = linearised(*args, active)
         if not np.isfinite(local.defect).all():
             return None
         prior = belief.about(theta[chosen])
-        modes = [g.evidence(range(size), prior) for g in grams(local, scales, scales.shares)]
+        modes = [g.evidence(range(size), prior) for g in grams(local, scales, shares)]
         logs = np.array([m.log_evidence for m in modes])
         if not np.isfinite(logs).any():
             return None
-        return _Point(theta, path, local, modes, np.where(np.isfinite(logs), logs, -np.inf))
+        logs = np.where(np.isfinite(logs), logs, -np.inf)
+        return _Point(theta, path, local, shares, modes, logs)
 
-    point = weighed(theta, path)
+    point = weighed(theta, path, scales.shares)
     if point is None:
         return None
     settled = False
@@ -160,7 +164,7 @@ def estimated(
         change = np.clip(theta[chosen] + point.mode.change, belief.low, belief.high) - theta[chosen]
         little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
         local = point.local.moved(np.concatenate([change, np.zeros(len(active) - size)]))
-        latent = scales.latent(point.local, scales.shares[point.best])
+        latent = scales.latent(point.local, point.share)
         noise = scales.noise.scaled(point.mode.noise)
         moved = smoothed(System.of(local, latent, noise, scales.start), len(path))
         settled = bool(np.all(np.abs(change) <= little))
@@ -168,19 +172,24 @@ def estimated(
         for share in HALVED:
             nearer = theta.copy()
             nearer[chosen] += share * change
-            found = weighed(nearer, path + share * moved)
+            found = weighed(nearer, path + share * moved, _about(point.share, scales.shares))
             if found is not None and (number < FIRM or found.log > point.log - WORSE):
                 after = found
                 break
         if after is None:
             settled = False
             break
-        settled &= after.best == point.best
+        settled &= abs(after.log - point.log) < CALM
         point, theta, path = after, after.theta, after.path
         if settled:
             break
-    share = float(scales.shares[point.best])
-    return Estimate(point.theta, point.path, share, point.mode, point.logs, settled)
+    return Estimate(point.theta, point.path, point.share, point.mode, point.logs, settled)
+
+
+def _about(share: float, shares: np.ndarray) -> np.ndarray:
+    """Return sizes of the latent force around one, and none."""
+    least = float(shares[shares > 0.0].min())
+    return np.array([0.0, *(max(share, least / 4.0) * np.array(NEARBY))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,12 +199,17 @@ class _Point:
     theta: np.ndarray
     path: np.ndarray
     local: LocalModel
+    shares: np.ndarray
     modes: list[Mode]
     logs: np.ndarray
 
     @property
     def best(self) -> int:
         return int(np.argmax(self.logs))
+
+    @property
+    def share(self) -> float:
+        return float(self.shares[self.best])
 
     @property
     def mode(self) -> Mode:

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.contest.integration import steady
-from jaxsr.diagnosis.contest.reduced import Reduced, reduce
+from jaxsr.diagnosis.contest.reduced import reduce
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated
+from jaxsr.diagnosis.likelihood.kalman import Noise
+from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.workspace import Table, Workspace
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
@@ -17,8 +19,9 @@ from jaxsr.models.least_squares import Problem
 
 SHARPER = (4.0, 1.0, 0.25, 0.06, 0.015)
 """Widths of jumps that are tried, in the sharpest that the data can tell, the smoothest first."""
-SHARPENED = 0.5
-"""Log evidence that a sharper jump must gain to be sharpened further."""
+SHARPENED, CLEAR = 0.5, 1.0
+"""Log evidence that a sharper jump must gain to be sharpened further, and another noise to be
+taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,8 @@ class Hypothesis:
     theta : ndarray
         All parameters of the super-model.
     path : ndarray, shape (states of the given model, samples, pieces)
+    noise : Noise
+        That makes its innovations likeliest.
     estimate : Estimate
         In the order of the set's own model.
     """
@@ -51,6 +56,7 @@ class Hypothesis:
     theta: np.ndarray
     path: np.ndarray
     settled: bool
+    noise: Noise
     estimate: Estimate
 
 
@@ -90,9 +96,20 @@ def hypothesis(
     own = reduced.problem.segments.course.copy()
     if path is not None:
         own[: len(path)] = path
-    best = _at_its_mode(work, table, reduced, theta, own, chosen, pushes, belief, members)
-    if best is None:
+    scales = replace(table.scales, start=work.scales.start[reduced.states])
+    places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
+    sharp = any(model.candidates[i].sharp for i in members)
+    values = theta[reduced.parameters]
+    found = _at_its_mode(reduced.problem, sharp, values, own, *places, belief, scales)
+    if found is None:
         return None
+    # Beside what was missing, the noise is another than beside re-calibration.
+    noise, gain = likeliest(found[0], found[1], places[1], scales)
+    if gain > CLEAR:
+        scales = replace(scales, noise=noise)
+        problem, best = found
+        found = problem, estimated(problem, best.theta, best.path, *places, belief, scales) or best
+    best = found[1]
     values = theta.copy()
     values[reduced.parameters] = best.theta
     names = list(model.model.parameters)
@@ -109,40 +126,35 @@ def hypothesis(
         values,
         best.path[:known],
         best.settled,
+        scales.noise,
         best,
     )
 
 
 def _at_its_mode(
-    work: Workspace,
-    table: Table,
-    reduced: Reduced,
-    theta: np.ndarray,
+    problem: Problem,
+    sharp: bool,
+    values: np.ndarray,
     path: np.ndarray,
-    chosen: Sequence[int],
-    pushes: Sequence[int],
+    at: np.ndarray,
+    helpers: np.ndarray,
     belief: Belief,
-    members: Sequence[int],
-) -> Estimate | None:
+    scales: Scales,
+) -> tuple[Problem, Estimate] | None:
     """Iterate, with jumps from wide to sharp as long as that is more probable."""
-    scales = replace(table.scales, start=work.scales.start[reduced.states])
-    at = reduced.active(np.array(chosen, dtype=int))
-    helpers = reduced.active(np.array(pushes, dtype=int))
-    values = theta[reduced.parameters]
-    sharp = any(work.super_model.candidates[i].sharp for i in members)
-    best: Estimate | None = None
+    best: tuple[Problem, Estimate] | None = None
     for factor in SHARPER if sharp else (1.0,):
-        problem = _stepped(reduced.problem, factor, values, path, scales)
+        stepped = _stepped(problem, factor, values, path, scales)
         with np.errstate(all="ignore"):
             try:
-                found = estimated(problem, values, path, at, helpers, belief, scales)
+                found = estimated(stepped, values, path, at, helpers, belief, scales)
             except (np.linalg.LinAlgError, FloatingPointError):
                 break
         if found is None:
             break
-        gain = np.inf if best is None else found.mode.log_evidence - best.mode.log_evidence
+        gain = np.inf if best is None else found.mode.log_evidence - best[1].mode.log_evidence
         if gain > 0.0:
-            best, values, path = found, found.theta, found.path
+            best, values, path = (stepped, found), found.theta, found.path
         if gain < SHARPENED:
             break
     return best

@@ -7,9 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.reduced import reduce
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
-from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.workspace import Table, Workspace, in_columns, tabled
 
 TRIED = 6
@@ -54,27 +52,11 @@ class State:
 
 
 def begun(work: Workspace) -> tuple[State, Table]:
-    """Estimate re-calibration alone, and the sensors' noise beside it."""
+    """Estimate re-calibration alone."""
     path = work.narrow.segments.course
     table = tabled(work, in_columns(work, work.theta), path)
     null = hypothesis(work, table, ())
-    if null is not None:
-        work = with_noise(work, table, null)
-        table = tabled(work, in_columns(work, null.theta), null.path)
-        null = hypothesis(work, table, (), path=null.path)
     return State(work, {(): null}), table
-
-
-def with_noise(work: Workspace, table: Table, found: Hypothesis) -> Workspace:
-    """Return the workspace with the noise that an estimate makes likeliest."""
-    helpers = work.helpers
-    members = tuple(sorted({*found.members, *helpers}))
-    reduced = reduce(work.problem, work.super_model, members)
-    pushes = [work.super_model.index(i, coefficients_only=True)[0] for i in helpers]
-    at = reduced.active(np.array(pushes, dtype=int))
-    scales = replace(table.scales, start=work.scales.start[reduced.states])
-    noise = likeliest(reduced.problem, found.estimate, at, scales)
-    return replace(work, scales=replace(work.scales, noise=noise))
 
 
 def search(
@@ -133,6 +115,6 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> list[int]:
         if i in own or not further:
             continue
         gain = table.best([*base, *further], theta)[0] - before - np.log(state.offered)
-        if gain > PROMISING:
+        if gain > PROMISING or not leader.members:
             promised.append((gain, work.place[i]))
     return [i for _, i in sorted(promised, reverse=True)[:TRIED]]

@@ -18,11 +18,14 @@ WHITE = 0.02
 ROUNDS = 2
 
 
-def likeliest(problem: Problem, found: Estimate, helpers: np.ndarray, scales: Scales) -> Noise:
-    """Return the noise that makes the innovations of an estimate most likely, sensor by sensor.
+def likeliest(
+    problem: Problem, found: Estimate, helpers: np.ndarray, scales: Scales
+) -> tuple[Noise, float]:
+    """Return the noise that makes the innovations of an estimate most likely, and what it gains.
 
     Variances and correlations of one sensor are tried side by side, those of the others held, in
-    `ROUNDS` rounds.
+    `ROUNDS` rounds; once beside the latent force of the estimate and once without any, which slow
+    noise may be taken for. The gain is one of log likelihood.
 
     Parameters
     ----------
@@ -32,20 +35,29 @@ def likeliest(problem: Problem, found: Estimate, helpers: np.ndarray, scales: Sc
     scales = replace(scales, forces=tuple(range(len(helpers))))
     args = problem.simulator, problem.stepping, problem.segments, found.theta, found.path
     local = linearised(*args, list(helpers))
-    nothing = np.zeros(len(helpers))
-    latent = scales.latent(local, found.share)
-    local = local.moved(nothing)
-    pieces = local.defect.shape[1]
-    noise = scales.noise.scaled(found.mode.noise)
-    for _ in range(ROUNDS):
-        for k in range(len(noise.white)):
-            every = [_with(noise, k, size, rho) for size in SIZES for rho in CORRELATIONS]
-            systems = [System.of(local, latent, _coloured(n), scales.start) for n in every]
-            rows = whitened(System.joined(systems))
-            score = rows.log_determinant + np.sum(rows.rows[..., 0] ** 2, axis=1)
-            score = score.reshape(len(every), pieces).sum(axis=1)
-            noise = every[int(np.nanargmin(score))]
-    return noise
+    local, pieces = local.moved(np.zeros(len(helpers))), local.defect.shape[1]
+    entering = linearised(*args, list(helpers))
+    before = scales.noise.scaled(found.mode.noise)
+
+    def weighed(share: float, every: list[Noise]) -> np.ndarray:
+        latent = scales.latent(entering, share)
+        systems = [System.of(local, latent, _coloured(n), scales.start) for n in every]
+        rows = whitened(System.joined(systems))
+        score = rows.log_determinant + np.sum(rows.rows[..., 0] ** 2, axis=1)
+        return -0.5 * score.reshape(len(every), pieces).sum(axis=1)
+
+    best, most = before, float(weighed(found.share, [before])[0])
+    start = most
+    for share in dict.fromkeys((found.share, 0.0)):
+        noise = before
+        for _ in range(ROUNDS):
+            for k in range(len(noise.white)):
+                every = [_with(noise, k, size, rho) for size in SIZES for rho in CORRELATIONS]
+                logs = weighed(share, every)
+                noise = every[int(np.nanargmax(logs))]
+                if np.nanmax(logs) > most:
+                    best, most = noise, float(np.nanmax(logs))
+    return best, most - start
 
 
 def _with(noise: Noise, sensor: int, size: float, correlation: float) -> Noise:
