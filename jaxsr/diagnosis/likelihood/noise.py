@@ -11,8 +11,8 @@ from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
 from jaxsr.diagnosis.likelihood.local import linearised
 from jaxsr.models.least_squares import Problem
 
-CORRELATIONS = (0.0, 0.3, 0.6, 0.8, 0.9, 0.97)
-SIZES = (0.25, 0.5, 1.0, 2.0, 4.0)
+CORRELATIONS = (0.0, 0.5, 0.8, 0.95)
+SIZES = (0.5, 1.0, 2.0)
 WHITE = 0.02
 """White part of a coloured noise: no sensor knows its next value."""
 ROUNDS = 2

@@ -1,0 +1,93 @@
+"""Search by evidence on small plants: what was left out, nothing, and a wrong value."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
+from jaxsr.diagnosis.setup import screen_all
+from jaxsr.models import Simulator, parse_model
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording
+
+MODEL = """
+[model]
+name = "sprung cart"
+states = ["q", "v"]
+inputs = ["u"]
+outputs = ["y"]
+input_hold = "linear"
+[equations]
+q = "v"
+v = "u - k*q - d*v"
+[inertia]
+v = { v = "m" }
+[readings]
+y = "q"
+[parameters]
+m = { value = 1.3, bounds = [0.5, 4.0] }
+k = { value = 6.0, bounds = [1.0, 20.0] }
+d = { value = 0.4, bounds = [0.0, 3.0] }
+"""
+SIGMA = 2e-3
+TIME = np.arange(300) * 0.03
+
+
+def recorded(rng: np.random.Generator, force, k: float = 6.0) -> Recording:
+    """A run of the cart with one more force, its position read with white noise."""
+    amplitudes, phases = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 6.0, 3)
+    rates = np.array([1.1, 2.3, 4.7])
+    drive = (amplitudes * np.sin(np.outer(TIME, rates) + phases)).sum(axis=1)
+
+    def rate(t: float, x: np.ndarray) -> list[float]:
+        u = np.interp(t, TIME, drive)
+        return [x[1], (u - k * x[0] - 0.4 * x[1] + force(*x)) / 1.3]
+
+    run = solve_ivp(rate, (0.0, TIME[-1]), [0.2, 0.0], t_eval=TIME, rtol=1e-8, atol=1e-10)
+    y = run.y[0] + SIGMA * rng.normal(size=TIME.size)
+    return Recording("run", TIME, {"u": drive, "y": y})
+
+
+def searched(seed: int, force, k: float = 6.0) -> Posterior:
+    rng = np.random.default_rng(seed)
+    simulator = Simulator(parse_model(MODEL))
+    prepared = [Prepared.build(simulator.model, recorded(rng, force, k)) for _ in range(2)]
+    found = posterior(simulator.model, prepared, screen_all(simulator, prepared))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("force", "mechanism", "constant", "value"),
+    [
+        (lambda q, v: -0.5 * v * abs(v), "quadratic_drag", "kd", 0.5),
+        (lambda q, v: -3.0 * q**3, "cubic_stiffness", "k3", 3.0),
+    ],
+)
+def test_a_law_that_was_left_out_is_the_most_probable(
+    force, mechanism: str, constant: str, value: float
+) -> None:
+    found = searched(1, force)
+    (number,) = found.leader.members
+    assert found.candidates[number].mechanism == mechanism
+    estimate, deviation = found.leader.constants[found.leader.names[number][constant]]
+    assert abs(estimate - value) < 4.0 * deviation
+    assert found.leader.share < 1e-2
+    assert next(iter(found.of_labels().values())) > 0.9
+
+
+@pytest.mark.slow
+def test_nothing_is_claimed_where_nothing_is_missing() -> None:
+    """At most one of twenty: more have a probability below 0.08 if each is wrong at 2 %."""
+    claimed = [bool(searched(seed, lambda q, v: 0.0).leader.members) for seed in range(20)]
+    assert sum(claimed) <= 1
+
+
+def test_a_wrong_value_is_told_from_a_missing_force() -> None:
+    found = searched(2, lambda q, v: 0.0, k=6.6)
+    assert not found.leader.members
+    (wrong,) = found.wrong
+    assert wrong.name == "k"
+    assert abs(wrong.value - 6.6) < 4.0 * wrong.deviation
