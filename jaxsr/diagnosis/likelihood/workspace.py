@@ -153,7 +153,7 @@ class Table:
         Parameters of the columns' model, in the order of the Gram matrices.
     belief : Belief
     own : dict of int to tuple of int
-        Candidate of `columns` to its places among `active`.
+        Candidate of `columns` to its places among the columns: those of `active`, then trials.
     """
 
     grams: list[Gram]
@@ -165,7 +165,9 @@ class Table:
     def best(self, chosen: Sequence[int], theta: np.ndarray) -> tuple[float, np.ndarray, float]:
         """Return log evidence, constants and share of the latent force of a set of columns."""
         at = list(chosen)
-        prior = self.belief.about(theta[list(self.active)]).of(at)
+        values = np.zeros(len(self.belief.mean))  # a trial is on or off, and was off
+        values[: len(self.active)] = theta[list(self.active)]
+        prior = self.belief.about(values).of(at)
         try:
             modes = [g.evidence(at, prior) for g in self.grams]
         except np.linalg.LinAlgError:  # columns that are no numbers
@@ -194,9 +196,57 @@ def tabled(work: Workspace, theta: np.ndarray, path: np.ndarray) -> Table:
     local = linearised(problem.simulator, problem.stepping, problem.segments, theta, path, active)
     places = tuple(active.index(j) for j in work.scales.forces)
     size, belief = _beliefs(work, local, active, places, path)
+    local, belief, own = _with_trials(work, local, belief, own, theta, path)
     start = work.scales.start[: len(path)]
     scales = replace(work.scales, forces=places, size=size, start=start)
     return Table(grams(local, scales, scales.shares), tuple(active), belief, own, scales)
+
+
+def _with_trials(
+    work: Workspace,
+    local: LocalModel,
+    belief: Belief,
+    own: dict[int, tuple[int, ...]],
+    theta: np.ndarray,
+    path: np.ndarray,
+) -> tuple[LocalModel, Belief, dict[int, tuple[int, ...]]]:
+    """Add a column for candidates that have no tangent where they do nothing: limits, dead zones.
+
+    It is what they do at their seed, all or nothing: one is believed as much as the other.
+    """
+    effect = np.abs(local.by_constant).max((0, 1, 2)) + np.abs(local.reading_by_constant).max(
+        (0, 1, 2)
+    )
+    silent = [i for i, at in own.items() if at and not effect[list(at)].any()]
+    silent = [i for i in silent if work.columns.candidates[i].fixed_parameter is None]
+    problem, added, read = work.narrow, [], []
+    own = dict(own)
+    for i in silent:
+        seeded = work.columns.switched([i], work.columns.seeded([i], theta))
+        args = problem.simulator, problem.stepping, problem.segments, seeded, path
+        other = linearised(*args, ())
+        change = np.nan_to_num(local.innovation - other.innovation)
+        if np.isfinite(other.defect).all():
+            own[i] = (len(belief.mean) + len(added),)
+            added.append(other.defect - local.defect)
+            read.append(change)
+    if not added:
+        return local, belief, own
+    local = replace(
+        local,
+        by_constant=np.concatenate([local.by_constant, np.stack(added, -1)], axis=-1),
+        reading_by_constant=np.concatenate(
+            [local.reading_by_constant, np.stack(read, -1)], axis=-1
+        ),
+    )
+    none, one = np.zeros(len(added)), np.ones(len(added))
+    belief = Belief(
+        np.concatenate([belief.mean, none]),
+        np.concatenate([belief.deviation, one]),
+        np.concatenate([belief.low, none]),
+        np.concatenate([belief.high, UNLIMITED * one]),
+    )
+    return local, belief, own
 
 
 def _beliefs(
