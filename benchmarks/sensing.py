@@ -272,7 +272,7 @@ def main() -> int:
 
     if args.jobs > 1:
         _alone()
-        with ProcessPoolExecutor(args.jobs, get_context("spawn"), max_tasks_per_child=8) as pool:
+        with ProcessPoolExecutor(args.jobs, get_context("spawn")) as pool:
             for future in as_completed([pool.submit(run, *item) for item in todo]):
                 took(future.result())
     else:

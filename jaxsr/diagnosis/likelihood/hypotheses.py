@@ -17,8 +17,9 @@ from jaxsr.diagnosis.likelihood.workspace import Table, Workspace
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.models.least_squares import Problem
 
-SHARPER = (4.0, 1.0, 0.25, 0.06, 0.015)
-"""Widths of jumps that are tried, in the sharpest that the data can tell, the smoothest first."""
+WIDEST, SHARPEST, COARSE, FINER = 4.0, 0.015, 4.0, (2.0, 1.4)
+"""Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, by
+a coarse factor, and two finer ones about the best."""
 SHARPENED, CLEAR = 0.5, 1.0
 """Log evidence that a sharper jump must gain to be sharpened further, and another noise to be
 taken."""
@@ -141,23 +142,37 @@ def _at_its_mode(
     belief: Belief,
     scales: Scales,
 ) -> tuple[Problem, Estimate] | None:
-    """Iterate, with jumps from wide to sharp as long as that is more probable."""
-    best: tuple[Problem, Estimate] | None = None
-    for factor in SHARPER if sharp else (1.0,):
-        stepped = _stepped(problem, factor, values, path, scales)
+    """Iterate; jumps from wide to sharp as long as that is more probable, then in finer steps."""
+    tried: dict[float, tuple[Problem, Estimate]] = {}
+
+    def better(factor: float, than: float | None) -> bool:
+        """Estimate with jumps of some width, from where another one led."""
+        begun = (values, path) if than is None else (tried[than][1].theta, tried[than][1].path)
         with np.errstate(all="ignore"):
             try:
-                found = estimated(stepped, values, path, at, helpers, belief, scales)
+                stepped = _stepped(problem, factor, *begun, scales)
+                found = estimated(stepped, *begun, at, helpers, belief, scales)
             except (np.linalg.LinAlgError, FloatingPointError):
-                break
+                return False
         if found is None:
-            break
-        gain = np.inf if best is None else found.mode.log_evidence - best[1].mode.log_evidence
-        if gain > 0.0:
-            best, values, path = (stepped, found), found.theta, found.path
-        if gain < SHARPENED:
-            break
-    return best
+            return False
+        tried[factor] = stepped, found
+        before = -np.inf if than is None else tried[than][1].mode.log_evidence
+        return found.mode.log_evidence > before + SHARPENED
+
+    if not sharp:
+        return tried[1.0] if better(1.0, None) else None
+    best = WIDEST
+    if not better(best, None):
+        return None
+    while best > SHARPEST and better(best / COARSE, best):
+        best /= COARSE
+    for step in FINER:
+        for factor in (step, 1.0 / step):
+            if better(best * factor, best):
+                best *= factor
+                break
+    return tried[best]
 
 
 def _stepped(

@@ -15,6 +15,8 @@ TRIED = 6
 PROMISING = 2.0
 """Log evidence that a proposal must promise about the leader's path, its prior odds included."""
 MOST_MEMBERS = 4
+PEAKED = 2.0
+"""Deviations by which static friction may be estimated below sliding friction."""
 Members = tuple[int, ...]
 
 
@@ -43,12 +45,34 @@ class State:
 
     def log_posterior(self, found: Hypothesis) -> float:
         """Log of evidence times prior odds: every mechanism is one of all that were offered."""
+        if not believable(self.work, found):
+            return -np.inf
         return found.log_evidence - len(found.members) * np.log(self.offered)
 
     @property
     def offered(self) -> int:
         """How many mechanisms at how many places there are; variants count as one."""
         return len({c.label for c in self.work.super_model.candidates})
+
+
+def believable(work: Workspace, found: Hypothesis) -> bool:
+    """Whether every member is what its name says: friction dissipates, a Stribeck peak is one."""
+    for number in found.members:
+        candidate = work.super_model.candidates[number]
+        of = {
+            own: found.constants[full]
+            for own, full in found.names[number].items()
+            if full in found.constants
+        }
+        if candidate.physical is not None and not candidate.physical(
+            {name: value for name, (value, _) in of.items()}
+        ):
+            return False
+        if {"Fc", "Fs"} <= of.keys():
+            (fc, fc_error), (fs, fs_error) = of["Fc"], of["Fs"]
+            if fs + PEAKED * (fc_error + fs_error) < fc:
+                return False
+    return True
 
 
 def begun(work: Workspace) -> tuple[State, Table]:
@@ -117,4 +141,7 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> list[int]:
         gain = table.best([*base, *further], theta)[0] - before - np.log(state.offered)
         if gain > PROMISING or not leader.members:
             promised.append((gain, work.place[i]))
-    return [i for _, i in sorted(promised, reverse=True)[:TRIED]]
+    best: dict[str, int] = {}  # variants of a mechanism differ by their start alone
+    for _, i in sorted(promised, reverse=True):
+        best.setdefault(work.super_model.candidates[i].label, i)
+    return list(best.values())[:TRIED]
