@@ -91,7 +91,7 @@ def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
     theta = in_columns(work, null.theta)
     table = tabled(work, theta, null.path)
     base = list(range(len(work.columns.base_index())))
-    known = table.belief.about(theta[list(table.active)]).of(base)
+    known = table.prior(base, theta)
     names = list(work.columns.model.parameters)
 
     def weighed(free: Sequence[int]) -> Mode:

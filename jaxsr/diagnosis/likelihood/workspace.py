@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.likelihood.estimate import Belief, Scales, grams
-from jaxsr.diagnosis.likelihood.evidence import Gram
+from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate
@@ -162,12 +162,15 @@ class Table:
     own: dict[int, tuple[int, ...]]
     scales: Scales
 
-    def best(self, chosen: Sequence[int], theta: np.ndarray) -> tuple[float, np.ndarray, float]:
-        """Return log evidence, constants and share of the latent force of a set of columns."""
-        at = list(chosen)
+    def prior(self, chosen: Sequence[int], theta: np.ndarray) -> Prior:
+        """Return the priors of changes of some columns from values of the columns' model."""
         values = np.zeros(len(self.belief.mean))  # a trial is on or off, and was off
         values[: len(self.active)] = theta[list(self.active)]
-        prior = self.belief.about(values).of(at)
+        return self.belief.about(values).of(chosen)
+
+    def best(self, chosen: Sequence[int], theta: np.ndarray) -> tuple[float, np.ndarray, float]:
+        """Return log evidence, constants and share of the latent force of a set of columns."""
+        at, prior = list(chosen), self.prior(chosen, theta)
         try:
             modes = [g.evidence(at, prior) for g in self.grams]
         except np.linalg.LinAlgError:  # columns that are no numbers
