@@ -77,7 +77,7 @@ def document(found: Posterior) -> dict[str, Any]:
             {
                 "site": f"parameter:{wrong.name}",
                 "mechanism": "wrong_value",
-                "probability": 1.0 - np.exp(-3.0),
+                "probability": wrong.probability,
                 "alternatives": [],
                 "parameters": {wrong.name: row},
             }

@@ -90,15 +90,14 @@ class Estimate:
     share : float
         Size of the latent force that is left, as a share of the net force.
     mode : Mode
-    evidences : ndarray, shape (choices,)
-        Log evidence by size of the latent force.
+    settled : bool
+        Whether the last step was a small one.
     """
 
     theta: np.ndarray
     path: np.ndarray
     share: float
     mode: Mode
-    evidences: np.ndarray
     settled: bool
 
 
@@ -123,7 +122,6 @@ def estimated(
     helpers: np.ndarray,
     belief: Belief,
     scales: Scales,
-    most: int = MOST,
 ) -> Estimate | None:
     """Iterate to the mode of a set; None where its steps are not finite.
 
@@ -160,7 +158,7 @@ def estimated(
     if point is None:
         return None
     settled = False
-    for number in range(most):
+    for number in range(MOST):
         change = np.clip(theta[chosen] + point.mode.change, belief.low, belief.high) - theta[chosen]
         little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
         local = point.local.moved(np.concatenate([change, np.zeros(len(active) - size)]))
@@ -183,7 +181,7 @@ def estimated(
         point, theta, path = after, after.theta, after.path
         if settled:
             break
-    return Estimate(point.theta, point.path, point.share, point.mode, point.logs, settled)
+    return Estimate(point.theta, point.path, point.share, point.mode, settled)
 
 
 def _about(share: float, shares: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,8 +45,6 @@ class Hypothesis:
     path : ndarray, shape (states of the given model, samples, pieces)
     noise : Noise
         That makes its innovations likeliest.
-    estimate : Estimate
-        In the order of the set's own model.
     """
 
     members: tuple[int, ...]
@@ -58,16 +56,13 @@ class Hypothesis:
     path: np.ndarray
     settled: bool
     noise: Noise
-    estimate: Estimate
 
 
 def hypothesis(
     work: Workspace,
     table: Table,
     members: Sequence[int],
-    start: Mapping[int, float] | None = None,
     path: np.ndarray | None = None,
-    calibrated: bool = True,
 ) -> Hypothesis | None:
     """Estimate a set from where the table leads it; None where nothing finite comes of it.
 
@@ -75,20 +70,14 @@ def hypothesis(
     ----------
     members : sequence of int
         Candidates of the super-model.
-    start : mapping, optional
-        Parameters of the super-model to the values from which they start.
     path : ndarray, optional
         Of the given model's states; what the sensors tell by default.
-    calibrated : bool
-        Whether the given model's free parameters are estimated too.
     """
     model = work.super_model
     members = tuple(sorted(members))
     helpers = work.helpers
     theta = model.switched(members, model.seeded(members, work.theta))
-    for j, value in (start or {}).items():
-        theta[j] = value
-    chosen = list(model.base_index()) if calibrated else []
+    chosen = list(model.base_index())
     for i in members:
         chosen += [j for j in model.index(i) if j not in chosen]
     reduced = reduce(work.problem, model, tuple(sorted({*members, *helpers})))
@@ -128,7 +117,6 @@ def hypothesis(
         best.path[:known],
         best.settled,
         scales.noise,
-        best,
     )
 
 

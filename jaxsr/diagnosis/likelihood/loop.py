@@ -132,13 +132,13 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> list[int]:
     base = list(range(len(work.columns.base_index())))
     for i in own:
         base += [k for k in table.own[i] if k not in base]
-    before = table.best(base, theta)[0]
+    before = table.best(base, theta)
     promised = []
     for i, columns in table.own.items():
         further = [k for k in columns if k not in base]
         if i in own or not further:
             continue
-        gain = table.best([*base, *further], theta)[0] - before - np.log(state.offered)
+        gain = table.best([*base, *further], theta) - before - np.log(state.offered)
         if gain > PROMISING or not leader.members:
             promised.append((gain, work.place[i]))
     best: dict[str, int] = {}  # variants of a mechanism differ by their start alone

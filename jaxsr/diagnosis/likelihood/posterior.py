@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import expit
 
 from jaxsr.diagnosis.likelihood.evidence import Mode, Prior
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
@@ -75,11 +76,18 @@ class Posterior:
 
 @dataclass(frozen=True, eq=False)
 class WrongValue:
-    """A parameter of the given model that is not what the file says."""
+    """A parameter of the given model that is not what the file says.
+
+    Attributes
+    ----------
+    probability : float
+        That it is not: of freeing it against holding it, those freed before it free.
+    """
 
     name: str
     value: float
     deviation: float
+    probability: float
 
 
 def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
@@ -101,21 +109,23 @@ def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
         modes = [g.evidence(base, prior) for g in table.grams]
         return max(modes, key=lambda m: m.log_evidence)
 
-    free: list[int] = []
-    best = weighed(free)
+    free: dict[int, float] = {}
+    best = weighed([])
     while len(free) < len(base):
         found = {k: weighed([*free, k]) for k in base if k not in free}
         k = max(found, key=lambda k: found[k].log_evidence)
-        if found[k].log_evidence - best.log_evidence <= np.log(len(base)) + ODDS:
+        odds = found[k].log_evidence - best.log_evidence - np.log(len(base)) - ODDS
+        if odds <= 0.0:
             break
-        free, best = [*free, k], found[k]
+        free[k], best = float(expit(odds)), found[k]
     return tuple(
         WrongValue(
             names[table.active[k]],
             float(theta[table.active[k]] + best.change[k]),
             float(best.deviation[k]),
+            probability,
         )
-        for k in free
+        for k, probability in free.items()
     )
 
 

@@ -168,16 +168,14 @@ class Table:
         values[: len(self.active)] = theta[list(self.active)]
         return self.belief.about(values).of(chosen)
 
-    def best(self, chosen: Sequence[int], theta: np.ndarray) -> tuple[float, np.ndarray, float]:
-        """Return log evidence, constants and share of the latent force of a set of columns."""
+    def best(self, chosen: Sequence[int], theta: np.ndarray) -> float:
+        """Return the log evidence of a set of columns, the latent force of its best size."""
         at, prior = list(chosen), self.prior(chosen, theta)
         try:
             modes = [g.evidence(at, prior) for g in self.grams]
         except np.linalg.LinAlgError:  # columns that are no numbers
-            return -np.inf, np.zeros(len(at)), 0.0
-        logs = [m.log_evidence if np.isfinite(m.log_evidence) else -np.inf for m in modes]
-        k = int(np.argmax(logs))
-        return logs[k], modes[k].change, float(self.scales.shares[k])
+            return -np.inf
+        return max(m.log_evidence if np.isfinite(m.log_evidence) else -np.inf for m in modes)
 
 
 def tabled(work: Workspace, theta: np.ndarray, path: np.ndarray) -> Table:
