@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,8 +84,8 @@ def test_an_estimate_on_a_bound_is_found_and_said() -> None:
     entry = enter(whole, (), np.array([1.0, 1.05]))
     assert list(touched(whole, entry)) == [1]
     told = {"a": (1.2, 0.1), "w": (1.0, 0.0)}
-    estimate = SimpleNamespace(interval=told.__getitem__)
-    (row,) = bound_rows(MODEL, estimate, estimate)  # type: ignore[arg-type]
+    estimate: Any = SimpleNamespace(interval=told.__getitem__)
+    (row,) = bound_rows(MODEL, estimate, estimate)
     assert row["check"] == "bound" and row["channel"] == "w"
     assert "w ends on its bound 1" in row["message"] and "widen it" in row["message"]
 
@@ -101,7 +102,7 @@ def test_what_follows_worse_than_the_given_values_is_drawn_back(best: float, kep
         return SimpleNamespace(nrmse=1.0 + abs(share - best))
 
     estimate = SimpleNamespace(lean=SimpleNamespace(free_run=free_run), theta=given + step)
-    parts = SimpleNamespace(
+    parts: Any = SimpleNamespace(
         arena=SimpleNamespace(super_model=super_model),
         case=SimpleNamespace(prepared=()),
         headline=1.0,
@@ -113,5 +114,5 @@ def test_what_follows_worse_than_the_given_values_is_drawn_back(best: float, kep
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxsr.diagnosis.explaining.judge.replace", replaced)
-        found = _not_worse(parts, estimate)  # type: ignore[arg-type]
+        found = _not_worse(parts, estimate)
     assert found.theta == pytest.approx(given + kept * step)

@@ -178,10 +178,13 @@ def test_the_next_experiment_is_among_the_rivals_that_are_left(monkeypatch) -> N
         return experiment.Experiment("a step", 2.0)
 
     monkeypatch.setattr(experiment, "best_experiment", best)
-    rejected = Alternative(1, 1e-6, "rejected")  # type: ignore[arg-type]
-    left = Alternative(2, 0.2, "left")  # type: ignore[arg-type]
-    text = next_experiment(parts, [(0, [rejected, left])], "leader")  # type: ignore[arg-type]
+    leader: Any = "leader"
+    entries: tuple[Any, Any] = ("rejected", "left")
+    rejected, left = (
+        Alternative(k, p, e) for k, p, e in zip((1, 2), (1e-6, 0.2), entries, strict=True)
+    )
+    text = next_experiment(parts, [(0, [rejected, left])], leader)
     assert text is not None and "a linear spring" in text and "uadratic" not in text
     assert asked == [("left", "leader")]
-    assert next_experiment(parts, [(0, [rejected])], "leader") is None  # type: ignore[arg-type]
-    assert next_experiment(parts, [], "leader") is None  # type: ignore[arg-type]
+    assert next_experiment(parts, [(0, [rejected])], leader) is None
+    assert next_experiment(parts, [], leader) is None
