@@ -41,11 +41,7 @@ class Belief:
 
     def about(self, theta: np.ndarray) -> Prior:
         """Return the priors of changes from these values."""
-        # A bound that is also where the mechanism vanishes decides about its sign.
-        below, above = np.isclose(self.low, self.mean), np.isclose(self.high, self.mean)
-        side = below.astype(float) - above.astype(float)
-        edge = np.where(below, self.low, np.where(above, self.high, 0.0))
-        return Prior(self.mean - theta, self.deviation, side, edge - theta)
+        return Prior(self.mean - theta, self.deviation, self.low - theta, self.high - theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +72,9 @@ class Scales:
 
     def latent(self, local: LocalModel, share: float) -> Latent:
         """Return the latent force of one size about a linearisation."""
-        return Latent(local.by_constant[..., list(self.forces)], share * self.size, self.decay)
+        at = list(self.forces)
+        entering, read = local.by_constant[..., at], local.reading_by_constant[..., at]
+        return Latent(entering, share * self.size, self.decay, read)
 
 
 @dataclass(frozen=True, eq=False)

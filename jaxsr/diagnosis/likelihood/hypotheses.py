@@ -8,14 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.contest.integration import steady
-from jaxsr.diagnosis.contest.reduced import reduce
+from jaxsr.diagnosis.contest.reduced import Reduced, lean
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
-from jaxsr.diagnosis.likelihood.workspace import Table, Workspace
+from jaxsr.diagnosis.likelihood.table import Table
+from jaxsr.diagnosis.likelihood.workspace import Workspace, start_of
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.models.least_squares import Problem
+from jaxsr.models.segments import build_segments
 
 WIDEST, SHARPEST, COARSE, FINER = 4.0, 0.015, 4.0, (2.0, 1.4)
 """Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, by
@@ -63,6 +65,7 @@ def hypothesis(
     table: Table,
     members: Sequence[int],
     path: np.ndarray | None = None,
+    noise: Noise | None = None,
 ) -> Hypothesis | None:
     """Estimate a set from where the table leads it; None where nothing finite comes of it.
 
@@ -71,7 +74,9 @@ def hypothesis(
     members : sequence of int
         Candidates of the super-model.
     path : ndarray, optional
-        Of the given model's states; what the sensors tell by default.
+        Of the given model's states; what the recordings have by default.
+    noise : Noise, optional
+        Of the sensors, to begin with; that of the table by default.
     """
     model = work.super_model
     members = tuple(sorted(members))
@@ -80,13 +85,15 @@ def hypothesis(
     chosen = list(model.base_index())
     for i in members:
         chosen += [j for j in model.index(i) if j not in chosen]
-    reduced = reduce(work.problem, model, tuple(sorted({*members, *helpers})))
+    reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
     pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
     belief = _belief(work, table, chosen, theta)
     own = reduced.problem.segments.course.copy()
+    start = start_of(own)
+    start[: len(table.scales.start)] = table.scales.start
     if path is not None:
         own[: len(path)] = path
-    scales = replace(table.scales, start=work.scales.start[reduced.states])
+    scales = replace(table.scales, start=start, noise=noise or table.scales.noise)
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
     sharp = any(model.candidates[i].sharp for i in members)
     values = theta[reduced.parameters]
@@ -175,15 +182,24 @@ def _stepped(
     return resolved(problem, theta, path, scales.noise, scales.start)
 
 
+def _alone(work: Workspace, members: Sequence[int], theta: np.ndarray) -> Reduced:
+    """Return the problem of the given model with `members` alone; their states run beside."""
+    own = lean(work.super_model, work.narrow.simulator, work.narrow.stepping, members)
+    values, count = theta[own.parameters], own.stepping.substeps
+    model = own.simulator.model
+    segments = build_segments(model, work.prepared, work.rows, count, theta=values)
+    problem = Problem(own.simulator, own.stepping, segments, work.narrow.scale)
+    return Reduced(problem, own.parameters, np.arange(0))
+
+
 def _belief(work: Workspace, table: Table, chosen: Sequence[int], theta: np.ndarray) -> Belief:
     """Beliefs of parameters of the super-model: those of the table, where it has them."""
     names = list(work.super_model.model.parameters)
     parameters = list(work.super_model.model.parameters.values())
-    index = _names_in_table(work, table)
     rows = []
     for j in chosen:
-        if names[j] in index:
-            k, known = index[names[j]], table.belief
+        if names[j] in table.names:
+            k, known = table.names[names[j]], table.belief
             rows.append((known.mean[k], known.deviation[k], known.low[k], known.high[k]))
             continue
         low, high = parameters[j].bounds or (-UNLIMITED, UNLIMITED)
@@ -192,14 +208,3 @@ def _belief(work: Workspace, table: Table, chosen: Sequence[int], theta: np.ndar
         rows.append((value, size, low - 1e-12 * size, high + 1e-12 * size))
     columns = np.array(rows, dtype=float).reshape(-1, 4).T
     return Belief(*columns)
-
-
-def _names_in_table(work: Workspace, table: Table) -> dict[str, int]:
-    """Names of the super-model's parameters to their places among the table's columns."""
-    here = list(work.columns.model.parameters)
-    place = {here[j]: k for k, j in enumerate(table.active)}
-    found = {n: place[n] for n in work.super_model.given.parameters if n in place}
-    for i, there in enumerate(work.place):
-        mine, theirs = work.columns.names[i], work.super_model.names[there]
-        found |= {theirs[own]: place[mine[own]] for own in mine if mine[own] in place}
-    return found

@@ -25,11 +25,14 @@ class Latent:
         Standard deviations; 0 is a model without error.
     decay : float
         Correlation from one sample to the next.
+    read : ndarray, shape (samples, pieces, outputs, forces), optional
+        How a sensor reads each of them at once, as accelerometers do; not at all by default.
     """
 
     entering: np.ndarray
     scale: np.ndarray
     decay: float
+    read: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +115,8 @@ class System:
         measured[~seen] = 0.0
         reading = np.zeros((steps + 1, pieces, outputs, whole))
         reading[..., :n] = local.reading
+        if latent.read is not None:
+            reading[..., n:known] = latent.read
         reading[..., coloured, range(known, whole)] = 1.0
         process = np.concatenate([np.zeros(n), variance * (1.0 - decay**2)])
         return System(
