@@ -14,14 +14,18 @@ from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.table import Table
-from jaxsr.diagnosis.likelihood.workspace import Workspace, start_of
+from jaxsr.diagnosis.likelihood.workspace import Workspace, first_noise, start_of
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
+from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.segments import build_segments
 
 WIDEST, SHARPEST, COARSE, FINER = 4.0, 0.015, 4.0, (2.0, 1.4)
 """Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, by
 a coarse factor, and two finer ones about the best."""
+STANDING = 4.0
+"""Distance from the largest reading, in deviations of the noise, in which a sensor stands at its
+limit."""
 SHARPENED, CLEAR = 0.5, 1.0
 """Log evidence that a sharper jump must gain to be sharpened further, and another noise to be
 taken."""
@@ -97,6 +101,9 @@ def hypothesis(
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
     sharp = any(model.candidates[i].sharp for i in members)
     values = theta[reduced.parameters]
+    hidden = beyond_limits(work, members)
+    if hidden.any():
+        values, own = _led_on(reduced.problem, hidden, sharp, values, own, places, belief, scales)
     found = _at_its_mode(reduced.problem, sharp, values, own, *places, belief, scales)
     if found is None:
         return None
@@ -180,6 +187,47 @@ def _stepped(
         problem = replace(problem, stepping=replace(stepping, widths=widths))
         problem = steady(problem, theta)
     return resolved(problem, theta, path, scales.noise, scales.start)
+
+
+def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
+    """Return which samples stand at the limit of a sensor that members say it has.
+
+    Returns
+    -------
+    ndarray of bool, shape (outputs, samples, pieces)
+    """
+    outputs = work.narrow.segments.outputs
+    found = np.zeros(outputs.shape, bool)
+    noise = np.sqrt(first_noise(work.prepared).white)
+    for i in members:
+        candidate = work.super_model.candidates[i]
+        for (output, _), spec in zip(candidate.readings, candidate.parameters, strict=False):
+            if isinstance(spec, Threshold):
+                k = work.super_model.given.outputs.index(output)
+                with np.errstate(invalid="ignore"):
+                    found[k] |= np.abs(outputs[k]) > spec.seed - STANDING * noise[k]
+    return found
+
+
+def _led_on(
+    problem: Problem,
+    hidden: np.ndarray,
+    sharp: bool,
+    values: np.ndarray,
+    path: np.ndarray,
+    places: tuple[np.ndarray, np.ndarray],
+    belief: Belief,
+    scales: Scales,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return constants and the path on which the other samples lead beyond a sensor's limit.
+
+    Along a path that follows a sensor at its limit, one half of the samples would pull it there.
+    """
+    segments = problem.segments
+    outputs = np.where(hidden, np.nan, segments.outputs)
+    blind = replace(problem, segments=replace(segments, outputs=outputs))
+    found = _at_its_mode(blind, sharp, values, path, *places, belief, scales)
+    return (values, path) if found is None else (found[1].theta, found[1].path)
 
 
 def _alone(work: Workspace, members: Sequence[int], theta: np.ndarray) -> Reduced:

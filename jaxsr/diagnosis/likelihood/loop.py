@@ -140,4 +140,9 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> list[int]:
     for _, i in sorted(promised, reverse=True):
         best.setdefault(candidates[i].label, i)
     plain = [i for i in best.values() if not candidates[i].states][:TRIED]
-    return [*plain, *[i for i in best.values() if candidates[i].states][:MEMORIES]]
+    memories = [i for i in best.values() if candidates[i].states][:MEMORIES]
+    # Readings that stand still at a limit ask for one: its column is nothing along such readings.
+    clipped = [i for i in table.own if candidates[i].mechanism == "clipping"]
+    return list(
+        dict.fromkeys([*plain, *memories, *(i for i in clipped if i not in leader.members)])
+    )

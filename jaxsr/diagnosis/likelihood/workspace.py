@@ -100,7 +100,7 @@ class Workspace:
             np.ones(len(places)),
             np.array(SHARES),
             float(np.exp(-interval / seconds)),
-            _first_noise(prepared) if noise is None else noise,
+            first_noise(prepared) if noise is None else noise,
             start_of(segments.course),
         )
         theta = np.array([p.value for p in super_model.model.parameters.values()])
@@ -110,7 +110,7 @@ class Workspace:
         )
 
 
-def _first_noise(prepared: Sequence[Prepared]) -> Noise:
+def first_noise(prepared: Sequence[Prepared]) -> Noise:
     """Return white noise of the sizes that neighbouring samples tell."""
     outputs = np.concatenate([p.outputs for p in prepared])
     levels = [
