@@ -55,7 +55,11 @@ def switchable(simulator: Simulator) -> tuple[int, ...]:
     found = []
     for number, argument in enumerate(simulator.smoothed_arguments):
         shown = any(n.args and n.args[0] == argument for n in read)
-        if argument.variables <= states and not shown and _slope(model.states, argument) is not None:
+        if (
+            argument.variables <= states
+            and not shown
+            and _slope(model.states, argument) is not None
+        ):
             found.append(number)
     return tuple(found)
 

@@ -104,14 +104,9 @@ class Estimate:
 def grams(local: LocalModel, scales: Scales, shares: np.ndarray) -> list[Gram]:
     """Return the Gram matrix of innovations for every size of the latent force."""
     pieces = local.defect.shape[1]
-    systems = [
-        System.of(local, scales.latent(local, share), scales.noise, scales.start)
-        for share in shares
-    ]
-    found = whitened(System.joined(systems))
-    count = found.count // len(systems)
-    lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(systems))]
-    return [replace(Gram.of(found, lane), count=count) for lane in lanes]
+    latent = [scales.latent(local, share) for share in shares]
+    found = whitened(System.of(local, latent, [scales.noise] * len(shares), scales.start))
+    return [Gram.of(found, slice(k * pieces, (k + 1) * pieces)) for k in range(len(shares))]
 
 
 def estimated(
@@ -164,7 +159,7 @@ def estimated(
         local = point.local.moved(np.concatenate([change, np.zeros(len(active) - size)]))
         latent = scales.latent(point.local, point.share)
         noise = scales.noise.scaled(point.mode.noise)
-        moved = smoothed(System.of(local, latent, noise, scales.start), len(path))
+        moved = smoothed(System.of(local, [latent], [noise], scales.start), len(path))
         settled = bool(np.all(np.abs(change) <= little))
         after = None
         for share in HALVED:

@@ -13,13 +13,15 @@ from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estima
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
+from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.workspace import Table, Workspace
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.models.least_squares import Problem
 
-WIDEST, SHARPEST, COARSE, FINER = 4.0, 0.015, 4.0, (2.0, 1.4)
-"""Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, by
-a coarse factor, and two finer ones about the best."""
+EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.015, 4.0, (2.0, 1.4)
+"""Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, from
+where the law itself is found; where a rounded one is more probable, by a coarse factor, and two
+finer ones about the best."""
 SHARPENED, CLEAR = 0.5, 1.0
 """Log evidence that a sharper jump must gain to be sharpened further, and another noise to be
 taken."""
@@ -130,7 +132,7 @@ def _at_its_mode(
     belief: Belief,
     scales: Scales,
 ) -> tuple[Problem, Estimate] | None:
-    """Iterate; jumps from wide to sharp as long as that is more probable, then in finer steps."""
+    """Iterate; jumps rounded first, then exact, then as round as is most probable."""
     tried: dict[float, tuple[Problem, Estimate]] = {}
 
     def better(factor: float, than: float | None) -> bool:
@@ -139,6 +141,8 @@ def _at_its_mode(
         with np.errstate(all="ignore"):
             try:
                 stepped = _stepped(problem, factor, *begun, scales)
+                if stepped is None:
+                    return False
                 found = estimated(stepped, *begun, at, helpers, belief, scales)
             except (np.linalg.LinAlgError, FloatingPointError):
                 return False
@@ -153,6 +157,12 @@ def _at_its_mode(
     best = WIDEST
     if not better(best, None):
         return None
+    if better(EXACT, best):
+        exact = tried[EXACT]
+        best = best / COARSE
+        # Where no force is left, none is left of the law's shape.
+        if exact[1].share == 0.0 or not better(best, EXACT):
+            return exact
     while best > SHARPEST and better(best / COARSE, best):
         best /= COARSE
     for step in FINER:
@@ -165,10 +175,18 @@ def _at_its_mode(
 
 def _stepped(
     problem: Problem, factor: float, theta: np.ndarray, path: np.ndarray, scales: Scales
-) -> Problem:
-    """Widen or sharpen the jumps of a problem, and step it finely enough for that."""
+) -> Problem | None:
+    """Widen or sharpen the jumps of a problem, and step it finely enough for that.
+
+    None where they cannot be switched exactly.
+    """
     stepping = problem.stepping
-    if stepping.widths:
+    if factor == EXACT:
+        exact = switched(problem, theta)
+        if exact is None:
+            return None
+        problem = exact
+    elif stepping.widths:
         widths = tuple(factor * w for w in stepping.widths)
         problem = replace(problem, stepping=replace(stepping, widths=widths))
         problem = steady(problem, theta)

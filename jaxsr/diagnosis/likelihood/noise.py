@@ -41,8 +41,8 @@ def likeliest(
 
     def weighed(share: float, every: list[Noise]) -> np.ndarray:
         latent = scales.latent(entering, share)
-        systems = [System.of(local, latent, _coloured(n), scales.start) for n in every]
-        rows = whitened(System.joined(systems))
+        latents, every = [latent] * len(every), [_coloured(n) for n in every]
+        rows = whitened(System.of(local, latents, every, scales.start))
         score = rows.log_determinant + np.sum(rows.rows[..., 0] ** 2, axis=1)
         return -0.5 * score.reshape(len(every), pieces).sum(axis=1)
 
