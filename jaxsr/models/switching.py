@@ -37,10 +37,11 @@ from jaxsr.models.transitions import Taken, transition
 Array = Any
 MOST_CHANGES = 24
 """Changes of mode within a substep; what is left of it is then taken in the last mode."""
-LOCATED, SETTLED = 20, 1e-13
-"""Iterations that locate a change, and what is left of a substep that ends them."""
-RESTING = 1e-9
-"""Distance from a surface, in typical ones, within which a state is on it: rounding."""
+LOCATED, SETTLED = 20, 1e-10
+"""Iterations that locate a change, and the share of a substep up to which they do."""
+RESTING, BESIDE = 1e-9, 1e-3
+"""Distance from a surface, in typical ones, within which a state is on it: rounding; and how far,
+in that, it is put beside it."""
 
 
 def switchable(simulator: Simulator) -> tuple[int, ...]:
@@ -301,7 +302,7 @@ class _Walk:
         a = np.maximum(self._held(part, list(self.x), 0.0), 0.0)
         a = np.where(self.fresh, np.inf, a).min(axis=0)
         a = np.where(np.isfinite(a), a, np.abs(b))
-        share = high
+        share, side = high, np.zeros(self.shape, dtype=bool)
         for _ in range(LOCATED):
             before = share
             with np.errstate(all="ignore"):
@@ -311,7 +312,9 @@ class _Walk:
                 break
             c = left(share)
             above = c > 0.0
-            b, a = np.where(above, 0.5 * b, c), np.where(above, c, 0.5 * a)
+            again = np.where(above == side, 0.5, 1.0)  # an end that stays twice counts half
+            b, a = np.where(above, again * b, c), np.where(above, c, again * a)
+            side = above
             low, high = np.where(above, share, low), np.where(above, high, share)
         return np.where(over, share, 1.0)
 
@@ -321,18 +324,21 @@ class _Walk:
             return
         letting = chosen & self.stuck[number]
         if letting.any():
-            self._put_on(number, letting)
             value = self.slopes_at(at)[2][number]
             self.signs[number] = np.where(letting, np.sign(value), self.signs[number])
             self.stuck[number] &= ~letting
             self.fresh[number] |= letting
+            self._put_on(number, letting, self.signs[number])
         self._settle(number, at, chosen & ~letting)
 
-    def _put_on(self, number: int, chosen: Array) -> None:
-        """Put states on a surface that they are on but for rounding."""
+    def _put_on(self, number: int, chosen: Array, side: Array) -> None:
+        """Put states on a surface that they are on but for rounding.
+
+        They lie beside it by far less than that: on it, other laws may have no slope.
+        """
         slope = self.switches.slope[number][:, None, None]
-        height = self.switches.heights(self.x)[number]
-        self.x = np.where(chosen, self.x - slope * height / np.sum(slope**2), self.x)
+        apart = self.switches.heights(self.x)[number] - side * BESIDE * self.switches.rest[number]
+        self.x = np.where(chosen, self.x - slope * apart / np.sum(slope**2), self.x)
 
     def _settle(self, number: int, at: Point, chosen: Array, arriving: bool = True) -> None:
         """Choose the mode of states that are on a surface: to either side, or along it.
@@ -342,8 +348,6 @@ class _Walk:
         if not chosen.any():
             return
         slope = self.switches.slope[number]
-        self._put_on(number, chosen)
-        at = Point(at.time, list(self.x), at.inputs)
         before, rows, _ = self.slopes_at(at)
         f = np.stack(before)
         by = np.stack([row.get(self.switches.names[number], 0.0) + 0.0 * f[0] for row in rows])
@@ -352,8 +356,9 @@ class _Walk:
         up, down = rate + (1.0 - sign) * own, rate - (1.0 + sign) * own
         with np.errstate(all="ignore"):
             value = np.nan_to_num(sign - rate / own)
-        after = np.where(up > 0.0, 1.0, np.where(down < 0.0, -1.0, np.clip(value, -1.0, 1.0)))
-        sticks = chosen & (up <= 0.0) & (down >= 0.0)
+        sticks = chosen & (up < 0.0) & (down > 0.0)
+        aside = np.where(up > 0.0, 1.0, np.where(down < 0.0, -1.0, sign))
+        after = np.where(sticks, np.clip(value, -1.0, 1.0), aside)
         if self.to is not None:
             past = np.einsum("n,nd...->d...", slope, self.slopes)
             with np.errstate(all="ignore"):
@@ -364,6 +369,7 @@ class _Walk:
         self.stuck[number] |= sticks
         self.signs[number] = np.where(chosen, after, sign)
         self.fresh[number] = np.where(chosen, ~sticks, self.fresh[number])
+        self._put_on(number, chosen, np.where(sticks, sign, after))
 
 
 class _Asked:

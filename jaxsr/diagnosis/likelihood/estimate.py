@@ -17,9 +17,13 @@ SETTLED = 0.3
 """Step of a constant, in its posterior deviation, that ends the iteration."""
 HALVED = (1.0, 0.5, 0.2)
 """Shares of a step that are tried."""
-NEARBY, CALM = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0), 0.5
-"""Sizes of the latent force, in that of the last step, that are tried; change of the log evidence
-that ends the iteration."""
+NEARBY, BARELY, CALM = (0.5, 0.8, 1.0, 1.25, 2.0), (0.5, 1.0, 2.0), 0.5
+"""Sizes of the latent force, in that of the last step, that are tried, and where there was none in
+a quarter of the least; change of the log evidence that ends the iteration, once where the constants
+rest, else twice in a row."""
+BEHIND, CATCHING = 12.0, 0.25
+"""Log evidence behind the best known that leaves a set no say (odds of e^-12), and the share of
+what is missing that a step has to gain where that much is missing."""
 WORSE, FIRM = 1.0, 4
 """Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
 promise, about paths that are no motion of the model, is not kept."""
@@ -92,6 +96,10 @@ class Estimate:
     mode : Mode
     settled : bool
         Whether the last step was a small one.
+    local : LocalModel
+        Linearised about the path, at the mode, no constant left to change.
+    entering : ndarray, shape (steps, pieces, states, forces)
+        How forces along equations enter it.
     """
 
     theta: np.ndarray
@@ -99,6 +107,8 @@ class Estimate:
     share: float
     mode: Mode
     settled: bool
+    local: LocalModel
+    entering: np.ndarray
 
 
 def grams(local: LocalModel, scales: Scales, shares: np.ndarray) -> list[Gram]:
@@ -117,6 +127,7 @@ def estimated(
     helpers: np.ndarray,
     belief: Belief,
     scales: Scales,
+    best: float = -np.inf,
 ) -> Estimate | None:
     """Iterate to the mode of a set; None where its steps are not finite.
 
@@ -131,6 +142,8 @@ def estimated(
         Parameters that stand for a force along an equation and stay where they are.
     belief : Belief
         Of the chosen parameters.
+    best : float
+        Log evidence of the best set known: one that cannot catch up is left as it is.
     """
     size = len(chosen)
     active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
@@ -152,7 +165,7 @@ def estimated(
     point = weighed(theta, path, scales.shares)
     if point is None:
         return None
-    settled = False
+    settled, calm = False, False
     for number in range(MOST):
         change = np.clip(theta[chosen] + point.mode.change, belief.low, belief.high) - theta[chosen]
         little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
@@ -172,17 +185,32 @@ def estimated(
         if after is None:
             settled = False
             break
-        settled &= abs(after.log - point.log) < CALM
+        gain = after.log - point.log
         point, theta, path = after, after.theta, after.path
-        if settled:
+        settled &= abs(gain) < CALM
+        if (
+            settled
+            or (calm and abs(gain) < CALM)
+            or (number >= FIRM and left(point.log, gain, best))
+        ):
             break
-    return Estimate(point.theta, point.path, point.share, point.mode, settled)
+        calm = abs(gain) < CALM
+    at_mode = point.local.moved(np.concatenate([point.mode.change, np.zeros(len(active) - size)]))
+    entering = scales.latent(point.local, point.share).entering
+    return Estimate(point.theta, point.path, point.share, point.mode, settled, at_mode, entering)
+
+
+def left(log: float, gain: float, best: float) -> bool:
+    """Whether a set is so far behind the best, by log evidence, that its last gain is no hope."""
+    return best - log > BEHIND and gain < CATCHING * (best - log)
 
 
 def _about(share: float, shares: np.ndarray) -> np.ndarray:
     """Return sizes of the latent force around one, and none."""
-    least = float(shares[shares > 0.0].min())
-    return np.array([0.0, *(max(share, least / 4.0) * np.array(NEARBY))])
+    least = float(shares[shares > 0.0].min()) / 4.0
+    return np.array(
+        [0.0, *(share * np.array(NEARBY) if share > least else least * np.array(BARELY))]
+    )
 
 
 @dataclass(frozen=True, eq=False)

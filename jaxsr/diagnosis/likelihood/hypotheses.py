@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.integration import steady
 from jaxsr.diagnosis.contest.reduced import reduce
-from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated
+from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated, left
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
@@ -64,7 +64,8 @@ def hypothesis(
     work: Workspace,
     table: Table,
     members: Sequence[int],
-    path: np.ndarray | None = None,
+    near: Hypothesis | None = None,
+    best: float = -np.inf,
 ) -> Hypothesis | None:
     """Estimate a set from where the table leads it; None where nothing finite comes of it.
 
@@ -72,13 +73,17 @@ def hypothesis(
     ----------
     members : sequence of int
         Candidates of the super-model.
-    path : ndarray, optional
-        Of the given model's states; what the sensors tell by default.
+    near : Hypothesis, optional
+        Whose constants, path and noise it starts from; what the sensors tell by default.
+    best : float
+        Log evidence that makes a set the best known: one without hope is not followed to its end.
     """
     model = work.super_model
     members = tuple(sorted(members))
     helpers = work.helpers
-    theta = model.switched(members, model.seeded(members, work.theta))
+    fresh = [i for i in members if near is None or i not in near.members]
+    theta = work.theta if near is None else near.theta
+    theta = model.switched(members, model.seeded(fresh, theta))
     chosen = list(model.base_index())
     for i in members:
         chosen += [j for j in model.index(i) if j not in chosen]
@@ -86,40 +91,64 @@ def hypothesis(
     pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
     belief = _belief(work, table, chosen, theta)
     own = reduced.problem.segments.course.copy()
-    if path is not None:
-        own[: len(path)] = path
     scales = replace(table.scales, start=work.scales.start[reduced.states])
+    if near is not None:
+        own[: len(near.path)] = near.path
+        scales = replace(scales, noise=near.noise)
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
     sharp = any(model.candidates[i].sharp for i in members)
     values = theta[reduced.parameters]
-    found = _at_its_mode(reduced.problem, sharp, values, own, *places, belief, scales)
+    follow = _Following(*places, belief, best)
+    found = _at_its_mode(reduced.problem, sharp, values, own, follow, scales)
     if found is None:
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
-    noise, gain = likeliest(found[0], found[1], places[1], scales)
+    problem, at_mode = found
+    likely, gain = likeliest(at_mode, scales)
     if gain > CLEAR:
-        scales = replace(scales, noise=noise)
-        problem, best = found
-        found = problem, estimated(problem, best.theta, best.path, *places, belief, scales) or best
-    best = found[1]
+        anew = replace(scales, noise=likely)
+        after = follow(problem, at_mode.theta, at_mode.path, anew)
+        if after is not None and after.mode.log_evidence > at_mode.mode.log_evidence:
+            at_mode, scales = after, anew
     values = theta.copy()
-    values[reduced.parameters] = best.theta
+    values[reduced.parameters] = at_mode.theta
     names = list(model.model.parameters)
     constants = {
-        names[j]: (float(values[j]), float(best.mode.deviation[k])) for k, j in enumerate(chosen)
+        names[j]: (float(values[j]), float(at_mode.mode.deviation[k])) for k, j in enumerate(chosen)
     }
     known = len(model.given.states)
     return Hypothesis(
         members,
-        best.mode.log_evidence,
-        best.share,
+        at_mode.mode.log_evidence,
+        at_mode.share,
         constants,
         {i: model.names[i] for i in members},
         values,
-        best.path[:known],
-        best.settled,
+        at_mode.path[:known],
+        at_mode.settled,
         scales.noise,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Following:
+    """Which parameters are followed to their mode, and with what belief."""
+
+    chosen: np.ndarray
+    helpers: np.ndarray
+    belief: Belief
+    best: float
+
+    def __call__(
+        self, problem: Problem, theta: np.ndarray, path: np.ndarray, scales: Scales
+    ) -> Estimate | None:
+        """Estimate; None where nothing finite comes of it."""
+        with np.errstate(all="ignore"):
+            try:
+                args = self.chosen, self.helpers, self.belief, scales, self.best
+                return estimated(problem, theta, path, *args)
+            except (np.linalg.LinAlgError, FloatingPointError):
+                return None
 
 
 def _at_its_mode(
@@ -127,9 +156,7 @@ def _at_its_mode(
     sharp: bool,
     values: np.ndarray,
     path: np.ndarray,
-    at: np.ndarray,
-    helpers: np.ndarray,
-    belief: Belief,
+    follow: _Following,
     scales: Scales,
 ) -> tuple[Problem, Estimate] | None:
     """Iterate; jumps rounded first, then exact, then as round as is most probable."""
@@ -139,18 +166,20 @@ def _at_its_mode(
         """Estimate with jumps of some width, from where another one led."""
         begun = (values, path) if than is None else (tried[than][1].theta, tried[than][1].path)
         with np.errstate(all="ignore"):
-            try:
-                stepped = _stepped(problem, factor, *begun, scales)
-                if stepped is None:
-                    return False
-                found = estimated(stepped, *begun, at, helpers, belief, scales)
-            except (np.linalg.LinAlgError, FloatingPointError):
-                return False
-        if found is None:
+            stepped = _stepped(problem, factor, *begun, scales)
+        found = None if stepped is None else follow(stepped, *begun, scales)
+        if stepped is None or found is None:
             return False
         tried[factor] = stepped, found
         before = -np.inf if than is None else tried[than][1].mode.log_evidence
         return found.mode.log_evidence > before + SHARPENED
+
+    def sharpened(at: float) -> bool:
+        """Whether jumps less wide than some are better, and may be sharpened further."""
+        if at <= SHARPEST or not better(at / COARSE, at):
+            return False
+        before, after = (tried[f][1].mode.log_evidence for f in (at, at / COARSE))
+        return not left(after, after - before, follow.best)
 
     if not sharp:
         return tried[1.0] if better(1.0, None) else None
@@ -163,9 +192,10 @@ def _at_its_mode(
         # Where no force is left, none is left of the law's shape.
         if exact[1].share == 0.0 or not better(best, EXACT):
             return exact
-    while best > SHARPEST and better(best / COARSE, best):
+    while sharpened(best):
         best /= COARSE
-    for step in FINER:
+    hopeless = left(tried[best][1].mode.log_evidence, 0.0, follow.best)
+    for step in () if hopeless else FINER:
         for factor in (step, 1.0 / step):
             if better(best * factor, best):
                 best *= factor

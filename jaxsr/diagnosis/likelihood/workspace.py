@@ -13,6 +13,7 @@ from jaxsr.diagnosis.likelihood.estimate import Belief, Scales, grams
 from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
+from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
@@ -89,6 +90,8 @@ class Workspace:
             return Problem(simulator, stepping, segments, spread(outputs))
 
         whole, narrow = problem(super_model), problem(columns)
+        values = np.array([p.value for p in columns.model.parameters.values()])
+        narrow = switched(narrow, values, narrow.stepping.substeps) or narrow
         noise = [
             np.median([noise_level(p.time, p.outputs[:, k]) for p in prepared])
             for k in range(outputs.shape[1])
