@@ -126,7 +126,7 @@ def _missing(work: Workspace, null: Hypothesis) -> tuple[np.ndarray, np.ndarray]
     scales = replace(table.scales, forces=tuple(range(m)))
     share = null.share or float(scales.shares[1])
     latent = scales.latent(local, share)
-    system = System.of(local.moved(np.zeros(len(active))), latent, scales.noise, scales.start)
+    system = System.of(local.moved(np.zeros(len(active))), [latent], [scales.noise], scales.start)
     n = len(null.path)
     forces = smoothed(system, n + m)[n:]
     own = [local.by_constant[:, :, s, k] for k, s in enumerate(work.force_states)]

@@ -17,9 +17,13 @@ SETTLED = 0.3
 """Step of a constant, in its posterior deviation, that ends the iteration."""
 HALVED = (1.0, 0.5, 0.2)
 """Shares of a step that are tried."""
-NEARBY, CALM = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0), 0.5
-"""Sizes of the latent force, in that of the last step, that are tried; change of the log evidence
-that ends the iteration."""
+NEARBY, BARELY, CALM = (0.5, 0.8, 1.0, 1.25, 2.0), (0.5, 1.0, 2.0), 0.5
+"""Sizes of the latent force, in that of the last step, that are tried, and where there was none in
+a quarter of the least; change of the log evidence that ends the iteration, once where the constants
+rest, else twice in a row."""
+BEHIND, CATCHING = 12.0, 0.25
+"""Log evidence behind the best known that leaves a set no say (odds of e^-12), and the share of
+what is missing that a step has to gain where that much is missing."""
 PRESENT = 1.0 / 7.0
 """Prior odds of one size of the latent force against none: as many sizes share even odds."""
 WORSE, FIRM = 1.0, 4
@@ -92,6 +96,12 @@ class Estimate:
     mode : Mode
     settled : bool
         Whether the last step was a small one.
+    local : LocalModel
+        Linearised about the path, at the mode, no constant left to change.
+    entering : ndarray, shape (steps, pieces, states, forces)
+        How forces along equations enter it.
+    read : ndarray, shape (samples, pieces, outputs, forces)
+        How sensors read them at once.
     """
 
     theta: np.ndarray
@@ -99,6 +109,9 @@ class Estimate:
     share: float
     mode: Mode
     settled: bool
+    local: LocalModel
+    entering: np.ndarray
+    read: np.ndarray | None
 
     @property
     def log_evidence(self) -> float:
@@ -109,14 +122,9 @@ class Estimate:
 def grams(local: LocalModel, scales: Scales, shares: np.ndarray) -> list[Gram]:
     """Return the Gram matrix of innovations for every size of the latent force."""
     pieces = local.defect.shape[1]
-    systems = [
-        System.of(local, scales.latent(local, share), scales.noise, scales.start)
-        for share in shares
-    ]
-    found = whitened(System.joined(systems))
-    count = found.count // len(systems)
-    lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(systems))]
-    return [replace(Gram.of(found, lane), count=count) for lane in lanes]
+    latent = [scales.latent(local, share) for share in shares]
+    found = whitened(System.of(local, latent, [scales.noise] * len(shares), scales.start))
+    return [Gram.of(found, slice(k * pieces, (k + 1) * pieces)) for k in range(len(shares))]
 
 
 def estimated(
@@ -127,6 +135,7 @@ def estimated(
     helpers: np.ndarray,
     belief: Belief,
     scales: Scales,
+    best: float = -np.inf,
 ) -> Estimate | None:
     """Iterate to the mode of a set; None where its steps are not finite.
 
@@ -141,6 +150,8 @@ def estimated(
         Parameters that stand for a force along an equation and stay where they are.
     belief : Belief
         Of the chosen parameters.
+    best : float
+        Log evidence of the best set known: one that cannot catch up is left as it is.
     """
     size = len(chosen)
     active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
@@ -166,14 +177,14 @@ def estimated(
     point = weighed(theta, path, scales.shares)
     if point is None:
         return None
-    settled = False
+    settled, calm = False, False
     for number in range(MOST):
         change = np.clip(theta[chosen] + point.mode.change, belief.low, belief.high) - theta[chosen]
         little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
         local = point.local.moved(np.concatenate([change, np.zeros(len(active) - size)]))
         latent = scales.latent(point.local, point.share)
         noise = scales.noise.scaled(point.mode.noise)
-        moved = smoothed(System.of(local, latent, noise, scales.start), len(path))
+        moved = smoothed(System.of(local, [latent], [noise], scales.start), len(path))
         settled = bool(np.all(np.abs(change) <= little))
         after = None
         for share in HALVED:
@@ -186,17 +197,41 @@ def estimated(
         if after is None:
             settled = False
             break
-        settled &= abs(after.log - point.log) < CALM
+        gain = after.log - point.log
         point, theta, path = after, after.theta, after.path
-        if settled:
+        settled &= abs(gain) < CALM
+        if (
+            settled
+            or (calm and abs(gain) < CALM)
+            or (number >= FIRM and left(point.log, gain, best))
+        ):
             break
-    return Estimate(point.theta, point.path, point.share, point.mode, settled)
+        calm = abs(gain) < CALM
+    at_mode = point.local.moved(np.concatenate([point.mode.change, np.zeros(len(active) - size)]))
+    latent = scales.latent(point.local, point.share)
+    return Estimate(
+        point.theta,
+        point.path,
+        point.share,
+        point.mode,
+        settled,
+        at_mode,
+        latent.entering,
+        latent.read,
+    )
+
+
+def left(log: float, gain: float, best: float) -> bool:
+    """Whether a set is so far behind the best, by log evidence, that its last gain is no hope."""
+    return best - log > BEHIND and gain < CATCHING * (best - log)
 
 
 def _about(share: float, shares: np.ndarray) -> np.ndarray:
     """Return sizes of the latent force around one, and none."""
-    least = float(shares[shares > 0.0].min())
-    return np.array([0.0, *(max(share, least / 4.0) * np.array(NEARBY))])
+    least = float(shares[shares > 0.0].min()) / 4.0
+    return np.array(
+        [0.0, *(share * np.array(NEARBY) if share > least else least * np.array(BARELY))]
+    )
 
 
 @dataclass(frozen=True, eq=False)

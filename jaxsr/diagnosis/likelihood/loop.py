@@ -52,6 +52,11 @@ class State:
             return -np.inf
         return found.log_evidence - len(found.members) * np.log(self.offered)
 
+    def needed(self, known: dict[Members, Hypothesis | None], members: Members) -> float:
+        """Log evidence that would make a set the most probable of those known."""
+        most = max(self.log_posterior(h) for h in known.values() if h is not None)
+        return most + len(members) * np.log(self.offered)
+
     @property
     def offered(self) -> int:
         """How many mechanisms at how many places there are; variants count as one."""
@@ -113,7 +118,7 @@ def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -
         members = tuple(sorted(members))
         if members in known or stop():
             continue
-        known[members] = hypothesis(work, table, members, leader.path, leader.noise)
+        known[members] = hypothesis(work, table, members, leader, state.needed(known, members))
     return replace(state, known=known, grown=state.grown | {leader.members})
 
 

@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.estimate import Estimate, Scales
-from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
-from jaxsr.diagnosis.likelihood.local import linearised
-from jaxsr.models.least_squares import Problem
+from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, whitened
 
 CORRELATIONS = (0.0, 0.5, 0.8, 0.95)
 SIZES = (0.5, 1.0, 2.0)
@@ -18,31 +16,20 @@ WHITE = 0.02
 ROUNDS = 2
 
 
-def likeliest(
-    problem: Problem, found: Estimate, helpers: np.ndarray, scales: Scales
-) -> tuple[Noise, float]:
+def likeliest(found: Estimate, scales: Scales) -> tuple[Noise, float]:
     """Return the noise that makes the innovations of an estimate most likely, and what it gains.
 
     Variances and correlations of one sensor are tried side by side, those of the others held, in
-    `ROUNDS` rounds; once beside the latent force of the estimate and once without any, which slow
-    noise may be taken for. The gain is one of log likelihood.
-
-    Parameters
-    ----------
-    helpers : ndarray of int
-        Parameters of the problem that stand for a force along an equation.
+    at most `ROUNDS` rounds; once beside the latent force of the estimate and once without any,
+    which slow noise may be taken for. The gain is one of log likelihood.
     """
-    scales = replace(scales, forces=tuple(range(len(helpers))))
-    args = problem.simulator, problem.stepping, problem.segments, found.theta, found.path
-    local = linearised(*args, list(helpers))
-    local, pieces = local.moved(np.zeros(len(helpers))), local.defect.shape[1]
-    entering = linearised(*args, list(helpers))
+    local, pieces = found.local, found.local.defect.shape[1]
     before = scales.noise.scaled(found.mode.noise)
 
     def weighed(share: float, every: list[Noise]) -> np.ndarray:
-        latent = scales.latent(entering, share)
-        systems = [System.of(local, latent, _coloured(n), scales.start) for n in every]
-        rows = whitened(System.joined(systems))
+        latent = Latent(found.entering, share * scales.size, scales.decay, found.read)
+        latents, every = [latent] * len(every), [_coloured(n) for n in every]
+        rows = whitened(System.of(local, latents, every, scales.start))
         score = rows.log_determinant + np.sum(rows.rows[..., 0] ** 2, axis=1)
         return -0.5 * score.reshape(len(every), pieces).sum(axis=1)
 
@@ -51,12 +38,19 @@ def likeliest(
     for share in dict.fromkeys((found.share, 0.0)):
         noise = before
         for _ in range(ROUNDS):
+            begun = noise
             for k in range(len(noise.white)):
-                every = [_with(noise, k, size, rho) for size in SIZES for rho in CORRELATIONS]
-                logs = weighed(share, every)
-                noise = every[int(np.nanargmax(logs))]
+                grid = [(size, rho) for size in SIZES for rho in CORRELATIONS]
+                logs = weighed(share, [_with(noise, k, *choice) for choice in grid])
+                if not np.isfinite(logs).any():
+                    continue
+                size, rho = grid[int(np.nanargmax(logs))]
+                if (size, rho) != (1.0, noise.correlation[k]):
+                    noise = _with(noise, k, size, rho)
                 if np.nanmax(logs) > most:
                     best, most = noise, float(np.nanmax(logs))
+            if noise is begun:
+                break
     return best, most - start
 
 

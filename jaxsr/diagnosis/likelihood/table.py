@@ -262,7 +262,7 @@ def _with_memories(
     order = list(model.model.parameters)
     for first in range(0, len(numbers), TOGETHER):
         few = numbers[first : first + TOGETHER]
-        small = lean(model, work.narrow.simulator, work.narrow.stepping, few)
+        small = lean(model, work.narrow.simulator, work.stepping, few)
         indices = [j for i in few for j in model.index(i, coefficients_only=True)]
         values = model.switched((), theta)
         values[[j for j in indices]] = work.theta[indices]
