@@ -117,7 +117,8 @@ def hypothesis(
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
     problem, at_mode = found
-    likely, gain = likeliest(at_mode, scales)
+    hopeless = left(at_mode.log_evidence, 0.0, best)
+    likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
         anew = replace(scales, noise=likely)
         after = follow(problem, at_mode.theta, at_mode.path, anew)
