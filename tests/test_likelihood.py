@@ -9,11 +9,12 @@ import pytest
 from scipy.integrate import dblquad
 from scipy.stats import multivariate_normal, norm
 
-from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
+from jaxsr.diagnosis.likelihood.evidence import Gram, Prior, _factor
 from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
 
 STEPS, STATES, FORCES, OUTPUTS, CONSTANTS = 9, 2, 1, 2, 2
+NONE = 1e12
 
 
 def drawn(seed: int) -> tuple[LocalModel, Latent, Noise, np.ndarray]:
@@ -134,7 +135,9 @@ def test_evidence_is_the_integral_over_the_constants() -> None:
     rng = np.random.default_rng(3)
     rows = np.column_stack([rng.normal(size=30), rng.normal(size=(30, 2))])
     gram = Gram(rows.T @ rows, 1.7, 30)
-    prior = Prior(np.array([0.3, -0.2]), np.array([0.8, 1.5]), np.array([1.0, 0.0]), np.zeros(2))
+    prior = Prior(
+        np.array([0.3, -0.2]), np.array([0.8, 1.5]), np.array([0.0, -NONE]), NONE * np.ones(2)
+    )
 
     def density(b: float, a: float) -> float:
         left = rows[:, 0] + rows[:, 1:] @ (a, b)
@@ -152,7 +155,7 @@ def test_evidence_of_fewer_constants_is_that_of_certainty_about_the_others() -> 
     rng = np.random.default_rng(4)
     rows = np.column_stack([rng.normal(size=50), rng.normal(size=(50, 2))])
     gram = Gram(rows.T @ rows, 0.0, 50)
-    free = Prior(np.zeros(2), np.array([1.0, 1e-6]), np.zeros(2), np.zeros(2))
+    free = Prior(np.zeros(2), np.array([1.0, 1e-6]), -NONE * np.ones(2), NONE * np.ones(2))
     both = gram.evidence([0, 1], free)
     one = gram.evidence([0], free.of([0]))
     assert both.log_evidence == pytest.approx(one.log_evidence, abs=1e-6)
@@ -162,6 +165,19 @@ def test_evidence_of_fewer_constants_is_that_of_certainty_about_the_others() -> 
 def test_the_noise_that_fits_best_is_found() -> None:
     rng = np.random.default_rng(5)
     rows = np.column_stack([3.0 * rng.normal(size=4000), rng.normal(size=(4000, 1))])
-    prior = Prior(np.zeros(1), np.ones(1), np.zeros(1), np.zeros(1))
+    prior = Prior(np.zeros(1), np.ones(1), -NONE * np.ones(1), NONE * np.ones(1))
     found = Gram(rows.T @ rows, 0.0, 4000).evidence([0], prior)
     assert found.noise == pytest.approx(9.0, rel=0.1)
+
+
+def test_the_factor_of_a_matrix_that_rounding_made_indefinite() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        columns = rng.normal(size=(40, 3)) * 10.0 ** rng.uniform(4.0, 9.0, 3)
+        wide = columns @ rng.normal(size=(3, 6))  # of rank three
+        inner = wide.T @ wide
+        inner = inner - np.eye(6) * 1e-15 * np.trace(inner)  # as far as rounding may go
+        factor = _factor(np.eye(6) + inner)
+        assert np.allclose(factor, np.tril(factor)) and (np.diag(factor) > 0.0).all()
+        error = factor @ factor.T - (np.eye(6) + inner)
+        assert np.abs(error).max() < 1e-13 * np.trace(inner) + 1e-9

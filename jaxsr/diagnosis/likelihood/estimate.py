@@ -24,6 +24,8 @@ rest, else twice in a row."""
 BEHIND, CATCHING = 12.0, 0.25
 """Log evidence behind the best known that leaves a set no say (odds of e^-12), and the share of
 what is missing that a step has to gain where that much is missing."""
+PRESENT = 1.0 / 7.0
+"""Prior odds of one size of the latent force against none: as many sizes share even odds."""
 WORSE, FIRM = 1.0, 4
 """Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
 promise, about paths that are no motion of the model, is not kept."""
@@ -45,11 +47,7 @@ class Belief:
 
     def about(self, theta: np.ndarray) -> Prior:
         """Return the priors of changes from these values."""
-        # A bound that is also where the mechanism vanishes decides about its sign.
-        below, above = np.isclose(self.low, self.mean), np.isclose(self.high, self.mean)
-        side = below.astype(float) - above.astype(float)
-        edge = np.where(below, self.low, np.where(above, self.high, 0.0))
-        return Prior(self.mean - theta, self.deviation, side, edge - theta)
+        return Prior(self.mean - theta, self.deviation, self.low - theta, self.high - theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +78,9 @@ class Scales:
 
     def latent(self, local: LocalModel, share: float) -> Latent:
         """Return the latent force of one size about a linearisation."""
-        return Latent(local.by_constant[..., list(self.forces)], share * self.size, self.decay)
+        at = list(self.forces)
+        entering, read = local.by_constant[..., at], local.reading_by_constant[..., at]
+        return Latent(entering, share * self.size, self.decay, read)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +98,8 @@ class Estimate:
         Whether the last step was a small one.
     local : LocalModel
         Linearised about the path, at the mode, no constant left to change.
-    entering : ndarray, shape (steps, pieces, states, forces)
-        How forces along equations enter it.
+    latent : Latent
+        Force of that size.
     """
 
     theta: np.ndarray
@@ -108,7 +108,12 @@ class Estimate:
     mode: Mode
     settled: bool
     local: LocalModel
-    entering: np.ndarray
+    latent: Latent
+
+    @property
+    def log_evidence(self) -> float:
+        """Of the mode, with the prior odds of its latent force."""
+        return self.mode.log_evidence + np.log(PRESENT) * (self.share > 0.0)
 
 
 def grams(local: LocalModel, scales: Scales, shares: np.ndarray) -> list[Gram]:
@@ -155,11 +160,15 @@ def estimated(
         if not np.isfinite(local.defect).all():
             return None
         prior = belief.about(theta[chosen])
-        modes = [g.evidence(range(size), prior) for g in grams(local, scales, shares)]
+        try:
+            modes = [g.evidence(range(size), prior) for g in grams(local, scales, shares)]
+        except np.linalg.LinAlgError:  # derivatives that are no numbers
+            return None
         logs = np.array([m.log_evidence for m in modes])
         if not np.isfinite(logs).any():
             return None
         logs = np.where(np.isfinite(logs), logs, -np.inf)
+        logs += np.log(PRESENT) * (shares > 0.0)
         return _Point(theta, path, local, shares, modes, logs)
 
     point = weighed(theta, path, scales.shares)
@@ -196,8 +205,8 @@ def estimated(
             break
         calm = abs(gain) < CALM
     at_mode = point.local.moved(np.concatenate([point.mode.change, np.zeros(len(active) - size)]))
-    entering = scales.latent(point.local, point.share).entering
-    return Estimate(point.theta, point.path, point.share, point.mode, settled, at_mode, entering)
+    latent = scales.latent(point.local, point.share)
+    return Estimate(point.theta, point.path, point.share, point.mode, settled, at_mode, latent)
 
 
 def left(log: float, gain: float, best: float) -> bool:
@@ -222,7 +231,7 @@ class _Point:
     local: LocalModel
     shares: np.ndarray
     modes: list[Mode]
-    logs: np.ndarray
+    logs: np.ndarray  # log evidence and prior odds
 
     @property
     def best(self) -> int:

@@ -7,7 +7,7 @@ force and hypotheses are all lanes, so that one pass in time serves all of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,11 +26,20 @@ class Latent:
         Standard deviations; 0 is a model without error.
     decay : float
         Correlation from one sample to the next.
+    read : ndarray, shape (samples, pieces, outputs, forces), optional
+        How a sensor reads each of them at once, as accelerometers do; not at all by default.
     """
 
     entering: np.ndarray
     scale: np.ndarray
     decay: float
+    read: np.ndarray | None = None
+
+    def of(self, pieces: Sequence[int]) -> Latent:
+        """Return the forces of some of the pieces."""
+        at = list(pieces)
+        read = None if self.read is None else self.read[:, at]
+        return replace(self, entering=self.entering[:, at], read=read)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +145,8 @@ class System:
         measured[~seen] = 0.0
         reading = np.zeros((steps + 1, pieces, outputs, whole))
         reading[..., :n] = local.reading
+        if latent[0].read is not None:
+            reading[..., n:known] = latent[0].read
         reading[..., coloured, range(known, whole)] = 1.0
         decay, begun, process = np.ones((choices, whole)), np.zeros((choices, whole)), []
         for k, (force, sensor) in enumerate(zip(latent, noise, strict=True)):
@@ -216,8 +227,8 @@ def whitened(system: System) -> Whitened:
 def smoothed(system: System, states: int) -> np.ndarray:
     """Return the smoothed deviations from the path, shape (states, samples, pieces).
 
-    Of a system of one choice: the state at every sample given all samples of a piece, by the backward
-    recursion of the score: d_t|all = d_t|t-1 + P_t|t-1 r_t.
+    Of a system of one choice: the state at every sample given all samples of a piece, by the
+    backward recursion of the score: d_t|all = d_t|t-1 + P_t|t-1 r_t.
 
     References
     ----------
