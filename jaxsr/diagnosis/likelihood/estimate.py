@@ -100,10 +100,8 @@ class Estimate:
         Whether the last step was a small one.
     local : LocalModel
         Linearised about the path, at the mode, no constant left to change.
-    entering : ndarray, shape (steps, pieces, states, forces)
-        How forces along equations enter it.
-    read : ndarray, shape (samples, pieces, outputs, forces)
-        How sensors read them at once.
+    latent : Latent
+        Force of that size.
     """
 
     theta: np.ndarray
@@ -112,8 +110,7 @@ class Estimate:
     mode: Mode
     settled: bool
     local: LocalModel
-    entering: np.ndarray
-    read: np.ndarray | None
+    latent: Latent
 
     @property
     def log_evidence(self) -> float:
@@ -215,16 +212,7 @@ def estimated(
         calm = abs(gain) < CALM
     at_mode = point.local.moved(np.concatenate([point.mode.change, np.zeros(len(active) - size)]))
     latent = scales.latent(point.local, point.share)
-    return Estimate(
-        point.theta,
-        point.path,
-        point.share,
-        point.mode,
-        settled,
-        at_mode,
-        latent.entering,
-        latent.read,
-    )
+    return Estimate(point.theta, point.path, point.share, point.mode, settled, at_mode, latent)
 
 
 def left(log: float, gain: float, best: float) -> bool:

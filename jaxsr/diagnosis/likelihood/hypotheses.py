@@ -192,7 +192,7 @@ def _at_its_mode(
         """Whether jumps less wide than some are better, and may be sharpened further."""
         if at <= SHARPEST or not better(at / COARSE, at):
             return False
-        before, after = (tried[f][1].mode.log_evidence for f in (at, at / COARSE))
+        before, after = (tried[f][1].log_evidence for f in (at, at / COARSE))
         return not left(after, after - before, follow.best)
 
     if not sharp:
@@ -208,7 +208,7 @@ def _at_its_mode(
             return exact
     while sharpened(best):
         best /= COARSE
-    hopeless = left(tried[best][1].mode.log_evidence, 0.0, follow.best)
+    hopeless = left(tried[best][1].log_evidence, 0.0, follow.best)
     for step in () if hopeless else FINER:
         for factor in (step, 1.0 / step):
             if better(best * factor, best):
@@ -280,7 +280,7 @@ def _led_on(
 
 def _alone(work: Workspace, members: Sequence[int], theta: np.ndarray) -> Reduced:
     """Return the problem of the given model with `members` alone; their states run beside."""
-    own = lean(work.super_model, work.narrow.simulator, work.stepping, members)
+    own = lean(work.super_model, work.narrow.simulator, work.narrow.stepping, members)
     values, count = theta[own.parameters], own.stepping.substeps
     model = own.simulator.model
     segments = build_segments(model, work.prepared, work.rows, count, theta=values)

@@ -7,7 +7,7 @@ force and hypotheses are all lanes, so that one pass in time serves all of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +37,12 @@ class Latent:
     scale: np.ndarray
     decay: float
     read: np.ndarray | None = None
+
+    def of(self, pieces: Sequence[int]) -> Latent:
+        """Return the forces of some of the pieces."""
+        at = list(pieces)
+        read = None if self.read is None else self.read[:, at]
+        return replace(self, entering=self.entering[:, at], read=read)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
+from jaxsr.diagnosis.likelihood.proposals import exclusive, pairs, swaps
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 
@@ -17,6 +18,9 @@ MEMORIES = 3
 """The same of those with states of their own."""
 PROMISING = 2.0
 """Log evidence that a proposal must promise about the leader's path, its prior odds included."""
+SWAPPED, RIVAL, PAIRED = 3, 12.0, 2
+"""Sets with one member exchanged that are estimated about one leader, how far behind it they may
+promise to be, and sets with a pair that shows only together."""
 MOST_MEMBERS = 4
 PEAKED = 2.0
 """Deviations by which static friction may be estimated below sliding friction."""
@@ -120,6 +124,9 @@ def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -
     known = dict(state.known)
     proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
     proposed += [tuple(m for m in leader.members if m != i) for i in leader.members]
+    every, size = work.super_model, np.log(state.offered)
+    proposed += swaps(every, here, leader.members, SWAPPED, RIVAL)
+    proposed += pairs(every, here, leader.members, PAIRED, PROMISING + size)
     if len(leader.members) >= MOST_MEMBERS:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
     for members in proposed:
@@ -145,6 +152,8 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> list[int]:
     for i, columns in table.own.items():
         further = [k for k in columns if k not in base]
         if i in leader.members or not further:
+            continue
+        if exclusive(state.work.super_model, (*leader.members, i)):
             continue
         gain = table.best([*base, *further]) - before - np.log(state.offered)
         if gain > PROMISING or not leader.members:

@@ -7,31 +7,32 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.estimate import Estimate, Scales
-from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, whitened
+from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
 
 CORRELATIONS = (0.0, 0.5, 0.8, 0.95)
 SIZES = (0.5, 1.0, 2.0)
 WHITE = 0.02
 """White part of a coloured noise: no sensor knows its next value."""
-ROUNDS = 2
+ROUNDS, PIECES = 2, 4
 
 
 def likeliest(found: Estimate, scales: Scales) -> tuple[Noise, float]:
     """Return the noise that makes the innovations of an estimate most likely, and what it gains.
 
     Variances and correlations of one sensor are tried side by side, those of the others held, in
-    at most `ROUNDS` rounds; once beside the latent force of the estimate and once without any,
-    which slow noise may be taken for. The gain is one of log likelihood.
+    at most `ROUNDS` rounds, on some of the pieces; once beside the latent force of the estimate and
+    once without any, which slow noise may be taken for. The gain is one of log likelihood.
     """
-    local, pieces = found.local, found.local.defect.shape[1]
+    count = found.local.defect.shape[1]
+    pieces = np.unique(np.linspace(0, count - 1, min(count, PIECES)).astype(int))
+    part, force = found.local.of(pieces), found.latent.of(pieces)
     before = scales.noise.scaled(found.mode.noise)
 
     def weighed(share: float, every: list[Noise]) -> np.ndarray:
-        latent = Latent(found.entering, share * scales.size, scales.decay, found.read)
-        latents, every = [latent] * len(every), [_coloured(n) for n in every]
-        rows = whitened(System.of(local, latents, every, scales.start))
+        latent = replace(force, scale=share * scales.size)
+        rows = whitened(System.of(part, [latent] * len(every), every, scales.start))
         score = rows.log_determinant + np.sum(rows.rows[..., 0] ** 2, axis=1)
-        return -0.5 * score.reshape(len(every), pieces).sum(axis=1)
+        return -0.5 * score.reshape(len(every), len(pieces)).sum(axis=1)
 
     best, most = before, float(weighed(found.share, [before])[0])
     start = most
@@ -62,8 +63,3 @@ def _with(noise: Noise, sensor: int, size: float, correlation: float) -> Noise:
     white[sensor], coloured[sensor] = share * whole, (1.0 - share) * whole
     rho[sensor] = correlation
     return Noise(white, coloured, rho)
-
-
-def _coloured(noise: Noise) -> Noise:
-    """Return the noise with a state for every sensor, so that systems have one shape."""
-    return replace(noise, coloured=np.maximum(noise.coloured, 1e-12 * noise.white))

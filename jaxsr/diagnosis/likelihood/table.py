@@ -12,10 +12,12 @@ from jaxsr.diagnosis.likelihood.estimate import Belief, Scales, grams
 from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
+from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.workspace import Workspace, along, in_columns
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.models.least_squares import Problem
 from jaxsr.models.segments import build_segments
 
 TOGETHER = 4
@@ -99,7 +101,8 @@ def tabled(
     noise : Noise, optional
         Of the sensors; that of the workspace by default.
     """
-    model, problem, values = work.columns, work.narrow, in_columns(work, theta)
+    model, values = work.columns, in_columns(work, theta)
+    problem = switched(work.narrow, values, work.narrow.stepping.substeps) or work.narrow
     active = list(model.base_index())
     own: dict[int, tuple[int, ...]] = {}
     for i, candidate in enumerate(model.candidates):
@@ -117,7 +120,7 @@ def tabled(
         list(np.moveaxis(local.reading_by_constant, -1, 0)),
         _rows(work, active, values, usual.deviations(local.by_constant, local.reading_by_constant)),
     )
-    own = _with_trials(work, local, columns, own, values, path)
+    own = _with_trials(work, problem, local, columns, own, values, path)
     _with_memories(work, columns, own, names, theta, path, usual)
     local = replace(
         local,
@@ -213,6 +216,7 @@ def _names(work: Workspace, active: Sequence[int]) -> dict[str, int]:
 
 def _with_trials(
     work: Workspace,
+    problem: Problem,
     local: LocalModel,
     columns: _Columns,
     own: dict[int, tuple[int, ...]],
@@ -226,7 +230,7 @@ def _with_trials(
     effect = np.abs(local.by_constant).max((0, 1, 2)) + np.abs(local.reading_by_constant).max(
         (0, 1, 2)
     )
-    problem, own = work.narrow, dict(own)
+    own = dict(own)
     for i, there in enumerate(work.place):
         at = own[there]
         fixed = work.columns.candidates[i].fixed_parameter is not None
@@ -262,7 +266,7 @@ def _with_memories(
     order = list(model.model.parameters)
     for first in range(0, len(numbers), TOGETHER):
         few = numbers[first : first + TOGETHER]
-        small = lean(model, work.narrow.simulator, work.stepping, few)
+        small = lean(model, work.narrow.simulator, work.narrow.stepping, few)
         indices = [j for i in few for j in model.index(i, coefficients_only=True)]
         values = model.switched((), theta)
         values[[j for j in indices]] = work.theta[indices]

@@ -11,10 +11,8 @@ import numpy as np
 from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.likelihood.estimate import Scales
 from jaxsr.diagnosis.likelihood.kalman import Noise
-from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
-from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, build_segments, unbroken
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.states import spread
@@ -44,9 +42,7 @@ class Workspace:
     rows : tuple of (recording, start, stop)
         The pieces of recordings.
     narrow : Problem
-        Of `columns`, jumps switched exactly where they can be.
-    stepping : Stepping
-        Of `columns` with rounded jumps.
+        Of `columns`.
     theta : ndarray, shape (parameters of `super_model`,)
     scales : Scales
         `forces` are parameters of `columns`.
@@ -59,7 +55,6 @@ class Workspace:
     prepared: tuple[Prepared, ...]
     rows: tuple[tuple[int, int, int], ...]
     narrow: Problem
-    stepping: Stepping
     theta: np.ndarray
     scales: Scales
     force_states: tuple[int, ...]
@@ -96,7 +91,6 @@ class Workspace:
         stepping = choose_stepping(simulator, prepared, values)
         segments = build_segments(columns.model, prepared, rows, stepping.substeps)
         narrow = Problem(simulator, stepping, segments, spread(outputs))
-        narrow = switched(narrow, values, stepping.substeps) or narrow
         interval = float(np.median([p.recording.sample_time for p in prepared]))
         forces = [i for i, c in enumerate(columns.candidates) if c.mechanism == "constant_force"]
         places = tuple(columns.index(i, coefficients_only=True)[0] for i in forces)
@@ -112,16 +106,7 @@ class Workspace:
         theta = np.array([p.value for p in super_model.model.parameters.values()])
         place, prepared = tuple(simple), tuple(prepared)
         return Workspace(
-            super_model,
-            columns,
-            place,
-            prepared,
-            tuple(rows),
-            narrow,
-            stepping,
-            theta,
-            scales,
-            states,
+            super_model, columns, place, prepared, tuple(rows), narrow, theta, scales, states
         )
 
 
