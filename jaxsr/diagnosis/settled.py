@@ -62,7 +62,7 @@ def weighed(case: Case) -> Posterior | None:
     case.progress.stage("weighing mechanisms by the evidence of the recordings")
     found = case.failures.attempt(
         "weighing mechanisms",
-        lambda: posterior(model, case.prepared, case.screened, lambda: patience.exhausted),
+        lambda: posterior(model, case.prepared, stop=lambda: patience.exhausted),
         None,
     )
     return found if found is not None and beyond_doubt(found) else None

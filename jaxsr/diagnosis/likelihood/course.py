@@ -122,7 +122,7 @@ def _missing(work: Workspace, null: Hypothesis) -> tuple[np.ndarray, np.ndarray]
     active = [*work.scales.forces, *free]
     args = problem.simulator, problem.stepping, problem.segments, theta, null.path
     local, m = linearised(*args, active), len(work.scales.forces)
-    table = tabled(work, null.theta, null.path, null.noise)
+    table = tabled(work, null.theta, null.path, null.noise, null.decay)
     scales = replace(table.scales, forces=tuple(range(m)))
     share = null.share or float(scales.shares[1])
     latent = scales.latent(local, share)

@@ -140,7 +140,7 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
             raise
         values, vectors = np.linalg.eigh(matrix)
         root = np.sqrt(np.maximum(values, 1.0))[:, None] * vectors.T
-        triangle = np.linalg.qr(root, mode="r")
+        triangle = np.asarray(np.linalg.qr(root, mode="r"))
         return (triangle * np.sign(np.diag(triangle))[:, None]).T
 
 
@@ -152,7 +152,7 @@ def _inside(mean: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:
     """Log of the shares of normal distributions that lie inside the bounds."""
     # By the tails on the side where they are small: a difference of two ones would be noise.
     low, high = (prior.low - mean) / deviation, (prior.high - mean) / deviation
-    turned = low + high < 0.0
+    turned = high < -low
     low, high = np.where(turned, -high, low), np.where(turned, -low, high)
     above, beyond = log_ndtr(-low), log_ndtr(-high)
     return float(np.sum(above + np.log1p(-np.exp(np.minimum(beyond - above, -1e-12)))))
