@@ -23,16 +23,24 @@ from jaxsr.diagnosis.judging.detection import Detection, detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
+from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
-from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
+from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior_along
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
+from jaxsr.diagnosis.thinning import thinned
+from jaxsr.models.segments import Prepared
 
 LEFT = 0.1
 """Size of the latent force beside the answer, in that beside re-calibration alone, up to which
 nothing else is missing: a hundredth of its power."""
 WEIGHING = 0.4
 """Share of the time left that the posterior may take."""
+MOST = 12_000
+"""Samples times states that the posterior is asked about."""
+FOLLOWINGS = 12.0
+"""Time that the posterior is expected to take, relative to the first re-calibration beside latent
+forces."""
 RIVALS = 4
 """Sets beside the leading one that the report compares it with."""
 
@@ -60,12 +68,24 @@ def weighed(case: Case) -> Posterior | None:
         return None
     patience = case.search.share(WEIGHING)
     case.progress.stage("weighing mechanisms by the evidence of the recordings")
-    found = case.failures.attempt(
-        "weighing mechanisms",
-        lambda: posterior(model, case.prepared, stop=lambda: patience.exhausted),
-        None,
-    )
+    begun = patience.elapsed
+
+    def found_in(prepared: Sequence[Prepared]) -> Posterior | None:
+        course = followed(model, prepared)
+        if course is None or FOLLOWINGS * (patience.elapsed - begun) > patience.seconds:
+            return None
+        return posterior_along(model, course, lambda: patience.exhausted)
+
+    found = case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
     return found if found is not None and beyond_doubt(found) else None
+
+
+def _enough(case: Case) -> tuple[Prepared, ...]:
+    """Return the recordings, long ones thinned: evidence of much less data decides as well."""
+    samples = sum(p.time.size for p in case.prepared) * len(case.simulator.model.states)
+    if samples <= MOST or case.quiet:
+        return case.prepared
+    return thinned(case.simulator.model, [p.recording for p in case.prepared], MOST)[0]
 
 
 def beyond_doubt(found: Posterior) -> bool:
