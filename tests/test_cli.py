@@ -119,7 +119,6 @@ def test_discover_passes_its_options(files: Path, library: Recorded) -> None:
     "line",
     [
         "nonsense",
-        "datasets",
         "diagnose",
         "diagnose m.toml a.csv",
         "diagnose m.toml --out d",
