@@ -103,7 +103,7 @@ def _formula(candidate: Candidate) -> str:
 def constants(candidate: Candidate) -> str:
     """Return the constants with their units in the reference model."""
     rows = [(s.name, s.unit) for s in candidate.parameters if not s.fixed]
-    return ", ".join(f"`{n}`" + (f" ({u})" if u and u != "1" else "") for n, u in rows)
+    return ", ".join(f"`{n}`" + (f" (`{u}`)" if u and u != "1" else "") for n, u in rows)
 
 
 def confused(name: str) -> str:

@@ -263,6 +263,9 @@ def picture(found: Signature) -> str:
     at = environment(TIME)
     keep = slice(0, int(SHOWN / SECONDS * (SAMPLES - 1)) + 1, 3)
     x, y = at[found.over][keep], found.shown[keep]
+    order = np.argsort(x, kind="stable")
+    if np.abs(np.diff(y[order])).sum() < np.abs(np.diff(y)).sum():  # a function of x alone
+        x, y = x[order], y[order]
     span = max(float(np.ptp(x)), 1e-12)
     top = max(float(np.max(np.abs(y))), 1e-12)
     across = np.rint(12 + 196 * (x - x.min()) / span).astype(int)

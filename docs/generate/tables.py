@@ -40,7 +40,8 @@ def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def _cell(value: Any) -> str:
-    return str(value).replace("|", "\\|").replace("\n", " ")
+    text = str(value).replace("|", "\\|").replace("\n", " ")
+    return text if "`" in text else text.replace("*", "\\*")
 
 
 def number(value: float | None, digits: int = 3) -> str:
