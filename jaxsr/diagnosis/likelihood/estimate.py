@@ -20,6 +20,8 @@ HALVED = (1.0, 0.5, 0.2)
 NEARBY, CALM = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0), 0.5
 """Sizes of the latent force, in that of the last step, that are tried; change of the log evidence
 that ends the iteration."""
+PRESENT = 1.0 / 7.0
+"""Prior odds of one size of the latent force against none: as many sizes share even odds."""
 WORSE, FIRM = 1.0, 4
 """Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
 promise, about paths that are no motion of the model, is not kept."""
@@ -100,6 +102,11 @@ class Estimate:
     mode: Mode
     settled: bool
 
+    @property
+    def log_evidence(self) -> float:
+        """Of the mode, with the prior odds of its latent force."""
+        return self.mode.log_evidence + np.log(PRESENT) * (self.share > 0.0)
+
 
 def grams(local: LocalModel, scales: Scales, shares: np.ndarray) -> list[Gram]:
     """Return the Gram matrix of innovations for every size of the latent force."""
@@ -152,6 +159,7 @@ def estimated(
         if not np.isfinite(logs).any():
             return None
         logs = np.where(np.isfinite(logs), logs, -np.inf)
+        logs += np.log(PRESENT) * (shares > 0.0)
         return _Point(theta, path, local, shares, modes, logs)
 
     point = weighed(theta, path, scales.shares)
@@ -199,7 +207,7 @@ class _Point:
     local: LocalModel
     shares: np.ndarray
     modes: list[Mode]
-    logs: np.ndarray
+    logs: np.ndarray  # log evidence and prior odds
 
     @property
     def best(self) -> int:

@@ -109,7 +109,7 @@ def hypothesis(
     known = len(model.given.states)
     return Hypothesis(
         members,
-        best.mode.log_evidence,
+        best.log_evidence,
         best.share,
         constants,
         {i: model.names[i] for i in members},
@@ -145,8 +145,8 @@ def _at_its_mode(
         if found is None:
             return False
         tried[factor] = stepped, found
-        before = -np.inf if than is None else tried[than][1].mode.log_evidence
-        return found.mode.log_evidence > before + SHARPENED
+        before = -np.inf if than is None else tried[than][1].log_evidence
+        return found.log_evidence > before + SHARPENED
 
     if not sharp:
         return tried[1.0] if better(1.0, None) else None

@@ -42,12 +42,15 @@ class Posterior:
         Over what was estimated.
     wrong : tuple of WrongValue
         Where nothing is missing.
+    finished : bool
+        Whether everything was looked at that could be added to the leading set.
     """
 
     candidates: tuple[Candidate, ...]
     hypotheses: tuple[Hypothesis, ...]
     probabilities: np.ndarray
     wrong: tuple[WrongValue, ...] = ()
+    finished: bool = False
 
     @staticmethod
     def of(state: State) -> Posterior:
@@ -57,7 +60,10 @@ class Posterior:
         logs = np.array([state.log_posterior(h) for h in found])
         weights = np.exp(logs - logs.max(initial=-np.inf))
         return Posterior(
-            state.work.super_model.candidates, tuple(found), weights / max(weights.sum(), 1e-300)
+            state.work.super_model.candidates,
+            tuple(found),
+            weights / max(weights.sum(), 1e-300),
+            finished=found[0].members in state.grown,
         )
 
     @property
