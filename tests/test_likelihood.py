@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import dblquad
 from scipy.stats import multivariate_normal, norm
 
-from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
+from jaxsr.diagnosis.likelihood.evidence import Gram, Prior, _factor
 from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
 
@@ -145,3 +145,16 @@ def test_the_noise_that_fits_best_is_found() -> None:
     prior = Prior(np.zeros(1), np.ones(1), np.zeros(1), np.zeros(1))
     found = Gram(rows.T @ rows, 0.0, 4000).evidence([0], prior)
     assert found.noise == pytest.approx(9.0, rel=0.1)
+
+
+def test_the_factor_of_a_matrix_that_rounding_made_indefinite() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        columns = rng.normal(size=(40, 3)) * 10.0 ** rng.uniform(4.0, 9.0, 3)
+        wide = columns @ rng.normal(size=(3, 6))  # of rank three
+        inner = wide.T @ wide
+        inner = inner - np.eye(6) * 1e-15 * np.trace(inner)  # as far as rounding may go
+        factor = _factor(np.eye(6) + inner)
+        assert np.allclose(factor, np.tril(factor)) and (np.diag(factor) > 0.0).all()
+        error = factor @ factor.T - (np.eye(6) + inner)
+        assert np.abs(error).max() < 1e-13 * np.trace(inner) + 1e-9

@@ -20,7 +20,9 @@ from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.judging.alternatives import TIE
 from jaxsr.diagnosis.judging.detection import Detection, detect_in_noise
+from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.judging.weights import Weights
+from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -81,7 +83,7 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     """Return the decision, its horizon in s, and why the search ended.
 
     None where free runs do not bear it out: the set then follows the recordings no better than
-    re-calibration.
+    re-calibration, or leaves more than the sensors' noise, which the evidence takes for noise.
     """
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
     smaller = [h for h in found.hypotheses if set(h.members) < set(leader.members)]
@@ -100,6 +102,8 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     count = len({c.label for c in found.candidates})
     detection = detect_in_noise(null_entry, chosen, count)
     if chosen is not null_entry and not detection.detected:
+        return None
+    if residual_to_noise(arena, chosen) > ABOVE_NOISE:
         return None
     return (arena, entries, chosen, detection), headline.seconds, StoppedBy.CONVERGED
 

@@ -154,7 +154,10 @@ def estimated(
         if not np.isfinite(local.defect).all():
             return None
         prior = belief.about(theta[chosen])
-        modes = [g.evidence(range(size), prior) for g in grams(local, scales, shares)]
+        try:
+            modes = [g.evidence(range(size), prior) for g in grams(local, scales, shares)]
+        except np.linalg.LinAlgError:  # derivatives that are no numbers
+            return None
         logs = np.array([m.log_evidence for m in modes])
         if not np.isfinite(logs).any():
             return None

@@ -107,7 +107,7 @@ class Gram:
             # Scaled by the prior: the identity, and what the data add to it.
             root = prior.deviation / np.sqrt(noise)
             matrix = inner * np.outer(root, root) + np.eye(len(at))
-            factor = np.linalg.cholesky(matrix)
+            factor = _factor(matrix)
             right = -(pull / noise) * prior.deviation + prior.mean / prior.deviation
             change = prior.deviation * _solved(factor, right)
             left = self.products[0, 0] + 2.0 * pull @ change + change @ inner @ change
@@ -125,6 +125,23 @@ class Gram:
         deviation = prior.deviation * np.sqrt((inverse**2).sum(axis=0))
         log += _on_their_side(change, deviation, prior)
         return Mode(float(log), change, deviation, noise)
+
+
+def _factor(matrix: np.ndarray) -> np.ndarray:
+    """Return the Cholesky factor of the identity and something positive semidefinite.
+
+    Sums over many precise readings are positive up to rounding alone: an eigenvalue below one is
+    one.
+    """
+    try:
+        return np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        if not np.isfinite(matrix).all():
+            raise
+        values, vectors = np.linalg.eigh(matrix)
+        root = np.sqrt(np.maximum(values, 1.0))[:, None] * vectors.T
+        triangle = np.linalg.qr(root, mode="r")
+        return (triangle * np.sign(np.diag(triangle))[:, None]).T
 
 
 def _solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
