@@ -44,7 +44,7 @@ def pages() -> dict[Path, str]:
         out[DOCS / "images" / "mechanisms" / name] = text
     path = ROOT / "README.md"
     text = path.read_text(encoding="utf-8")
-    out[path] = _BLOCK.sub(lambda m: f"{m[1]}{readme.results_table()}\n{m[2]}", text)
+    out[path] = _BLOCK.sub(lambda m: f"{m[1]}\n{readme.results_table()}\n\n{m[2]}", text)
     return out
 
 
