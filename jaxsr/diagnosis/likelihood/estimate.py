@@ -269,9 +269,9 @@ class _Climb:
                 return point, False
             gain = after.log - point.log
             point, theta, path = after, after.theta, after.path
-            settled &= abs(gain) < CALM
-            hopeless = number >= FIRM and left(point.log, gain, self.best)
-            if settled or (calm and abs(gain) < CALM) or hopeless:
+            # Two steps without a gain are at the mode, however short deviations are.
+            settled = abs(gain) < CALM and (settled or calm)
+            if settled or (number >= FIRM and left(point.log, gain, self.best)):
                 break
             calm = abs(gain) < CALM
         return point, settled
