@@ -140,7 +140,7 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
             raise
         values, vectors = np.linalg.eigh(matrix)
         root = np.sqrt(np.maximum(values, 1.0))[:, None] * vectors.T
-        triangle = np.linalg.qr(root, mode="r")
+        triangle = np.asarray(np.linalg.qr(root, mode="r"))
         return (triangle * np.sign(np.diag(triangle))[:, None]).T
 
 

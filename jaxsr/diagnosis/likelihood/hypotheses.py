@@ -53,6 +53,8 @@ class Hypothesis:
     path : ndarray, shape (states of the given model, samples, pieces)
     noise : Noise
         That makes its innovations likeliest.
+    decay : float
+        Correlation of its latent force from sample to sample.
     """
 
     members: tuple[int, ...]
@@ -64,6 +66,7 @@ class Hypothesis:
     path: np.ndarray
     settled: bool
     noise: Noise
+    decay: float
 
 
 def hypothesis(
@@ -104,7 +107,7 @@ def hypothesis(
     scales = replace(table.scales, start=start)
     if near is not None:
         own[: len(near.path)] = near.path
-        scales = replace(scales, noise=near.noise)
+        scales = replace(scales, noise=near.noise, decay=near.decay)
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
     sharp = any(model.candidates[i].sharp for i in members)
     values = theta[reduced.parameters]
@@ -120,7 +123,7 @@ def hypothesis(
     hopeless = left(at_mode.log_evidence, 0.0, best)
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
-        anew = replace(scales, noise=likely)
+        anew = replace(scales, noise=likely, decay=at_mode.decay)
         after = follow(problem, at_mode.theta, at_mode.path, anew)
         if after is not None and after.log_evidence > at_mode.log_evidence:
             at_mode, scales = after, anew
@@ -141,6 +144,7 @@ def hypothesis(
         at_mode.path[:known],
         at_mode.settled,
         scales.noise,
+        at_mode.decay,
     )
 
 

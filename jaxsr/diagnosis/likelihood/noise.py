@@ -24,7 +24,7 @@ def likeliest(found: Estimate, scales: Scales) -> tuple[Noise, float]:
     once without any, which slow noise may be taken for. The gain is one of log likelihood.
     """
     count = found.local.defect.shape[1]
-    pieces = np.unique(np.linspace(0, count - 1, min(count, PIECES)).astype(int))
+    pieces = sorted({int(k) for k in np.linspace(0, count - 1, min(count, PIECES))})
     part, force = found.local.of(pieces), found.latent.of(pieces)
     before = scales.noise.scaled(found.mode.noise)
 

@@ -22,6 +22,8 @@ LENGTH = 512
 """Samples of a piece: as many passes in time as that, whatever the length of the recordings."""
 SHARES = (0.0, *np.geomspace(1e-3, 1.0, 7))
 """Of the net force that the latent force may be."""
+TIMES, BRIEFER = 4, 4.0
+"""Times for which the latent force may keep its sign, and the factor from one to the next."""
 START = 4.0
 """Variance of a start about the path, in that of the state over the recordings."""
 
@@ -95,11 +97,13 @@ class Workspace:
         forces = [i for i, c in enumerate(columns.candidates) if c.mechanism == "constant_force"]
         places = tuple(columns.index(i, coefficients_only=True)[0] for i in forces)
         states = tuple(given.states.index(columns.candidates[i].terms[0][0]) for i in forces)
+        decays = tuple(float(np.exp(-(BRIEFER**k) * interval / seconds)) for k in range(TIMES))
         scales = Scales(
             places,
             np.ones(len(places)),
             np.array(SHARES),
-            float(np.exp(-interval / seconds)),
+            decays[0],
+            decays,
             first_noise(prepared) if noise is None else noise,
             start_of(segments.course),
         )
