@@ -71,7 +71,7 @@ def weighed(case: Case) -> Posterior | None:
         course = followed(model, prepared)
         if course is None or FOLLOWINGS * (patience.elapsed - begun) > patience.seconds:
             return None
-        return posterior_along(model, course, lambda: patience.exhausted)
+        return posterior_along(model, course, case.screened, lambda: patience.exhausted)
 
     found = case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
     return found if found is not None and beyond_doubt(found) else None

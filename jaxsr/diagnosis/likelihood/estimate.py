@@ -29,6 +29,8 @@ LOUDEST = 4.0
 """Variance of a sensor's noise in that which neighbouring samples tell: more is not its noise."""
 PRESENT = 1.0 / 7.0
 """Prior odds of one size of the latent force against none: as many sizes share even odds."""
+ROOM = 2e7
+"""Numbers of innovations and their derivatives that are held at once."""
 WORSE, FIRM = 1.0, 4
 """Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
 promise, about paths that are no motion of the model, is not kept."""
@@ -148,12 +150,16 @@ def grams(
     decays : sequence of float, optional
         Its correlation beside each size; that of `scales` by default.
     """
-    pieces = local.defect.shape[1]
+    pieces, results = local.defect.shape[1], []
     decays = [scales.decay] * len(shares) if decays is None else decays
-    latent = [scales.latent(local, *choice) for choice in zip(shares, decays, strict=True)]
-    found = whitened(System.of(local, latent, [scales.noise] * len(shares), scales.start))
-    lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(shares))]
-    return [Gram.of(found, lane, scales.loudest) for lane in lanes]
+    choices = list(zip(shares, decays, strict=True))
+    together = max(int(ROOM / (local.innovation.size * (1 + local.by_constant.shape[3]))), 1)
+    for first in range(0, len(choices), together):
+        latent = [scales.latent(local, *c) for c in choices[first : first + together]]
+        found = whitened(System.of(local, latent, [scales.noise] * len(latent), scales.start))
+        lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(latent))]
+        results += [Gram.of(found, lane, scales.loudest) for lane in lanes]
+    return results
 
 
 def estimated(
