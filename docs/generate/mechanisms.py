@@ -61,7 +61,7 @@ def section(name: str, many: Sequence[Candidate]) -> str:
     lines = [
         f"### `{name}`",
         f'<img src="{image}" alt="{alt}" align="right" width="220">',
-        f"{capital(mechanism_words(name))}: {_sentence(first, place)} It is looked for at {place}.",
+        f"{capital(mechanism_words(name))}: {_sentence(first)} It is looked for at {place}.",
         "\n".join(f"- `{formula}`" for formula in formulas(many)),
         f"*Constants*: {constants(first)}. *Verdict*: "
         f"{VERDICT_TITLES[first.verdict].lower()} (`{first.verdict}`).",
