@@ -91,3 +91,19 @@ def test_a_wrong_value_is_told_from_a_missing_force() -> None:
     (wrong,) = found.wrong
     assert wrong.name == "k"
     assert abs(wrong.value - 6.6) < 4.0 * wrong.deviation
+
+
+def test_a_model_without_free_parameters_is_searched_too() -> None:
+    text = "\n".join(line.split(", bounds")[0] + " }" if "bounds" in line else line
+                     for line in MODEL.splitlines())  # fmt: skip
+    simulator = Simulator(parse_model(text))
+    assert not simulator.model.free_parameters
+    rng = np.random.default_rng(5)
+    prepared = [
+        Prepared.build(simulator.model, recorded(rng, lambda q, v: -0.5 * v * abs(v)))
+        for _ in range(2)
+    ]
+    found = posterior(simulator.model, prepared)
+    assert found is not None
+    (number,) = found.leader.members
+    assert found.candidates[number].mechanism == "quadratic_drag"
