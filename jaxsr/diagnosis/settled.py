@@ -38,8 +38,8 @@ MOST = 12_000
 FOLLOWINGS = 12.0
 """Time that the posterior is expected to take, relative to the first re-calibration beside latent
 forces."""
-RIVALS = 4
-"""Sets beside the leading one that the report compares it with."""
+RIVALS, TOLD = 4, 1e-3
+"""Sets beside the leading one that the report compares it with, and from which probability on."""
 
 Settled = tuple[tuple[Arena, list[Entry], Entry, Detection], float, StoppedBy]
 
@@ -109,7 +109,8 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     """
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
     smaller = [h for h in found.hypotheses if set(h.members) < set(leader.members)]
-    rivals = [h for h in found.hypotheses if h is not leader and h.members][:RIVALS]
+    every = zip(found.hypotheses, found.probabilities, strict=True)
+    rivals = [h for h, p in every if h is not leader and h.members and p >= TOLD][:RIVALS]
     shown = [h for h in dict.fromkeys([leader, *smaller, *rivals]) if h.members]
     super_model, starts = _starts(case, found, [null, *shown])
     opened = opening(case, super_model, starts)
