@@ -253,7 +253,7 @@ QUARTER_CAR = Plant(
 
 
 def _tanks(x: np.ndarray, u: float, p: Values, push: float, missing: Missing) -> list[float]:
-    lost = 20.0 * max(x[0] - missing.level, 0.0)
+    lost = 2.0 * max(x[0] - missing.level, 0.0)
     return [1.0 + u - p["a"] * x[0] - lost, p["a"] * x[0] - p["b"] * x[1] + push]
 
 

@@ -31,15 +31,15 @@ from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.thinning import thinned
 from jaxsr.models.segments import Prepared
 
-WEIGHING = 0.4
+WEIGHING = 0.5
 """Share of the time left that the posterior may take."""
 MOST = 12_000
 """Samples times states that the posterior is asked about."""
-FOLLOWINGS = 12.0
+FOLLOWINGS = 20.0
 """Time that the posterior is expected to take, relative to the first re-calibration beside latent
 forces."""
-RIVALS = 4
-"""Sets beside the leading one that the report compares it with."""
+RIVALS, TOLD = 4, 1e-3
+"""Sets beside the leading one that the report compares it with, and from which probability on."""
 
 Settled = tuple[tuple[Arena, list[Entry], Entry, Detection], float, StoppedBy]
 
@@ -71,7 +71,7 @@ def weighed(case: Case) -> Posterior | None:
         course = followed(model, prepared)
         if course is None or FOLLOWINGS * (patience.elapsed - begun) > patience.seconds:
             return None
-        return posterior_along(model, course, lambda: patience.exhausted)
+        return posterior_along(model, course, case.screened, lambda: patience.exhausted)
 
     found = case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
     return found if found is not None and beyond_doubt(found) else None
@@ -109,7 +109,8 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     """
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
     smaller = [h for h in found.hypotheses if set(h.members) < set(leader.members)]
-    rivals = [h for h in found.hypotheses if h is not leader and h.members][:RIVALS]
+    every = zip(found.hypotheses, found.probabilities, strict=True)
+    rivals = [h for h, p in every if h is not leader and h.members and p >= TOLD][:RIVALS]
     shown = [h for h in dict.fromkeys([leader, *smaller, *rivals]) if h.members]
     super_model, starts = _starts(case, found, [null, *shown])
     opened = opening(case, super_model, starts)

@@ -25,6 +25,8 @@ rest, else twice in a row."""
 BEHIND, CATCHING = 12.0, 0.25
 """Log evidence behind the best known that leaves a set no say (odds of e^-12), and the share of
 what is missing that a step has to gain where that much is missing."""
+LOUDEST = 4.0
+"""Variance of a sensor's noise in that which neighbouring samples tell: more is not its noise."""
 PRESENT = 1.0 / 7.0
 """Prior odds of one size of the latent force against none: as many sizes share even odds."""
 ROOM = 2e7
@@ -70,6 +72,8 @@ class Scales:
     decays : tuple of float
         Others that it may have.
     noise : Noise
+    told : ndarray, shape (outputs,)
+        Variances of the noise that neighbouring samples tell.
     start : ndarray, shape (states,)
         Variances of the states at the start of a piece.
     """
@@ -80,7 +84,17 @@ class Scales:
     decay: float
     decays: tuple[float, ...]
     noise: Noise
+    told: np.ndarray
     start: np.ndarray
+
+    def allows(self, noise: Noise) -> bool:
+        """Whether neighbouring samples leave room for some noise."""
+        return bool((noise.between_neighbours <= LOUDEST * self.told).all())
+
+    @property
+    def loudest(self) -> float:
+        """Largest factor on the noise that neighbouring samples leave room for."""
+        return LOUDEST * float(np.min(self.told / self.noise.between_neighbours))
 
     def latent(self, local: LocalModel, share: float, decay: float | None = None) -> Latent:
         """Return the latent force of one size, and one correlation, about a linearisation."""
@@ -138,12 +152,13 @@ def grams(
     """
     pieces, results = local.defect.shape[1], []
     decays = [scales.decay] * len(shares) if decays is None else decays
-    latent = [scales.latent(local, *choice) for choice in zip(shares, decays, strict=True)]
+    choices = list(zip(shares, decays, strict=True))
     together = max(int(ROOM / (local.innovation.size * (1 + local.by_constant.shape[3]))), 1)
-    for first in range(0, len(shares), together):
-        some = latent[first : first + together]
-        found = whitened(System.of(local, some, [scales.noise] * len(some), scales.start))
-        results += [Gram.of(found, slice(k * pieces, (k + 1) * pieces)) for k in range(len(some))]
+    for first in range(0, len(choices), together):
+        latent = [scales.latent(local, *c) for c in choices[first : first + together]]
+        found = whitened(System.of(local, latent, [scales.noise] * len(latent), scales.start))
+        lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(latent))]
+        results += [Gram.of(found, lane, scales.loudest) for lane in lanes]
     return results
 
 

@@ -66,17 +66,21 @@ class Gram:
     products : ndarray, shape (1 + constants, 1 + constants)
     log_determinant : float
     count : int
+    loudest : float
+        Largest factor on all variances.
     """
 
     products: np.ndarray
     log_determinant: float
     count: int
+    loudest: float = np.inf
 
     @staticmethod
-    def of(found: Whitened, lanes: slice) -> Gram:
+    def of(found: Whitened, lanes: slice, loudest: float = np.inf) -> Gram:
         """Sum over the lanes of one choice."""
         rows = found.rows[lanes].reshape(-1, found.rows.shape[-1])
-        return Gram(rows.T @ rows, float(found.log_determinant[lanes].sum()), found.count)
+        determinant = float(found.log_determinant[lanes].sum())
+        return Gram(rows.T @ rows, determinant, found.count, loudest)
 
     def evidence(self, chosen: Sequence[int], prior: Prior, scaled: bool = True) -> Mode:
         r"""Return the mode and the log evidence of a set of constants.
@@ -113,7 +117,7 @@ class Gram:
             if left <= 0.0:  # rounding is all that is left of so large columns: no answer
                 return Mode(-np.inf, prior.mean, prior.deviation, 1.0)
             if scaled:
-                noise = max(float(left) / self.count, 1e-300)
+                noise = min(max(float(left) / self.count, 1e-300), self.loudest)
         away = change - prior.mean
         log = -0.5 * (
             self.count * np.log(2.0 * np.pi * noise)

@@ -15,7 +15,7 @@ from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.table import Table
-from jaxsr.diagnosis.likelihood.workspace import Workspace, first_noise, start_of
+from jaxsr.diagnosis.likelihood.workspace import Workspace, start_of
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.models.least_squares import Problem
@@ -94,8 +94,8 @@ def hypothesis(
     chosen = list(model.base_index())
     for i in members:
         chosen += [j for j in model.index(i) if j not in chosen]
-    theta = work.theta.copy()  # what was dropped does nothing again
-    if near is not None:
+    theta = work.theta.copy()
+    if near is not None:  # what it has and this set has not does nothing here
         theta[chosen] = near.theta[chosen]
     theta = model.switched(members, model.seeded(fresh, theta))
     reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
@@ -250,7 +250,7 @@ def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
     """
     outputs = work.narrow.segments.outputs
     found = np.zeros(outputs.shape, bool)
-    noise = np.sqrt(first_noise(work.prepared).white)
+    noise = np.sqrt(work.scales.told)
     for i in members:
         candidate = work.super_model.candidates[i]
         for (output, _), spec in zip(candidate.readings, candidate.parameters, strict=False):

@@ -61,6 +61,12 @@ class Noise:
     coloured: np.ndarray
     correlation: np.ndarray
 
+    @property
+    def between_neighbours(self) -> np.ndarray:
+        """Variances that differences of neighbouring samples tell: the upper end of a spectrum."""
+        rho = self.correlation
+        return self.white + self.coloured * (1.0 - rho) / (1.0 + rho)
+
     def scaled(self, factor: float) -> Noise:
         """Return the noise with all variances multiplied."""
         return Noise(factor * self.white, factor * self.coloured, self.correlation)
