@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
+from jaxsr.diagnosis.setup import screen_all
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -53,7 +54,7 @@ def searched(seed: int, force, k: float = 6.0) -> Posterior:
     rng = np.random.default_rng(seed)
     simulator = Simulator(parse_model(MODEL))
     prepared = [Prepared.build(simulator.model, recorded(rng, force, k)) for _ in range(2)]
-    found = posterior(simulator.model, prepared)
+    found = posterior(simulator.model, prepared, screen_all(simulator, prepared))
     assert found is not None
     return found
 

@@ -17,6 +17,7 @@ from jaxsr.diagnosis.likelihood.table import tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.setup import Screened
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 
@@ -134,6 +135,7 @@ def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
 def posterior(
     model: Model,
     prepared: Sequence[Prepared],
+    screened: Screened | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Posterior | None:
     """Search by evidence; None where not even re-calibration can be followed.
