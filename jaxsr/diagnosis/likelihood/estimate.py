@@ -26,6 +26,8 @@ BEHIND, CATCHING = 12.0, 0.25
 what is missing that a step has to gain where that much is missing."""
 PRESENT = 1.0 / 7.0
 """Prior odds of one size of the latent force against none: as many sizes share even odds."""
+ROOM = 2e7
+"""Numbers of innovations and their derivatives that are held at once."""
 WORSE, FIRM = 1.0, 4
 """Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
 promise, about paths that are no motion of the model, is not kept."""
@@ -118,10 +120,14 @@ class Estimate:
 
 def grams(local: LocalModel, scales: Scales, shares: np.ndarray) -> list[Gram]:
     """Return the Gram matrix of innovations for every size of the latent force."""
-    pieces = local.defect.shape[1]
-    latent = [scales.latent(local, share) for share in shares]
-    found = whitened(System.of(local, latent, [scales.noise] * len(shares), scales.start))
-    return [Gram.of(found, slice(k * pieces, (k + 1) * pieces)) for k in range(len(shares))]
+    pieces, results = local.defect.shape[1], []
+    together = max(int(ROOM / (local.innovation.size * (1 + local.by_constant.shape[3]))), 1)
+    for first in range(0, len(shares), together):
+        latent = [scales.latent(local, share) for share in shares[first : first + together]]
+        found = whitened(System.of(local, latent, [scales.noise] * len(latent), scales.start))
+        lanes = range(len(latent))
+        results += [Gram.of(found, slice(k * pieces, (k + 1) * pieces)) for k in lanes]
+    return results
 
 
 def estimated(

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.course import Course
+from jaxsr.diagnosis.likelihood.support import supported
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
@@ -32,7 +33,8 @@ def offered(model: Model, course: Course) -> list[Candidate]:
     outputs = np.concatenate([p.outputs for p in prepared])
     sensors = sensor_candidates(model, dict(zip(model.outputs, outputs.T, strict=True)))
     duration = max(float(p.time[-1]) for p in prepared)
-    return [*forces, *memories, *sensors, *timing_candidates(model, step, duration)]
+    every = [*forces, *memories, *sensors, *timing_candidates(model, step, duration)]
+    return supported(model, course, every)
 
 
 def _variants(candidate: Candidate) -> Iterator[Candidate]:

@@ -150,7 +150,7 @@ def posterior(
         return None
     super_model = SuperModel.build(model, offered(model, course))
     work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise)
-    state = search(work, stop)
+    state = search(work, course.null, stop)
     null = state.known[()]
     if null is None:
         return None
