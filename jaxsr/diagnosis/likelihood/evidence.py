@@ -10,8 +10,10 @@ from scipy.special import log_ndtr
 
 from jaxsr.diagnosis.likelihood.kalman import Whitened
 
-SETTLING = 4
-"""Fixed-point steps for the scale of the noise, which converge by a factor of samples a step."""
+SETTLING, SCALED = 4, 1e-4
+"""Fixed-point steps for the scale of the noise, which converge by a factor of samples a step, and
+the relative step that ends them: of N samples, its square times N is what the log evidence errs by.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +112,10 @@ class Gram:
             right = -(pull / noise) * prior.deviation + prior.mean / prior.deviation
             change = prior.deviation * _solved(factor, right)
             left = self.products[0, 0] + 2.0 * pull @ change + change @ inner @ change
-            if scaled:
-                noise = max(float(left) / self.count, 1e-300)
+            before = noise
+            noise = max(float(left) / self.count, 1e-300) if scaled else noise
+            if abs(noise - before) <= SCALED * noise:
+                break
         away = change - prior.mean
         log = -0.5 * (
             self.count * np.log(2.0 * np.pi * noise)
