@@ -7,6 +7,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
+from scipy.signal import lfilter
+from scipy.special import comb
 from scipy.stats import multivariate_normal, norm
 
 from jaxsr.diagnosis.likelihood import kalman
@@ -218,3 +220,25 @@ def test_what_lies_beyond_a_bound_is_no_part_of_the_evidence() -> None:
     assert got.change[0] == 1.0
     inner, pull = columns.T @ columns, columns.T @ rows[:, 0]
     assert got.change[1] == pytest.approx(-(pull[1] + inner[1, 0]) / (inner[1, 1] + 1.0))
+
+
+def test_coloured_noise_is_known_by_its_neighbours() -> None:
+    """High differences see the upper end of the spectrum alone."""
+    rng = np.random.default_rng(3)
+    for rho in (0.5, 0.8, 0.95):
+        shock = rng.normal(size=200_000)
+        walk = lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], shock)
+        differences = np.diff(walk, 12)
+        seen = np.mean(differences**2) / comb(24, 12)
+        noise = Noise(np.zeros(1), np.ones(1), np.full(1, rho))
+        assert abs(seen / noise.between_neighbours[0] - 1.0) < 0.1
+
+
+def test_what_stands_above_the_noise_that_a_sensor_can_have_is_no_noise() -> None:
+    rng = np.random.default_rng(4)
+    rows = 10.0 * rng.normal(size=(500, 2))
+    prior = Prior(np.zeros(1), np.ones(1), -NONE * np.ones(1), NONE * np.ones(1))
+    loud = Gram(rows.T @ rows, 0.0, 500).evidence([0], prior)
+    held = Gram(rows.T @ rows, 0.0, 500, loudest=4.0).evidence([0], prior)
+    assert abs(loud.noise / 100.0 - 1.0) < 0.2 and held.noise == 4.0
+    assert held.log_evidence < loud.log_evidence - 1000.0

@@ -63,7 +63,8 @@ def followed(model: Model, prepared: Sequence[Prepared]) -> Course | None:
     null = hypothesis(work, tabled(work, work.theta, work.narrow.segments.course), ())
     if null is None:
         return None
-    known, table = along(work, null.path), tabled(work, null.theta, null.path, null.noise)
+    known = along(work, null.path)
+    table = tabled(work, null.theta, null.path, null.noise, null.decay)
     motion = _motion(work, null, table, known, width or 0.0)
     sizes = zip(work.force_states, table.scales.size, strict=True)
     size = {model.states[s]: max(float(v), 1e-300) for s, v in sizes}

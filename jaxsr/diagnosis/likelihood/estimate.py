@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,8 @@ rest, else twice in a row."""
 BEHIND, CATCHING = 12.0, 0.25
 """Log evidence behind the best known that leaves a set no say (odds of e^-12), and the share of
 what is missing that a step has to gain where that much is missing."""
+LOUDEST = 4.0
+"""Variance of a sensor's noise in that which neighbouring samples tell: more is not its noise."""
 PRESENT = 1.0 / 7.0
 """Prior odds of one size of the latent force against none: as many sizes share even odds."""
 ROOM = 2e7
@@ -66,7 +69,11 @@ class Scales:
         Of it, in rising order; the first is 0.
     decay : float
         Correlation from sample to sample.
+    decays : tuple of float
+        Others that it may have.
     noise : Noise
+    told : ndarray, shape (outputs,)
+        Variances of the noise that neighbouring samples tell.
     start : ndarray, shape (states,)
         Variances of the states at the start of a piece.
     """
@@ -75,14 +82,26 @@ class Scales:
     size: np.ndarray
     shares: np.ndarray
     decay: float
+    decays: tuple[float, ...]
     noise: Noise
+    told: np.ndarray
     start: np.ndarray
 
-    def latent(self, local: LocalModel, share: float) -> Latent:
-        """Return the latent force of one size about a linearisation."""
+    def allows(self, noise: Noise) -> bool:
+        """Whether neighbouring samples leave room for some noise."""
+        return bool((noise.between_neighbours <= LOUDEST * self.told).all())
+
+    @property
+    def loudest(self) -> float:
+        """Largest factor on the noise that neighbouring samples leave room for."""
+        return LOUDEST * float(np.min(self.told / self.noise.between_neighbours))
+
+    def latent(self, local: LocalModel, share: float, decay: float | None = None) -> Latent:
+        """Return the latent force of one size, and one correlation, about a linearisation."""
         at = list(self.forces)
         entering, read = local.by_constant[..., at], local.reading_by_constant[..., at]
-        return Latent(entering, share * self.size, self.decay, read)
+        decay = self.decay if decay is None else decay
+        return Latent(entering, share * self.size, decay, read)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +121,8 @@ class Estimate:
         Linearised about the path, at the mode, no constant left to change.
     latent : Latent
         Force of that size.
+    decay : float
+        Its correlation from sample to sample.
     """
 
     theta: np.ndarray
@@ -111,6 +132,7 @@ class Estimate:
     settled: bool
     local: LocalModel
     latent: Latent
+    decay: float
 
     @property
     def log_evidence(self) -> float:
@@ -118,15 +140,25 @@ class Estimate:
         return self.mode.log_evidence + np.log(PRESENT) * (self.share > 0.0)
 
 
-def grams(local: LocalModel, scales: Scales, shares: np.ndarray) -> list[Gram]:
-    """Return the Gram matrix of innovations for every size of the latent force."""
+def grams(
+    local: LocalModel, scales: Scales, shares: np.ndarray, decays: Sequence[float] | None = None
+) -> list[Gram]:
+    """Return the Gram matrix of innovations for every size of the latent force.
+
+    Parameters
+    ----------
+    decays : sequence of float, optional
+        Its correlation beside each size; that of `scales` by default.
+    """
     pieces, results = local.defect.shape[1], []
+    decays = [scales.decay] * len(shares) if decays is None else decays
+    latent = [scales.latent(local, *choice) for choice in zip(shares, decays, strict=True)]
     together = max(int(ROOM / (local.innovation.size * (1 + local.by_constant.shape[3]))), 1)
-    for first in range(0, len(shares), together):
-        latent = [scales.latent(local, share) for share in shares[first : first + together]]
-        found = whitened(System.of(local, latent, [scales.noise] * len(latent), scales.start))
-        lanes = range(len(latent))
-        results += [Gram.of(found, slice(k * pieces, (k + 1) * pieces)) for k in lanes]
+    for first in range(0, len(latent), together):
+        few = latent[first : first + together]
+        found = whitened(System.of(local, few, [scales.noise] * len(few), scales.start))
+        lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(few))]
+        results += [Gram.of(found, lane, scales.loudest) for lane in lanes]
     return results
 
 
@@ -159,15 +191,70 @@ def estimated(
     size = len(chosen)
     active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
     scales = replace(scales, forces=tuple(active.index(int(j)) for j in helpers))
+    climb = _Climb(problem, chosen, active, belief, best)
+    point = climb.weighed(theta, path, scales, scales.shares)
+    if point is None:
+        return None
+    point, settled = climb.to_the_mode(point, scales)
+    for _ in range(len(scales.decays) - 1):
+        if point.share == 0.0 or left(point.log, 0.0, best):
+            break
+        other = climb.in_other_time(point, scales)
+        if other is None or other[0].log < point.log + CALM:
+            break
+        point, scales = other[0], replace(scales, decay=other[1])
+        point, settled = climb.to_the_mode(point, scales)
+    at_mode = point.local.moved(np.concatenate([point.mode.change, np.zeros(len(active) - size)]))
+    latent = scales.latent(point.local, point.share)
+    known = point.theta, point.path, point.share, point.mode, settled
+    return Estimate(*known, at_mode, latent, scales.decay)
 
-    def weighed(theta: np.ndarray, path: np.ndarray, shares: np.ndarray) -> _Point | None:
+
+@dataclass(frozen=True, eq=False)
+class _Climb:
+    """The way of a set to its mode.
+
+    Attributes
+    ----------
+    problem : Problem
+    chosen : ndarray of int
+        Parameters that are estimated.
+    active : list of int
+        These, and those that stand for latent forces.
+    belief : Belief
+        Of the chosen ones.
+    best : float
+        Log evidence of the best set known.
+    """
+
+    problem: Problem
+    chosen: np.ndarray
+    active: list[int]
+    belief: Belief
+    best: float
+
+    def weighed(
+        self, theta: np.ndarray, path: np.ndarray, scales: Scales, shares: np.ndarray
+    ) -> _Point | None:
+        """Linearise about a path, and weigh sizes of the latent force."""
+        problem = self.problem
         args = problem.simulator, problem.stepping, problem.segments, theta, path
-        local = linearised(*args, active)
+        local = linearised(*args, self.active)
         if not np.isfinite(local.defect).all():
             return None
-        prior = belief.about(theta[chosen])
+        return self._judged(theta, path, local, shares, lambda: grams(local, scales, shares))
+
+    def _judged(
+        self,
+        theta: np.ndarray,
+        path: np.ndarray,
+        local: LocalModel,
+        shares: np.ndarray,
+        made: Callable[[], list[Gram]],
+    ) -> _Point | None:
+        prior = self.belief.about(theta[self.chosen])
         try:
-            modes = [g.evidence(range(size), prior) for g in grams(local, scales, shares)]
+            modes = [g.evidence(range(len(self.chosen)), prior) for g in made()]
         except np.linalg.LinAlgError:  # derivatives that are no numbers
             return None
         logs = np.array([m.log_evidence for m in modes])
@@ -177,42 +264,52 @@ def estimated(
         logs += np.log(PRESENT) * (shares > 0.0)
         return _Point(theta, path, local, shares, modes, logs)
 
-    point = weighed(theta, path, scales.shares)
-    if point is None:
-        return None
-    settled, calm = False, False
-    for number in range(MOST):
-        change = np.clip(theta[chosen] + point.mode.change, belief.low, belief.high) - theta[chosen]
-        little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
-        local = point.local.moved(np.concatenate([change, np.zeros(len(active) - size)]))
-        latent = scales.latent(point.local, point.share)
-        noise = scales.noise.scaled(point.mode.noise)
-        moved = smoothed(System.of(local, [latent], [noise], scales.start), len(path))
-        settled = bool(np.all(np.abs(change) <= little))
-        after = None
-        for share in HALVED:
-            nearer = theta.copy()
-            nearer[chosen] += share * change
-            found = weighed(nearer, path + share * moved, _about(point.share, scales.shares))
-            if found is not None and (number < FIRM or found.log > point.log - WORSE):
-                after = found
+    def to_the_mode(self, point: _Point, scales: Scales) -> tuple[_Point, bool]:
+        """Linearise, weigh, smooth, and again; return whether the last step was a small one."""
+        theta, path, belief = point.theta, point.path, self.belief
+        chosen, spare = self.chosen, np.zeros(len(self.active) - len(self.chosen))
+        settled, calm = False, False
+        for number in range(MOST):
+            there = np.clip(theta[chosen] + point.mode.change, belief.low, belief.high)
+            change = there - theta[chosen]
+            little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
+            local = point.local.moved(np.concatenate([change, spare]))
+            latent = scales.latent(point.local, point.share)
+            noise = scales.noise.scaled(point.mode.noise)
+            moved = smoothed(System.of(local, [latent], [noise], scales.start), len(path))
+            settled = bool(np.all(np.abs(change) <= little))
+            shares, after = _about(point.share, scales.shares), None
+            for share in HALVED:
+                nearer = theta.copy()
+                nearer[chosen] += share * change
+                found = self.weighed(nearer, path + share * moved, scales, shares)
+                if found is not None and (number < FIRM or found.log > point.log - WORSE):
+                    after = found
+                    break
+            if after is None:
+                return point, False
+            gain = after.log - point.log
+            point, theta, path = after, after.theta, after.path
+            # Two steps without a gain are at the mode, however short deviations are.
+            settled = abs(gain) < CALM and (settled or calm)
+            if settled or (number >= FIRM and left(point.log, gain, self.best)):
                 break
-        if after is None:
-            settled = False
-            break
-        gain = after.log - point.log
-        point, theta, path = after, after.theta, after.path
-        settled &= abs(gain) < CALM
-        if (
-            settled
-            or (calm and abs(gain) < CALM)
-            or (number >= FIRM and left(point.log, gain, best))
-        ):
-            break
-        calm = abs(gain) < CALM
-    at_mode = point.local.moved(np.concatenate([point.mode.change, np.zeros(len(active) - size)]))
-    latent = scales.latent(point.local, point.share)
-    return Estimate(point.theta, point.path, point.share, point.mode, settled, at_mode, latent)
+            calm = abs(gain) < CALM
+        return point, settled
+
+    def in_other_time(self, point: _Point, scales: Scales) -> tuple[_Point, float] | None:
+        """Weigh latent forces that keep their sign for longer, or less long, about one path."""
+        others = [d for d in scales.decays if d != scales.decay]
+        sizes = point.share * np.array(NEARBY)
+        shares, decays = np.tile(sizes, len(others)), np.repeat(others, len(sizes))
+        found = self._judged(
+            point.theta,
+            point.path,
+            point.local,
+            shares,
+            lambda: grams(point.local, scales, shares, list(decays)),
+        )
+        return None if found is None else (found, float(decays[found.best]))
 
 
 def left(log: float, gain: float, best: float) -> bool:

@@ -68,17 +68,21 @@ class Gram:
     products : ndarray, shape (1 + constants, 1 + constants)
     log_determinant : float
     count : int
+    loudest : float
+        Largest factor on all variances.
     """
 
     products: np.ndarray
     log_determinant: float
     count: int
+    loudest: float = np.inf
 
     @staticmethod
-    def of(found: Whitened, lanes: slice) -> Gram:
+    def of(found: Whitened, lanes: slice, loudest: float = np.inf) -> Gram:
         """Sum over the lanes of one choice."""
         rows = found.rows[lanes].reshape(-1, found.rows.shape[-1])
-        return Gram(rows.T @ rows, float(found.log_determinant[lanes].sum()), found.count)
+        determinant = float(found.log_determinant[lanes].sum())
+        return Gram(rows.T @ rows, determinant, found.count, loudest)
 
     def evidence(self, chosen: Sequence[int], prior: Prior, scaled: bool = True) -> Mode:
         r"""Return the mode and the log evidence of a set of constants.
@@ -113,7 +117,8 @@ class Gram:
             change = prior.deviation * _solved(factor, right)
             left = self.products[0, 0] + 2.0 * pull @ change + change @ inner @ change
             before = noise
-            noise = max(float(left) / self.count, 1e-300) if scaled else noise
+            if scaled:
+                noise = min(max(float(left) / self.count, 1e-300), self.loudest)
             if abs(noise - before) <= SCALED * noise:
                 break
         away = change - prior.mean
@@ -144,7 +149,7 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
             raise
         values, vectors = np.linalg.eigh(matrix)
         root = np.sqrt(np.maximum(values, 1.0))[:, None] * vectors.T
-        triangle = np.linalg.qr(root, mode="r")
+        triangle = np.asarray(np.linalg.qr(root, mode="r"))
         return (triangle * np.sign(np.diag(triangle))[:, None]).T
 
 
@@ -156,7 +161,7 @@ def _inside(mean: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:
     """Log of the shares of normal distributions that lie inside the bounds."""
     # By the tails on the side where they are small: a difference of two ones would be noise.
     low, high = (prior.low - mean) / deviation, (prior.high - mean) / deviation
-    turned = low + high < 0.0
+    turned = high < -low
     low, high = np.where(turned, -high, low), np.where(turned, -low, high)
     above, beyond = log_ndtr(-low), log_ndtr(-high)
     return float(np.sum(above + np.log1p(-np.exp(np.minimum(beyond - above, -1e-12)))))

@@ -15,7 +15,7 @@ from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.table import Table
-from jaxsr.diagnosis.likelihood.workspace import Workspace, first_noise, start_of
+from jaxsr.diagnosis.likelihood.workspace import Workspace, start_of
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.models.least_squares import Problem
@@ -53,6 +53,8 @@ class Hypothesis:
     path : ndarray, shape (states of the given model, samples, pieces)
     noise : Noise
         That makes its innovations likeliest.
+    decay : float
+        Correlation of its latent force from sample to sample.
     """
 
     members: tuple[int, ...]
@@ -64,6 +66,7 @@ class Hypothesis:
     path: np.ndarray
     settled: bool
     noise: Noise
+    decay: float
 
 
 def hypothesis(
@@ -91,8 +94,8 @@ def hypothesis(
     chosen = list(model.base_index())
     for i in members:
         chosen += [j for j in model.index(i) if j not in chosen]
-    theta = work.theta.copy()  # what was dropped does nothing again
-    if near is not None:
+    theta = work.theta.copy()
+    if near is not None:  # what it has and this set has not does nothing here
         theta[chosen] = near.theta[chosen]
     theta = model.switched(members, model.seeded(fresh, theta))
     reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
@@ -104,7 +107,7 @@ def hypothesis(
     scales = replace(table.scales, start=start)
     if near is not None:
         own[: len(near.path)] = near.path
-        scales = replace(scales, noise=near.noise)
+        scales = replace(scales, noise=near.noise, decay=near.decay)
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
     sharp = any(model.candidates[i].sharp for i in members)
     values = theta[reduced.parameters]
@@ -120,7 +123,7 @@ def hypothesis(
     hopeless = left(at_mode.log_evidence, 0.0, best)
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
-        anew = replace(scales, noise=likely)
+        anew = replace(scales, noise=likely, decay=at_mode.decay)
         after = follow(problem, at_mode.theta, at_mode.path, anew)
         if after is not None and after.log_evidence > at_mode.log_evidence:
             at_mode, scales = after, anew
@@ -141,6 +144,7 @@ def hypothesis(
         at_mode.path[:known],
         at_mode.settled,
         scales.noise,
+        at_mode.decay,
     )
 
 
@@ -246,7 +250,7 @@ def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
     """
     outputs = work.narrow.segments.outputs
     found = np.zeros(outputs.shape, bool)
-    noise = np.sqrt(first_noise(work.prepared).white)
+    noise = np.sqrt(work.scales.told)
     for i in members:
         candidate = work.super_model.candidates[i]
         for (output, _), spec in zip(candidate.readings, candidate.parameters, strict=False):

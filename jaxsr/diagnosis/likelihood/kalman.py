@@ -61,6 +61,12 @@ class Noise:
     coloured: np.ndarray
     correlation: np.ndarray
 
+    @property
+    def between_neighbours(self) -> np.ndarray:
+        """Variances that differences of neighbouring samples tell: the upper end of a spectrum."""
+        rho = self.correlation
+        return self.white + self.coloured * (1.0 - rho) / (1.0 + rho)
+
     def scaled(self, factor: float) -> Noise:
         """Return the noise with all variances multiplied."""
         return Noise(factor * self.white, factor * self.coloured, self.correlation)
@@ -94,7 +100,7 @@ class System:
     Attributes
     ----------
     transition : ndarray, shape (steps, pieces, size, size)
-        But for the decay of coloured noise.
+        But for the decay of latent forces and coloured noise.
     entering : ndarray, shape (steps, pieces, size, 1 + constants)
     reading : ndarray, shape (samples, pieces, outputs, size)
     measured : ndarray, shape (samples, pieces, outputs, 1 + constants)
@@ -125,7 +131,7 @@ class System:
         Parameters
         ----------
         latent : sequence of Latent
-            One a choice; they differ by their scales alone.
+            One a choice; they differ by their scales and decays alone.
         noise : sequence of Noise
             One a choice.
         start : ndarray, shape (states,)
@@ -138,8 +144,7 @@ class System:
         transition = np.zeros((steps, pieces, whole, whole))
         transition[..., :n, :n] = local.by_state
         transition[..., :n, n:known] = latent[0].entering
-        transition[..., range(n, known), range(n, known)] = latent[0].decay
-        transition[..., range(known, whole), range(known, whole)] = 1.0
+        transition[..., range(n, whole), range(n, whole)] = 1.0
         entering = np.zeros((steps, pieces, whole, 1 + p))
         entering[..., :n, 0], entering[..., :n, 1:] = local.defect, local.by_constant
         measured = np.zeros((steps + 1, pieces, outputs, 1 + p))
@@ -153,7 +158,7 @@ class System:
         reading[..., coloured, range(known, whole)] = 1.0
         decay, begun, process = np.ones((choices, whole)), np.zeros((choices, whole)), []
         for k, (force, sensor) in enumerate(zip(latent, noise, strict=True)):
-            decay[k, known:] = sensor.correlation[coloured]
+            decay[k, n:known], decay[k, known:] = force.decay, sensor.correlation[coloured]
             variance = np.concatenate([force.scale**2, sensor.coloured[coloured]])
             begun[k, :n], begun[k, n:] = start, variance
             kept = np.concatenate([np.full(m, force.decay), sensor.correlation[coloured]])

@@ -120,7 +120,7 @@ def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -
         Whose beliefs all hypotheses share: evidences are compared under one prior.
     """
     work, leader = state.work, state.leader
-    here = tabled(work, leader.theta, leader.path, leader.noise)
+    here = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
     known = dict(state.known)
     proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
     proposed += [tuple(m for m in leader.members if m != i) for i in leader.members]

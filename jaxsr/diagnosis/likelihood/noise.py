@@ -24,7 +24,7 @@ def likeliest(found: Estimate, scales: Scales) -> tuple[Noise, float]:
     once without any, which slow noise may be taken for. The gain is one of log likelihood.
     """
     count = found.local.defect.shape[1]
-    pieces = np.unique(np.linspace(0, count - 1, min(count, PIECES)).astype(int))
+    pieces = sorted({int(k) for k in np.linspace(0, count - 1, min(count, PIECES))})
     part, force = found.local.of(pieces), found.latent.of(pieces)
     before = scales.noise.scaled(found.mode.noise)
 
@@ -42,6 +42,7 @@ def likeliest(found: Estimate, scales: Scales) -> tuple[Noise, float]:
             begun = noise
             for k in range(len(noise.white)):
                 grid = [(size, rho) for size in SIZES for rho in CORRELATIONS]
+                grid = [c for c in grid if scales.allows(_with(noise, k, *c))]
                 logs = weighed(share, [_with(noise, k, *choice) for choice in grid])
                 if not np.isfinite(logs).any():
                     continue

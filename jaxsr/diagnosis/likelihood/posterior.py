@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
-from jaxsr.diagnosis.likelihood.course import followed
+from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.evidence import Mode, Prior
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.loop import State, search
@@ -100,7 +100,7 @@ def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
     One after the other is freed, as long as the evidence gains more than the prior odds of one
     parameter among all; a parameter held as given is one that is known for certain.
     """
-    table = tabled(work, null.theta, null.path, null.noise)
+    table = tabled(work, null.theta, null.path, null.noise, null.decay)
     base = list(table.base)
     known = table.prior(base)
     names = [n for n in work.super_model.given.free_parameters]
@@ -146,8 +146,13 @@ def posterior(
         The given one.
     """
     course = followed(model, prepared)
-    if course is None:
-        return None
+    return None if course is None else posterior_along(model, course, stop)
+
+
+def posterior_along(
+    model: Model, course: Course, stop: Callable[[], bool] = lambda: False
+) -> Posterior | None:
+    """Search by evidence from what re-calibration follows (`followed`)."""
     super_model = SuperModel.build(model, offered(model, course))
     work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise)
     state = search(work, course.null, stop)

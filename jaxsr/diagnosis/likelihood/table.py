@@ -90,7 +90,11 @@ class _Columns:
 
 
 def tabled(
-    work: Workspace, theta: np.ndarray, path: np.ndarray, noise: Noise | None = None
+    work: Workspace,
+    theta: np.ndarray,
+    path: np.ndarray,
+    noise: Noise | None = None,
+    decay: float | None = None,
 ) -> Table:
     """Linearise about a path by the constants of all candidates at once.
 
@@ -100,6 +104,8 @@ def tabled(
     path : ndarray, shape (states of the given model, samples, pieces)
     noise : Noise, optional
         Of the sensors; that of the workspace by default.
+    decay : float, optional
+        Of the latent force, from sample to sample; that of the workspace by default.
     """
     model, values = work.columns, in_columns(work, theta)
     problem = switched(work.narrow, values, work.narrow.stepping.substeps) or work.narrow
@@ -134,6 +140,7 @@ def tabled(
         size=usual.force,
         start=work.scales.start[: len(path)],
         noise=noise or work.scales.noise,
+        decay=work.scales.decay if decay is None else decay,
     )
     base = tuple(range(len(model.base_index())))
     table = grams(local, scales, scales.shares)
@@ -276,7 +283,7 @@ def _with_memories(
         )
         course = segments.course.copy()
         course[:n] = path
-        active = small.active(np.array(indices, int))
+        active = small.active(np.array(indices, int)).tolist()
         local = linearised(small.simulator, small.stepping, segments, values, course, active)
         steps, readings = local.by_constant[:, :, :n], local.reading_by_constant
         sizes = usual.deviations(steps, readings)

@@ -8,20 +8,25 @@ from itertools import pairwise
 
 import numpy as np
 
+from jaxsr.diagnosis.contest.converters import steps_of
 from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.likelihood.estimate import Scales
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
+from jaxsr.models.model import Model
 from jaxsr.models.segments import Prepared, build_segments, unbroken
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.states import spread
 from jaxsr.recordings import noise_level
+from jaxsr.recordings.converter import uniform_variance
 
 LENGTH = 512
 """Samples of a piece: as many passes in time as that, whatever the length of the recordings."""
 SHARES = (0.0, *np.geomspace(1e-3, 1.0, 7))
 """Of the net force that the latent force may be."""
+TIMES, BRIEFER = 4, 4.0
+"""Times for which the latent force may keep its sign, and the factor from one to the next."""
 START = 4.0
 """Variance of a start about the path, in that of the state over the recordings."""
 
@@ -95,12 +100,16 @@ class Workspace:
         forces = [i for i, c in enumerate(columns.candidates) if c.mechanism == "constant_force"]
         places = tuple(columns.index(i, coefficients_only=True)[0] for i in forces)
         states = tuple(given.states.index(columns.candidates[i].terms[0][0]) for i in forces)
+        told = first_noise(given, prepared)
+        decays = tuple(float(np.exp(-(BRIEFER**k) * interval / seconds)) for k in range(TIMES))
         scales = Scales(
             places,
             np.ones(len(places)),
             np.array(SHARES),
-            float(np.exp(-interval / seconds)),
-            first_noise(prepared) if noise is None else noise,
+            decays[0],
+            decays,
+            told if noise is None else noise,
+            told.between_neighbours,
             start_of(segments.course),
         )
         theta = np.array([p.value for p in super_model.model.parameters.values()])
@@ -110,14 +119,16 @@ class Workspace:
         )
 
 
-def first_noise(prepared: Sequence[Prepared]) -> Noise:
-    """Return white noise of the sizes that neighbouring samples tell."""
+def first_noise(model: Model, prepared: Sequence[Prepared]) -> Noise:
+    """Return white noise of the sizes that neighbouring samples tell, at least a converter's."""
     outputs = np.concatenate([p.outputs for p in prepared])
     levels = [
         np.median([noise_level(p.time, p.outputs[:, k]) for p in prepared])
         for k in range(outputs.shape[1])
     ]
+    steps = [uniform_variance(step) for step in steps_of(model, tuple(prepared))]
     white = np.square(np.maximum(levels, 1e-9 * spread(outputs)))
+    white = np.maximum(white, steps)
     return Noise(white, np.zeros_like(white), np.zeros_like(white))
 
 
