@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -63,7 +64,7 @@ def along(
 
 
 @pytest.mark.parametrize("make", [stuck_cart, stuck_pair])
-def test_steps_are_those_of_the_modes(make) -> None:
+def test_steps_are_those_of_the_modes(make: Callable[[], Case]) -> None:
     """RK4 errors alone, crossings included: they fall by 4**4 with a quarter of the step."""
     errors = []
     for substeps in (1, 4):
@@ -77,9 +78,10 @@ def test_steps_are_those_of_the_modes(make) -> None:
 
 
 @pytest.mark.parametrize("make", [stuck_cart, stuck_pair])
-def test_derivatives_go_through_crossings_and_sticking(make) -> None:
+def test_derivatives_go_through_crossings_and_sticking(make: Callable[[], Case]) -> None:
     """Against differences; where a sample's own speed is zero there is one on one side alone."""
-    *setting, theta, path = along(*make(), 2)
+    simulator, stepping, segments, theta, path = along(*make(), 2)
+    setting = simulator, stepping, segments
     ends, slopes = one_step(*setting, theta, path, list(range(len(theta))))
     n = len(path)
     for j in range(n + len(theta)):
@@ -110,9 +112,10 @@ def test_what_has_no_slope_at_standstill_does_no_harm() -> None:
     _, record, path = stuck_cart()
     text = RUBBED_CART.replace("sign(v)", "sign(v) - kd*sign(v)*Abs(v)**p")
     text += "kd = { value = 0.0, bounds = [0.0, 1.0] }\np = { value = 0.5, bounds = [0.2, 3.0] }\n"
-    *setting, theta, path = along(text, record, path, 1)
+    setting = along(text, record, path, 1)
+    chosen = range(len(setting[3]))
     with np.errstate(all="ignore"):
-        _, slopes = one_step(*setting, theta, path, list(range(len(theta))))
+        _, slopes = one_step(*setting, list(chosen))
     assert np.isfinite(slopes).all()
 
 
