@@ -200,28 +200,6 @@ def test_the_factor_of_a_matrix_that_rounding_made_indefinite() -> None:
         assert np.abs(error).max() < 1e-13 * np.trace(inner) + 1e-9
 
 
-def test_what_lies_beyond_a_bound_is_no_part_of_the_evidence() -> None:
-    """The data ask for a value outside: the integral is over the inside, the mode on the edge."""
-    rng = np.random.default_rng(6)
-    columns = rng.normal(size=(40, 2)) + rng.normal(size=(40, 1))
-    rows = np.column_stack([-columns @ (1.5, 0.4) + 0.3 * rng.normal(size=40), columns])
-    gram = Gram(rows.T @ rows, 0.0, 40)
-    low, high = np.array([-1.0, -NONE]), np.array([1.0, NONE])
-    prior = Prior(np.zeros(2), np.ones(2), low, high)
-
-    def density(b: float, a: float) -> float:
-        left = rows[:, 0] + rows[:, 1:] @ (a, b)
-        weight = norm.pdf(a) * norm.pdf(b) / (2.0 * norm.cdf(1.0) - 1.0)
-        return float(np.exp(-0.5 * (40 * np.log(2.0 * np.pi) + left @ left) + 50.0) * weight)
-
-    wanted = np.log(dblquad(density, -1.0, 1.0, 0.0, 2.0, epsrel=1e-6)[0]) - 50.0
-    got = gram.evidence([0, 1], prior, scaled=False)
-    assert got.log_evidence == pytest.approx(wanted, abs=2e-3)
-    assert got.change[0] == 1.0
-    inner, pull = columns.T @ columns, columns.T @ rows[:, 0]
-    assert got.change[1] == pytest.approx(-(pull[1] + inner[1, 0]) / (inner[1, 1] + 1.0))
-
-
 def test_coloured_noise_is_known_by_its_neighbours() -> None:
     """High differences see the upper end of the spectrum alone."""
     rng = np.random.default_rng(3)
@@ -242,3 +220,25 @@ def test_what_stands_above_the_noise_that_a_sensor_can_have_is_no_noise() -> Non
     held = Gram(rows.T @ rows, 0.0, 500, loudest=4.0).evidence([0], prior)
     assert abs(loud.noise / 100.0 - 1.0) < 0.2 and held.noise == 4.0
     assert held.log_evidence < loud.log_evidence - 1000.0
+
+
+def test_what_lies_beyond_a_bound_is_no_part_of_the_evidence() -> None:
+    """The data ask for a value outside: the integral is over the inside, the mode on the edge."""
+    rng = np.random.default_rng(6)
+    columns = rng.normal(size=(40, 2)) + rng.normal(size=(40, 1))
+    rows = np.column_stack([-columns @ (1.5, 0.4) + 0.3 * rng.normal(size=40), columns])
+    gram = Gram(rows.T @ rows, 0.0, 40)
+    low, high = np.array([-1.0, -NONE]), np.array([1.0, NONE])
+    prior = Prior(np.zeros(2), np.ones(2), low, high)
+
+    def density(b: float, a: float) -> float:
+        left = rows[:, 0] + rows[:, 1:] @ (a, b)
+        weight = norm.pdf(a) * norm.pdf(b) / (2.0 * norm.cdf(1.0) - 1.0)
+        return float(np.exp(-0.5 * (40 * np.log(2.0 * np.pi) + left @ left) + 50.0) * weight)
+
+    wanted = np.log(dblquad(density, -1.0, 1.0, 0.0, 2.0, epsrel=1e-6)[0]) - 50.0
+    got = gram.evidence([0, 1], prior, scaled=False)
+    assert got.log_evidence == pytest.approx(wanted, abs=2e-3)
+    assert got.change[0] == 1.0
+    inner, pull = columns.T @ columns, columns.T @ rows[:, 0]
+    assert got.change[1] == pytest.approx(-(pull[1] + inner[1, 0]) / (inner[1, 1] + 1.0))

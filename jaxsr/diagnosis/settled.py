@@ -31,11 +31,11 @@ from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.thinning import thinned
 from jaxsr.models.segments import Prepared
 
-WEIGHING = 0.4
+WEIGHING = 0.5
 """Share of the time left that the posterior may take."""
 MOST = 12_000
 """Samples times states that the posterior is asked about."""
-FOLLOWINGS = 12.0
+FOLLOWINGS = 20.0
 """Time that the posterior is expected to take, relative to the first re-calibration beside latent
 forces."""
 RIVALS, TOLD = 4, 1e-3
@@ -71,7 +71,7 @@ def weighed(case: Case) -> Posterior | None:
         course = followed(model, prepared)
         if course is None or FOLLOWINGS * (patience.elapsed - begun) > patience.seconds:
             return None
-        return posterior_along(model, course, lambda: patience.exhausted)
+        return posterior_along(model, course, case.screened, lambda: patience.exhausted)
 
     found = case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
     return found if found is not None and beyond_doubt(found) else None

@@ -152,12 +152,12 @@ def grams(
     """
     pieces, results = local.defect.shape[1], []
     decays = [scales.decay] * len(shares) if decays is None else decays
-    latent = [scales.latent(local, *choice) for choice in zip(shares, decays, strict=True)]
+    choices = list(zip(shares, decays, strict=True))
     together = max(int(ROOM / (local.innovation.size * (1 + local.by_constant.shape[3]))), 1)
-    for first in range(0, len(latent), together):
-        few = latent[first : first + together]
-        found = whitened(System.of(local, few, [scales.noise] * len(few), scales.start))
-        lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(few))]
+    for first in range(0, len(choices), together):
+        latent = [scales.latent(local, *c) for c in choices[first : first + together]]
+        found = whitened(System.of(local, latent, [scales.noise] * len(latent), scales.start))
+        lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(latent))]
         results += [Gram.of(found, lane, scales.loudest) for lane in lanes]
     return results
 

@@ -164,7 +164,8 @@ def _inside(mean: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:
     turned = high < -low
     low, high = np.where(turned, -high, low), np.where(turned, -low, high)
     above, beyond = log_ndtr(-low), log_ndtr(-high)
-    return float(np.sum(above + np.log1p(-np.exp(np.minimum(beyond - above, -1e-12)))))
+    share = np.exp(np.minimum(beyond, above - 1e-12) - np.maximum(above, -1e300))
+    return float(np.sum(above + np.log1p(-share)))
 
 
 def _bounded(change: np.ndarray, precision: np.ndarray, prior: Prior) -> np.ndarray:
