@@ -118,7 +118,7 @@ def judged(seed: int) -> dict[str, Any]:
         warnings.simplefilter("ignore")
         found = posterior(simulator.model, prepared, screen_all(simulator, prepared))
     seconds = round(time.process_time() - start, 1)
-    row = {"seed": seed, "plant": plant.text.split('"')[1], "truth": label, "cpu_seconds": seconds}
+    row = {"seed": seed, "states": len(plant.start) * 2, "truth": label, "cpu_seconds": seconds}
     if found is None:
         return row | {"stated": {}, "covered": None, "latent": None}
     said = {k: round(p, 4) for k, p in stated(found).items() if p > LEAST or k == label}
