@@ -28,10 +28,11 @@ class Named:
 
 @dataclass(frozen=True)
 class Weighed:
-    """A hypothesis of which only members and convergence count."""
+    """A hypothesis of which only members, convergence and latent force count."""
 
     members: tuple[int, ...]
     settled: bool = True
+    share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -59,13 +60,25 @@ def test_what_leaves_doubt_about_the_verdict_is_not_decided() -> None:
     assert beyond_doubt(clear)
     assert not beyond_doubt(replace(clear, finished=False))
     assert not beyond_doubt(found([Weighed((0,)), Weighed(())], [0.7, 0.3]))
-    assert not beyond_doubt(found([Weighed((0,)), Weighed((3,))], [0.7, 0.3]))
-    assert not beyond_doubt(found([Weighed((0,), settled=False), Weighed(())], [0.95, 0.05]))
+    assert not beyond_doubt(found([Weighed((0,)), Weighed((3,)), Weighed(())], [0.7, 0.3, 0.0]))
+    assert not beyond_doubt(found([Weighed((0,), False), Weighed(())], [0.95, 0.05]))
     # another mechanism, or one more beside it, is the same verdict
     assert beyond_doubt(found([Weighed((0,)), Weighed((2,)), Weighed(())], [0.5, 0.45, 0.05]))
     assert beyond_doubt(found([Weighed((0,)), Weighed((0, 2)), Weighed(())], [0.5, 0.45, 0.05]))
-    assert not beyond_doubt(found([Weighed((0,)), Weighed((0, 3))], [0.7, 0.3]))
+    assert not beyond_doubt(found([Weighed((0,)), Weighed((0, 3)), Weighed(())], [0.7, 0.3, 0.0]))
     assert beyond_doubt(found([Weighed(()), Weighed((0,))], [0.95, 0.05]))
+
+
+def test_a_force_that_is_there_for_sure_beside_the_answer_leaves_doubt_unless_it_is_little() -> (
+    None
+):
+    def left(share: float, something_else: float) -> bool:
+        sets = [Weighed((0,), share=share), Weighed((), share=0.1)]
+        return beyond_doubt(replace(found(sets, [0.95, 0.05]), something_else=something_else))
+
+    assert left(0.05, 0.5)
+    assert not left(0.05, 0.99)
+    assert left(0.005, 0.99)
 
 
 def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:

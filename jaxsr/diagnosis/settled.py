@@ -31,6 +31,9 @@ from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.thinning import thinned
 from jaxsr.models.segments import Prepared
 
+LEFT = 0.1
+"""Size of the latent force beside the answer, in that beside re-calibration alone, that is little:
+a hundredth of its power."""
 WEIGHING = 0.5
 """Share of the time left that the posterior may take."""
 MOST = 12_000
@@ -88,12 +91,14 @@ def _enough(case: Case) -> tuple[Prepared, ...]:
 def beyond_doubt(found: Posterior) -> bool:
     """Whether a search that came to its end leaves no doubt about the verdict.
 
-    Which mechanism it is may be in doubt all the same: that is what its probability says.
+    Beside it, something else may act that is as likely as not, or that is little. Which mechanism
+    it is may be in doubt all the same: that is what its probability says.
     """
-    leader = found.leader
+    leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
     every = zip(found.hypotheses, found.probabilities, strict=True)
+    whole = found.something_else <= 1.0 - TIE or leader.share <= LEFT * null.share
     same = sum(float(p) for h, p in every if verdicts_of(found, h) == verdicts_of(found, leader))
-    return found.finished and leader.settled and same >= 1.0 - TIE
+    return found.finished and leader.settled and whole and same >= 1.0 - TIE
 
 
 def verdicts_of(found: Posterior, item: Hypothesis) -> frozenset[Verdict]:

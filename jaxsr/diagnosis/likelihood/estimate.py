@@ -318,7 +318,9 @@ def left(log: float, gain: float, best: float) -> bool:
 
 
 def _about(share: float, shares: np.ndarray) -> np.ndarray:
-    """Return sizes of the latent force around one, and none."""
+    """Return sizes of the latent force around one, and none; that alone where there is no other."""
+    if not shares.any():
+        return shares
     least = float(shares[shares > 0.0].min()) / 4.0
     return np.array(
         [0.0, *(share * np.array(NEARBY) if share > least else least * np.array(BARELY))]

@@ -55,8 +55,8 @@ class Hypothesis:
         That makes its innovations likeliest.
     decay : float
         Correlation of its latent force from sample to sample.
-    exact : bool
-        Whether its jumps are switched exactly.
+    width : float, optional
+        Of its jumps, in the sharpest that the data can tell; none where nothing jumps.
     """
 
     members: tuple[int, ...]
@@ -69,7 +69,7 @@ class Hypothesis:
     settled: bool
     noise: Noise
     decay: float
-    exact: bool = False
+    width: float | None = None
 
 
 def hypothesis(
@@ -118,13 +118,13 @@ def hypothesis(
     hidden = beyond_limits(work, fresh)
     if hidden.any():
         values, own = _led_on(reduced.problem, hidden, sharp, values, own, follow, scales)
-    # Along the path of a set whose jumps are exact no rounding has to lead there.
-    follow = replace(follow, exact=near is not None and near.exact)
+    # Along the path of a set with jumps no rounder ones have to lead to theirs.
+    follow = replace(follow, width=None if near is None else near.width)
     found = _at_its_mode(reduced.problem, sharp, values, own, follow, scales)
     if found is None:
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
-    problem, at_mode = found
+    problem, at_mode, width = found
     hopeless = left(at_mode.log_evidence, 0.0, best)
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
@@ -150,7 +150,7 @@ def hypothesis(
         at_mode.settled,
         scales.noise,
         at_mode.decay,
-        EXACT in problem.stepping.widths,
+        width if sharp else None,
     )
 
 
@@ -162,7 +162,7 @@ class _Following:
     helpers: np.ndarray
     belief: Belief
     best: float
-    exact: bool = False
+    width: float | None = None
 
     def __call__(
         self, problem: Problem, theta: np.ndarray, path: np.ndarray, scales: Scales
@@ -183,8 +183,11 @@ def _at_its_mode(
     path: np.ndarray,
     follow: _Following,
     scales: Scales,
-) -> tuple[Problem, Estimate] | None:
-    """Iterate; jumps rounded first, then exact, then as round as is most probable."""
+) -> tuple[Problem, Estimate, float] | None:
+    """Iterate; jumps rounded first, then exact, then as round as is most probable.
+
+    Returned are the problem, its estimate, and the width of its jumps.
+    """
     tried: dict[float, tuple[Problem, Estimate]] = {}
 
     def better(factor: float, than: float | None) -> bool:
@@ -192,7 +195,9 @@ def _at_its_mode(
         begun = (values, path) if than is None else (tried[than][1].theta, tried[than][1].path)
         with np.errstate(all="ignore"):
             stepped = _stepped(problem, factor, *begun, scales)
-        found = None if stepped is None else follow(stepped, *begun, scales)
+        # Round jumps leave more than sharp ones: what is behind with them may yet be ahead.
+        hopeful = follow if factor <= 1.0 else replace(follow, best=-np.inf)
+        found = None if stepped is None else hopeful(stepped, *begun, scales)
         if stepped is None or found is None:
             return False
         tried[factor] = stepped, found
@@ -204,23 +209,24 @@ def _at_its_mode(
         if at <= SHARPEST or not better(at / COARSE, at):
             return False
         before, after = (tried[f][1].log_evidence for f in (at, at / COARSE))
-        return not left(after, after - before, follow.best)
+        return at > 1.0 or not left(after, after - before, follow.best)
 
     if not sharp:
-        return tried[1.0] if better(1.0, None) else None
-    if follow.exact and better(EXACT, None):
-        found = tried[EXACT][1]
-        if found.share == 0.0 or left(found.log_evidence, 0.0, follow.best):
-            return tried[EXACT]
+        return (*tried[1.0], 1.0) if better(1.0, None) else None
     best = WIDEST
-    if not better(best, None):
-        return tried.get(EXACT)
-    if better(EXACT, best):
+    if follow.width is not None and better(follow.width, None):
+        found = tried[follow.width][1]
+        if found.share == 0.0 or left(found.log_evidence, 0.0, follow.best):
+            return *tried[follow.width], follow.width
+        best = follow.width or WIDEST
+    if best not in tried and not better(best, None):
+        return (*tried[EXACT], EXACT) if EXACT in tried else None
+    if EXACT not in tried and better(EXACT, best):
         exact = tried[EXACT]
         best = best / COARSE
         # Where no force is left, none is left of the law's shape.
         if exact[1].share == 0.0 or not better(best, EXACT):
-            return exact
+            return *exact, EXACT
     while sharpened(best):
         best /= COARSE
     hopeless = left(tried[best][1].log_evidence, 0.0, follow.best)
@@ -229,7 +235,9 @@ def _at_its_mode(
             if better(best * factor, best):
                 best *= factor
                 break
-    return tried[best]
+    if EXACT in tried and tried[EXACT][1].log_evidence > tried[best][1].log_evidence:
+        best = EXACT
+    return *tried[best], best
 
 
 def _stepped(

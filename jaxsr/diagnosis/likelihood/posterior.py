@@ -10,7 +10,7 @@ from scipy.special import expit
 
 from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.evidence import Mode, Prior
-from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
 from jaxsr.diagnosis.likelihood.loop import MOST_MEMBERS, State, search
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.table import tabled
@@ -42,6 +42,8 @@ class Posterior:
         Where nothing is missing.
     finished : bool
         Whether everything was looked at that could be added to the leading set.
+    something_else : float
+        Probability of a force that no member of the leading set is, against that of none.
     """
 
     candidates: tuple[Candidate, ...]
@@ -49,6 +51,7 @@ class Posterior:
     probabilities: np.ndarray
     wrong: tuple[WrongValue, ...] = ()
     finished: bool = False
+    something_else: float = 0.0
 
     @staticmethod
     def of(state: State) -> Posterior:
@@ -166,6 +169,16 @@ def posterior_along(
     if null is None:
         return None
     found = Posterior.of(state)
+    if found.leader.share:
+        found = replace(found, something_else=_something_else(work, found.leader))
     if found.leader.members:
         return found
     return replace(found, wrong=wrong_values(state.work, null))
+
+
+def _something_else(work: Workspace, leader: Hypothesis) -> float:
+    """Return the probability of the latent force beside a set, against the set without any."""
+    table = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
+    calm = replace(table, scales=replace(table.scales, shares=np.zeros(1)))
+    alone = hypothesis(work, calm, leader.members, leader)
+    return 1.0 if alone is None else float(expit(leader.log_evidence - alone.log_evidence))
