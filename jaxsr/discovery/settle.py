@@ -66,7 +66,7 @@ def settle(
     reasons: list[StoppedBy] = []
     for place, state in enumerate(open_):
         share = replace(trial, budget=budget.share(_PICKING / (len(open_) - place * _PICKING)))
-        companions = _companions(state, trial, equations)
+        companions = _companions(state, equations)
         ranked = ranked_places(found[state], share, companions, state in given)
         rankings[state] = ranked or [found[state].pick]
         reasons.append(share.budget.stopped_by)
@@ -82,15 +82,20 @@ def settle(
     ]
 
 
-def _companions(state: str, trial: Trial, equations: Sequence[Equation]) -> list[str]:
-    """Return states without search that must be simulated too, for ``state`` has no sensor."""
-    if state in trial.segments.measured:
-        return []
-    return [
-        e.state
-        for e in equations
-        if not e.front and state in e.term.variables and e.state in trial.segments.measured
-    ]
+def _companions(state: str, equations: Sequence[Equation]) -> list[str]:
+    """Return states without search that follow from ``state``, to be simulated along with it.
+
+    They may have no sensor of their own; and where they have one, their samples are noisy, and
+    what smoothing leaves of that noise would be explained by whatever term bends to it.
+    """
+    follow = [state]
+    for _ in equations:
+        follow += [
+            e.state
+            for e in equations
+            if not e.front and e.state not in follow and e.term.variables & set(follow)
+        ]
+    return follow[1:]
 
 
 def _estimated(
