@@ -19,11 +19,14 @@ from jaxsr._result import StoppedBy
 from jaxsr.discovery.equation import Equation, FittedTerm, cut_short
 from jaxsr.discovery.find import Task
 from jaxsr.discovery.picks import FOLLOWED, together
+from jaxsr.discovery.pruning import pruned
 from jaxsr.discovery.ranking import ranked_places
 from jaxsr.discovery.rollout import cut, fine_enough
 from jaxsr.discovery.samples import Trace
 from jaxsr.discovery.trial import Result, Trial, is_open, moved
+from jaxsr.expressions import to_text
 from jaxsr.expressions.term import Term
+from jaxsr.regression import constants_of, with_constants
 
 _SEGMENTS = 8  # stretches that a single recording is cut into
 _SHORTEST, _LONGEST = 12, 257  # samples of a stretch
@@ -72,6 +75,7 @@ def settle(
         reasons.append(share.budget.stopped_by)
     whole = replace(trial, segments=cut(traces, min(longest, _WHOLE), len(traces)))
     found, result = together(found, rankings, trial, whole)
+    result = None if result is None else pruned(result, trial)
     estimated = _estimated(found, result, trial, traces, length)
     reasons.append(budget.stopped_by)
     return [
@@ -141,10 +145,26 @@ def _with_constants(
         FittedTerm(term, weight, (float(ends[place.start, 0]), float(ends[place.start, 1])))
         for term, weight, place in parts
     )
-    chosen = equation.front[equation.pick]
+    pick = _place(equation, [term for term, _, _ in parts])
+    chosen = equation.front[pick]
     return replace(
         equation,
         terms=(*given, *fitted),
+        pick=pick,
         train_mse=chosen.train_mse,
         validation_mse=chosen.validation_mse,
     )
+
+
+def _place(equation: Equation, terms: Sequence[Term]) -> int:
+    """Return the place on the front of terms, whatever their constants; else that of the pick."""
+    same = sorted(map(_form, terms))
+    places = [equation.pick, *range(len(equation.front))]
+    fits = (sorted(map(_form, equation.front[k].fit.terms)) == same for k in places)
+    return next((k for k, fit in zip(places, fits, strict=True) if fit), equation.pick)
+
+
+def _form(term: Term) -> str:
+    loose = constants_of(term)
+    values = iter([v if float(v).is_integer() else 0.5 for v in loose])
+    return to_text(with_constants(term, values))
