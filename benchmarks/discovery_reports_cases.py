@@ -117,7 +117,7 @@ def short_predators(rng: np.random.Generator) -> Case:
     runs = []
     for k in range(100):
         t = 0.25 * np.arange(20.0)
-        x = record(rng, predators, rng.uniform([2.0, 1.0], [12.0, 6.0]), t, 0.01)
+        x = record(rng, predators, rng.uniform([2.0, 1.0], [12.0, 6.0]).tolist(), t, 0.01)
         runs.append(jaxsr.Recording(f"run{k}", t, {"a": x[0], "b": x[1]}))
     return Case(runs, ["a", "b"], predators, [2, 2])
 
@@ -127,7 +127,7 @@ def short_hardening(rng: np.random.Generator) -> Case:
     runs = []
     for k in range(100):
         t = 0.1 * np.arange(20.0)
-        x = record(rng, hardening, rng.uniform(-2.0, 2.0, 2), t, 0.01)
+        x = record(rng, hardening, rng.uniform(-2.0, 2.0, 2).tolist(), t, 0.01)
         runs.append(jaxsr.Recording(f"run{k}", t, {"a": x[0], "b": x[1]}))
     return Case(runs, ["a", "b"], hardening, [1, 3])
 

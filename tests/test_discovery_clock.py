@@ -9,7 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxsr
+from jaxsr._progress import Budget
 from jaxsr.discovery.clock import on_clock, origin_of, since
+from jaxsr.discovery.experiments import read_experiments
+from jaxsr.discovery.find import Task, find_equation
 from jaxsr.discovery.samples import roles, samples
 from jaxsr.evolution import PrimitiveSet, SearchConfig
 from jaxsr.expressions import parse, to_numpy
@@ -76,6 +79,19 @@ def test_a_million_seconds_later_the_law_is_the_same() -> None:
         assert found.verdict == "law" and found["x"].expression == "v"
     assert laws[0].keys() == laws[1].keys() == {"x", "v"}
     assert [laws[1][k] for k in laws[0]] == pytest.approx(list(laws[0].values()), rel=1e-6)
+
+
+def test_every_set_of_terms_with_time_has_a_rival_without() -> None:
+    read = read_experiments([_recording(0.05)], [], roles(["x", "v"], None, 1, [], None))
+    found = find_equation(
+        np.random.default_rng(0), Task("v", "t", config=SMALL), read.train, read.judge, read.rows,
+        budget=Budget(),
+    )  # fmt: skip
+    sets = {frozenset(c.fit.terms) for c in found.front}
+    timed = [terms for terms in sets if any("t" in term.variables for term in terms)]
+    assert timed
+    for terms in timed:
+        assert frozenset(term for term in terms if "t" not in term.variables) in sets
 
 
 @pytest.mark.slow
