@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +14,12 @@ from jaxsr._progress import Budget
 from jaxsr.discovery.clock import on_clock, origin_of, since
 from jaxsr.discovery.experiments import read_experiments
 from jaxsr.discovery.find import Task, find_equation
+from jaxsr.discovery.hybrid import Hybrid, Mode
+from jaxsr.discovery.hybrid.guards import Guard
 from jaxsr.discovery.samples import roles, samples
 from jaxsr.evolution import PrimitiveSet, SearchConfig
 from jaxsr.expressions import parse, to_numpy
+from jaxsr.expressions.term import Term
 from jaxsr.recordings import Recording
 
 SMALL = SearchConfig(
@@ -67,6 +71,19 @@ def test_what_is_found_is_stated_on_the_recordings_own_clock() -> None:
     assert moved[1] is quiet
     rows = samples(since([_moved(_recording(), 50.0)], 50.0), roles(["x", "v"], None, 1, [], None))
     assert on_clock(rows, "t", 50.0).variables["t"][0] == pytest.approx(50.0)
+
+
+def test_modes_and_their_visits_are_stated_on_that_clock_too() -> None:
+    guard = Guard(Term.variable("t"), 5.0)
+    modes = (Mode(guard.term, ()), Mode(guard.other.term, ()))
+    regions = (((guard,),), ((guard.other,),))
+    table: Any = None
+    visits = {"run": [(0.0, 5.0, 1), (5.0, 9.0, 0)]}
+    moved = on_clock(Hybrid(modes, regions, (), visits, (), table), "t", 50.0)
+    assert moved.switching == {"run": [(50.0, 55.0, 1), (55.0, 59.0, 0)]}
+    instants = {"t": np.array([54.0, 56.0])}
+    assert moved.labels(instants).tolist() == [1, 0]
+    assert to_numpy(moved.modes[0].guard)(instants).tolist() == [False, True]
 
 
 def test_a_million_seconds_later_the_law_is_the_same() -> None:

@@ -172,14 +172,12 @@ def discover(
     signed = signed_terms(signs, part.states, names)
     bound = binding_units(table, bind_units, part.time, (*states, *inputs))
     guessed = {state: guessed_terms(guesses, state, names) for state in part.states}
-    prior_terms = {*given.values(), *(t for own in signed.values() for t in own)}
-    prior_terms |= {t for own in guessed.values() for terms in own for t in terms}
     admits = admission(bound, part) if bound or integrals else None
     kept = Checkpoint(Path(checkpoint), every) if checkpoint is not None else None
-    tasks = tasks_of(part, Prior(given, guessed, signed, admits), config, kept, limit)
+    prior = Prior(given, guessed, signed, admits)
+    tasks = tasks_of(part, prior, config, kept, limit)
     sources = opened(recordings, part, naming, time)
-    fixed = integrals or any(part.time in term.variables for term in prior_terms)
-    origin = 0.0 if fixed else origin_of(sources)
+    origin = 0.0 if integrals or prior.uses(part.time) else origin_of(sources)
     read = since(sources, origin)
     resets = find_resets(read, part) if count != 1 and not integrals else []
     pieces = cut_at(read, resets) if resets else read
