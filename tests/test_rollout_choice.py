@@ -16,8 +16,10 @@ from jaxsr.discovery.choose import choose
 from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.find import Task, final_estimate
 from jaxsr.discovery.recognise import kinematic
+from jaxsr.discovery.rollout import cut
 from jaxsr.discovery.samples import Samples, roles, samples
-from jaxsr.discovery.settle import settle
+from jaxsr.discovery.settle import settle, steps_needed
+from jaxsr.discovery.trial import Trial
 from jaxsr.expressions import parse
 from jaxsr.expressions.editing import edit, split
 from jaxsr.recordings import Recording
@@ -213,3 +215,23 @@ def test_a_displacement_is_not_a_drive_that_is_smoothed_but_follows_from_its_rat
     law = {term.expression: term.coefficient for term in settled[1].terms}
     assert law.keys() == {"x", "v", "x**3"}
     assert [law[n] for n in ("x", "v", "x**3")] == pytest.approx([1.0, -0.2, -1.0], abs=0.01)
+
+
+@pytest.mark.parametrize(("count", "least", "most"), [(60, 2, 16), (1200, 1, 1)])
+def test_samples_that_lie_far_apart_are_integrated_in_smaller_steps(
+    count: int, least: int, most: int
+) -> None:
+    """A third of a radian between samples: one step of the method errs by more than the noise."""
+    t = np.linspace(0.0, 20.0, count)
+    x, v = np.cos(t), -np.sin(t)
+    rng = np.random.default_rng(0)
+    noisy = {"x": x + 1e-3 * rng.normal(size=count), "v": v + 1e-3 * rng.normal(size=count)}
+    data = samples([Recording("run", t, noisy)], roles(["x", "v"], None, 1, [], None))
+    found = {s: equation_of(Task(s, "t"), data, [law]) for s, law in {"x": "v", "v": "x"}.items()}
+    trial = Trial(cut(data.traces, count, 1), "t", {}, as_budget(None))
+    assert least <= steps_needed(found, trial) <= most
+    rate = replace(found["v"], state="d_x")  # a rate that nothing measures
+    second = samples([Recording("run", t, {"x": noisy["x"]})], roles(["x"], None, 2, [], None))
+    trial = Trial(cut(second.traces, count, 1), "t", {"x": parse("d_x")}, as_budget(None))
+    followed = {"x": kinematic("x", "d_x", second, second), "d_x": rate}
+    assert least <= steps_needed(followed, trial) <= most

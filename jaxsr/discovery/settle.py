@@ -65,6 +65,7 @@ def settle(
     known |= {e.state: e.term for e in equations if not is_open(e)}
     judge = cut(validation, length, _MOST) if validation else None
     trial = Trial(cut(traces, length, _MOST), time, known, budget, judge=judge)
+    trial = replace(trial, substeps=steps_needed(found, trial))
     rankings: dict[str, list[int]] = {}
     reasons: list[StoppedBy] = []
     for place, state in enumerate(open_):
@@ -84,6 +85,25 @@ def settle(
         else e
         for e in estimated
     ]
+
+
+def steps_needed(found: Mapping[str, Equation], trial: Trial) -> int:
+    """Return the steps between samples that the picks of the regression need.
+
+    Where samples are far apart, the method's error of a right law is a wrong term's gain.
+    """
+    picks = {s: e.front[e.pick].fit for s, e in found.items() if is_open(e)}
+    every = [s for state in picks for s in (state, *_companions(state, list(found.values())))]
+    terms = {s: picks[s].terms if s in picks else () for s in every}
+    weights = {s: picks[s].coefficients.tolist() if s in picks else [] for s in every}
+    result = trial.fit(terms, weights)
+    if result is None:
+        return trial.substeps
+    system, fitted = result
+    try:
+        return fine_enough(system, trial.segments, fitted, time=trial.time, expired=trial.expired)
+    except OutOfTime:
+        return trial.substeps
 
 
 def _companions(state: str, equations: Sequence[Equation]) -> list[str]:
