@@ -16,8 +16,10 @@ from jaxsr.discovery.choose import choose
 from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.find import Task, final_estimate
 from jaxsr.discovery.recognise import kinematic
+from jaxsr.discovery.rollout import cut
 from jaxsr.discovery.samples import Samples, roles, samples
-from jaxsr.discovery.settle import settle
+from jaxsr.discovery.settle import settle, steps_needed
+from jaxsr.discovery.trial import Trial
 from jaxsr.expressions import parse
 from jaxsr.expressions.editing import edit, split
 from jaxsr.recordings import Recording
@@ -174,3 +176,62 @@ def test_no_time_left_keeps_the_terms_that_were_picked() -> None:
     equations = [kinematic("x", "v", data, data), equation_of(task, data, DECOYS)]
     kept = settle(equations, {"x": Task("x", "t"), "v": task}, data.traces, budget)
     assert [t.expression for t in kept[1].terms] == [t.expression for t in equations[1].terms]
+
+
+BENT = (
+    "x + v + t + x**3 + x/(t**3 + 5821.0) + sin(0.9858*t)",
+    "x + v + t + x**3 + x/(t**4 + 77880.0) + sin(0.9843*t)",
+    "x + v + t + x**3 + x/(t**4 + 70570.0) + sin(t)*t**2",
+    "x + v + t + x**3 + x/(t**5 + 1074000.0) + sin(t)*t*x",
+    "x + v + t + x**3 + x/(t**5 + 1042000.0) + sin(t)*t*x + cos(t)*t",
+    "x + v + x**3 + x/(t**5 + 1111000.0) + sin(t)*t*x + cos(t)*t + sign(x)*t",
+    "x + v + t + 1.0 + x**3",
+    "x + v + t + x**3 + x/(t**3 + 5632.0)",
+    "x + v + t + x**3 + x/(t**4 + 74380.0)",
+    "x + v + t + x**3 + x/(t**5 + 1063000.0)",
+    "v + x**3 + x/(t + 2357.0)",
+    "v + t + x**3 + x/(t + 347.0) + 1.0",
+)
+"""Sets of terms that a search found of the recording below, all bent to what smoothing left."""
+
+
+def test_a_displacement_is_not_a_drive_that_is_smoothed_but_follows_from_its_rate() -> None:
+    """Duffing's oscillator, 5 % noise: no term may explain the error of a smoothed neighbour."""
+    rng = np.random.default_rng([0, 7, 50_000])
+    start = np.array([1.5, 0.5]) * (1.0 + 0.1 * rng.normal(size=2))
+    t = np.linspace(0.0, 30.0, 1500)
+    way = solve_ivp(
+        lambda _, s: [s[1], -0.2 * s[1] + s[0] - s[0] ** 3],
+        (0.0, 30.0), start, t_eval=t, rtol=1e-10, atol=1e-12,
+    ).y  # fmt: skip
+    x, v = way + 0.05 * np.std(way, axis=1, keepdims=True) * rng.normal(size=way.shape)
+    recording = Recording("duffing", t, {"x": x, "v": v})
+    data = samples([recording], roles(["x", "v"], None, 1, [], None))
+    task = Task("v", "t")
+    equation = equation_of(task, data, ["x + v + x**3", *BENT])
+    settled = settle(
+        [kinematic("x", "v", data, data), equation], {"v": task}, data.traces, as_budget(None)
+    )
+    law = {term.expression: term.coefficient for term in settled[1].terms}
+    assert law.keys() == {"x", "v", "x**3"}
+    assert [law[n] for n in ("x", "v", "x**3")] == pytest.approx([1.0, -0.2, -1.0], abs=0.01)
+
+
+@pytest.mark.parametrize(("count", "least", "most"), [(60, 2, 16), (1200, 1, 1)])
+def test_samples_that_lie_far_apart_are_integrated_in_smaller_steps(
+    count: int, least: int, most: int
+) -> None:
+    """A third of a radian between samples: one step of the method errs by more than the noise."""
+    t = np.linspace(0.0, 20.0, count)
+    x, v = np.cos(t), -np.sin(t)
+    rng = np.random.default_rng(0)
+    noisy = {"x": x + 1e-3 * rng.normal(size=count), "v": v + 1e-3 * rng.normal(size=count)}
+    data = samples([Recording("run", t, noisy)], roles(["x", "v"], None, 1, [], None))
+    found = {s: equation_of(Task(s, "t"), data, [law]) for s, law in {"x": "v", "v": "x"}.items()}
+    trial = Trial(cut(data.traces, count, 1), "t", {}, as_budget(None))
+    assert least <= steps_needed(found, trial) <= most
+    rate = replace(found["v"], state="d_x")  # a rate that nothing measures
+    second = samples([Recording("run", t, {"x": noisy["x"]})], roles(["x"], None, 2, [], None))
+    trial = Trial(cut(second.traces, count, 1), "t", {"x": parse("d_x")}, as_budget(None))
+    followed = {"x": kinematic("x", "d_x", second, second), "d_x": rate}
+    assert least <= steps_needed(followed, trial) <= most

@@ -171,3 +171,23 @@ def test_missing_samples_count_for_nothing() -> None:
     assert fitted is not None and other is not None
     assert (fitted.count, other.count) == (35, 40)
     np.testing.assert_allclose(fitted.constants, other.constants, rtol=1e-5)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-9, 1e9])
+def test_the_unit_of_a_state_changes_its_constants_unit_alone(unit: float) -> None:
+    """A predator and its prey, the prey counted one by one or by the thousand million."""
+    true = np.array([1.1, -0.4, 0.1 / unit, -0.4])
+
+    def rates(_: float, x: np.ndarray) -> list[float]:
+        both = x[0] * x[1]
+        return [true[0] * x[0] + true[1] * both, true[2] * both + true[3] * x[1]]
+
+    t = np.linspace(0.0, 10.0, 81)
+    a, b = solved(rates, [10.0 * unit, 5.0], t)
+    system = system_of({"a": ["a", "a*b"], "b": ["a*b", "b"]})
+    trace = trace_of(t, {"a": a, "b": b})
+    trace["noise"] = {"a": np.full(81, 1e-3 * unit), "b": np.full(81, 1e-3)}
+    begin = true * np.array([1.05, 0.97, 1.04, 0.95])
+    fitted = fit_rollout(system, cut([trace], 41, 2), begin, time="t", substeps=8)
+    assert fitted is not None
+    np.testing.assert_allclose(fitted.constants, true, rtol=1e-5)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import InputError, StoppedBy
 from jaxsr.discovery.affordable import affordable
+from jaxsr.discovery.clock import on_clock, origin_of, since
 from jaxsr.discovery.equation import Equation, cut_short
 from jaxsr.discovery.errors import stated
 from jaxsr.discovery.experiments import Source, opened, read_experiments, remarks
@@ -173,11 +174,16 @@ def discover(
     guessed = {state: guessed_terms(guesses, state, names) for state in part.states}
     admits = admission(bound, part) if bound or integrals else None
     kept = Checkpoint(Path(checkpoint), every) if checkpoint is not None else None
-    tasks = tasks_of(part, Prior(given, guessed, signed, admits), config, kept, limit)
-    read = opened(recordings, part, naming, time)
+    prior = Prior(given, guessed, signed, admits)
+    tasks = tasks_of(part, prior, config, kept, limit)
+    sources = opened(recordings, part, naming, time)
+    origin = 0.0 if integrals or prior.uses(part.time) else origin_of(sources)
+    read = since(sources, origin)
     resets = find_resets(read, part) if count != 1 and not integrals else []
     pieces = cut_at(read, resets) if resets else read
     unjudged = opened(validation, part, naming, time)
+    checks = tuple(remarks([*sources, *unjudged], part))
+    unjudged = since(unjudged, origin)
     data, hurried = affordable(pieces, part, limit, joined=integrals)
     judged, _ = affordable(unjudged, part, limit, joined=integrals)
     experiments = read_experiments(data.searched, judged.searched, part, whole=integrals)
@@ -211,7 +217,7 @@ def discover(
         verdict = judge.verdict(equations, compare=hybrid is None and not integrals)
     judged_by = rest.stopped_by
     if held_out:
-        unread = opened(held_out, part, naming, time)
+        unread = since(opened(held_out, part, naming, time), origin)
         unread = cut_at(unread, resets) if resets else unread
         unseen = thin(unread, part, limit.seconds, joined=integrals)
         equations = with_errors(equations, unseen.whole, part, whole)
@@ -230,10 +236,11 @@ def discover(
     if str(data):
         provenance["thinned"] = f"{data}; estimated on {used} rows"
     named = {s: c for s, c in naming.columns.items() if s in names}
-    checks = tuple(remarks([*read, *unjudged], part))
     rows = experiments.rows
+    told = (tuple(equations), rows, hybrid, rare, verdict)
+    equations, rows, hybrid, rare, verdict = on_clock(told, part.time, origin)
     return Discovery(
-        tuple(equations), model, provenance, rows, hybrid, rare, named, verdict, checks
+        equations, written(equations), provenance, rows, hybrid, rare, named, verdict, checks
     )
 
 

@@ -233,6 +233,8 @@ def find_equation(
     if not found.front.best_loss <= 4.0 * problem.floor:
         with contextlib.suppress(OutOfTime), bounded(problem, task.expired):
             sets += best_subsets(problem, task.config)
+    if not task.autonomous:  # time must earn its place beside the same law without it
+        sets += [tuple(t for t in terms if task.time not in t.variables) for terms in sets]
     sets = list({frozenset(terms): terms for terms in reversed(sets)}.values())
     if task.time:  # else rows have no neighbours
         kept = resolved((t for s in sets for t in s), judged.variables, judged.group, task.time)

@@ -136,6 +136,12 @@ class Prior:
     signs: Mapping[str, Mapping[Term, int]]
     admits: Admitted | None
 
+    def uses(self, name: str) -> bool:
+        """Tell whether anything stated beforehand depends on a variable."""
+        stated = [*self.given.values(), *(t for own in self.signs.values() for t in own)]
+        stated += [t for sets in self.guesses.values() for terms in sets for t in terms]
+        return any(name in term.variables for term in stated)
+
 
 def admission(units: InUnits | None, part: Roles) -> Admitted:
     """Return what the equations of these roles admit."""

@@ -14,7 +14,8 @@ from jaxsr.expressions.term import Term
 
 _WORTH = 1.02  # an error within this factor of the best is as good
 _RIVALS = 12  # candidates of an equation that are tried together with the others
-_NODE = 2.0  # price of a node, in twice the logarithm of a likelihood
+NODE = 2.0
+"""Price of a node, in twice the logarithm of a likelihood."""
 _ROWS = 60.0  # rows that overlapping test functions are worth
 _PATIENCE = 30  # candidates that may follow the best one
 _FEW, _HOPELESS = 4, 100.0  # what fits worse than noise, or few terms, by so much is left out
@@ -37,7 +38,7 @@ class Judged:
         free = len(self.fit.constants)
         loss = max(self.fit.loss, _BELOW_NOISE)
         told = count * float(np.log(loss)) + free * float(np.log(count))
-        return told + _NODE * self.size
+        return told + NODE * self.size
 
 
 def ranked_places(
@@ -114,6 +115,6 @@ def _hopeful(equation: Equation) -> list[int]:
 
     def length(k: int) -> float:
         told = np.log(front[k].train_mse + equation.noise_mse + 1e-300)
-        return _ROWS * float(told) + _NODE * front[k].size
+        return _ROWS * float(told) + NODE * front[k].size
 
     return sorted(near, key=length)

@@ -19,11 +19,14 @@ from jaxsr._result import StoppedBy
 from jaxsr.discovery.equation import Equation, FittedTerm, cut_short
 from jaxsr.discovery.find import Task
 from jaxsr.discovery.picks import FOLLOWED, together
+from jaxsr.discovery.pruning import pruned
 from jaxsr.discovery.ranking import ranked_places
 from jaxsr.discovery.rollout import cut, fine_enough
 from jaxsr.discovery.samples import Trace
 from jaxsr.discovery.trial import Result, Trial, is_open, moved
+from jaxsr.expressions import to_text
 from jaxsr.expressions.term import Term
+from jaxsr.regression import constants_of, with_constants
 
 _SEGMENTS = 8  # stretches that a single recording is cut into
 _SHORTEST, _LONGEST = 12, 257  # samples of a stretch
@@ -62,16 +65,18 @@ def settle(
     known |= {e.state: e.term for e in equations if not is_open(e)}
     judge = cut(validation, length, _MOST) if validation else None
     trial = Trial(cut(traces, length, _MOST), time, known, budget, judge=judge)
+    trial = replace(trial, substeps=steps_needed(found, trial))
     rankings: dict[str, list[int]] = {}
     reasons: list[StoppedBy] = []
     for place, state in enumerate(open_):
         share = replace(trial, budget=budget.share(_PICKING / (len(open_) - place * _PICKING)))
-        companions = _companions(state, trial, equations)
+        companions = _companions(state, equations)
         ranked = ranked_places(found[state], share, companions, state in given)
         rankings[state] = ranked or [found[state].pick]
         reasons.append(share.budget.stopped_by)
     whole = replace(trial, segments=cut(traces, min(longest, _WHOLE), len(traces)))
     found, result = together(found, rankings, trial, whole)
+    result = None if result is None else pruned(result, trial)
     estimated = _estimated(found, result, trial, traces, length)
     reasons.append(budget.stopped_by)
     return [
@@ -82,15 +87,39 @@ def settle(
     ]
 
 
-def _companions(state: str, trial: Trial, equations: Sequence[Equation]) -> list[str]:
-    """Return states without search that must be simulated too, for ``state`` has no sensor."""
-    if state in trial.segments.measured:
-        return []
-    return [
-        e.state
-        for e in equations
-        if not e.front and state in e.term.variables and e.state in trial.segments.measured
-    ]
+def steps_needed(found: Mapping[str, Equation], trial: Trial) -> int:
+    """Return the steps between samples that the picks of the regression need.
+
+    Where samples are far apart, the method's error of a right law is a wrong term's gain.
+    """
+    picks = {s: e.front[e.pick].fit for s, e in found.items() if is_open(e)}
+    every = [s for state in picks for s in (state, *_companions(state, list(found.values())))]
+    terms = {s: picks[s].terms if s in picks else () for s in every}
+    weights = {s: picks[s].coefficients.tolist() if s in picks else [] for s in every}
+    result = trial.fit(terms, weights)
+    if result is None:
+        return trial.substeps
+    system, fitted = result
+    try:
+        return fine_enough(system, trial.segments, fitted, time=trial.time, expired=trial.expired)
+    except OutOfTime:
+        return trial.substeps
+
+
+def _companions(state: str, equations: Sequence[Equation]) -> list[str]:
+    """Return states without search that follow from ``state``, to be simulated along with it.
+
+    They may have no sensor of their own; and where they have one, their samples are noisy, and
+    what smoothing leaves of that noise would be explained by whatever term bends to it.
+    """
+    follow = [state]
+    for _ in equations:
+        follow += [
+            e.state
+            for e in equations
+            if not e.front and e.state not in follow and e.term.variables & set(follow)
+        ]
+    return follow[1:]
 
 
 def _estimated(
@@ -136,10 +165,26 @@ def _with_constants(
         FittedTerm(term, weight, (float(ends[place.start, 0]), float(ends[place.start, 1])))
         for term, weight, place in parts
     )
-    chosen = equation.front[equation.pick]
+    pick = _place(equation, [term for term, _, _ in parts])
+    chosen = equation.front[pick]
     return replace(
         equation,
         terms=(*given, *fitted),
+        pick=pick,
         train_mse=chosen.train_mse,
         validation_mse=chosen.validation_mse,
     )
+
+
+def _place(equation: Equation, terms: Sequence[Term]) -> int:
+    """Return the place on the front of terms, whatever their constants; else that of the pick."""
+    same = sorted(map(_form, terms))
+    places = [equation.pick, *range(len(equation.front))]
+    fits = (sorted(map(_form, equation.front[k].fit.terms)) == same for k in places)
+    return next((k for k, fit in zip(places, fits, strict=True) if fit), equation.pick)
+
+
+def _form(term: Term) -> str:
+    loose = constants_of(term)
+    values = iter([v if float(v).is_integer() else 0.5 for v in loose])
+    return to_text(with_constants(term, values))

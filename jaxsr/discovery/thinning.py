@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxsr.discovery.samples import Roles
 from jaxsr.recordings import Recording, noise_level
+from jaxsr.recordings.local_polynomials import at_blocks
 
 MOST_ROWS = 12_000
 """Rows of all recordings together that a search begins with."""
@@ -21,7 +22,6 @@ _SIGNALS_A_SECOND = 2  # of the budget
 _STRETCHES = 12  # of a recording of which nothing may be left out in between
 _SHORTEST = 250  # rows of a stretch
 _WINDOWS = 200  # windows in which it is told what a local fit leaves
-_QUADRATIC = 5  # samples of a block from which a parabola is fitted, and not a line
 _NOISE = 1.21  # mean square over the noise's that a local fit may leave,
 _FINEST = 2e-3  # and the rms of the signal's, besides
 _CLEAN = 1e-6  # noise over the signal's spread up to which samples are picked and not averaged
@@ -192,18 +192,9 @@ def _reduced(recording: Recording, names: Sequence[str], factor: int, picked: bo
         middle = rows[:, factor // 2]
         channels = {n: recording.channels[n][middle] for n in own}
         return replace(recording, time=recording.time[middle], channels=channels)
-    t = recording.time[rows]
-    channels = {n: _at_middle(t, recording.channels[n][rows]) for n in own}
-    return replace(recording, time=np.mean(t, axis=1), channels=channels)
-
-
-def _at_middle(t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return local fits at the blocks' mean times (blocks,); NaN where most samples are missing."""
-    lines, present = _polynomials(t, y, 1)
-    middle = lines[:, 0]
-    if y.shape[1] >= _QUADRATIC:
-        middle = np.where(present >= _QUADRATIC, _polynomials(t, y, 2)[0][:, 0], middle)
-    return np.where((2 * present >= y.shape[1]) & (present >= 1), middle, np.nan)
+    fitted = {n: at_blocks(recording.time, recording.channels[n], factor) for n in own}
+    time = next(iter(fitted.values()))[0]
+    return replace(recording, time=time, channels={n: value for n, (_, value) in fitted.items()})
 
 
 def _places(t: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from jaxsr.discovery.rollout.simulate import simulate
 from jaxsr.discovery.rollout.system import System
 
 _STEP = 1e-6  # of forward differences, relative
+_ZERO = 1e-3  # of a constant's natural size: below it a step relative to itself is too short
 _ITERATIONS = 20
 _SMALL_GAIN = 1e-4  # a step that lowers the loss by less is the last
 
@@ -87,11 +88,13 @@ def fit_rollout(
     def at(constants: np.ndarray, starts: np.ndarray) -> _Point | None:
         way = partial(simulate, rates, system.states, time, segments, expired=expired)
         try:
-            return _point(way, system.states, segments, constants, starts, substeps)
+            return _point(way, system.states, segments, constants, starts, substeps, floors)
         except OutOfTime:
             return None
 
-    point = at(np.asarray(constants, dtype=np.float64), starts)
+    constants = np.asarray(constants, dtype=np.float64)
+    floors = _floors(system, segments, constants, time)
+    point = at(constants, starts)
     if point is None:
         return None
     damping = 1e-3
@@ -154,6 +157,36 @@ def fine_enough(
     return steps
 
 
+def _floors(system: System, segments: Segments, constants: np.ndarray, time: str) -> np.ndarray:
+    """Return the sizes below which constants count as zero for a forward difference.
+
+    A coefficient's is a thousandth of that with which its term alone would make up the state's
+    change from sample to sample: in SI units of a cell count or a pressure, 1e-9 may be a lot.
+    """
+    floors = np.full(len(constants), _ZERO)
+    rates = system.function()
+    values = {**segments.values, time: segments.time}
+    step = np.diff(segments.time, axis=0)
+    parts = system.unpacked(constants)
+    for row, state in enumerate(system.states):
+        change = _rms(np.diff(values[state], axis=0) / step)
+        for _, _, place in parts[state]:
+            alone, none = constants.copy(), constants.copy()
+            alone[place.start], none[place.start] = 1.0, 0.0
+            with np.errstate(all="ignore"):
+                term = np.asarray(rates(values, alone)[row]) - np.asarray(rates(values, none)[row])
+                size = _rms(term)
+            floor = _ZERO * change / size if size > 0.0 else np.nan
+            if np.isfinite(floor) and floor > 0.0:
+                floors[place.start] = floor
+    return floors
+
+
+def _rms(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else np.nan
+
+
 def _point(
     simulated: Callable[..., np.ndarray],
     states: Sequence[str],
@@ -161,15 +194,17 @@ def _point(
     constants: np.ndarray,
     starts: np.ndarray,
     substeps: int,
+    floors: np.ndarray,
 ) -> _Point | None:
     """Simulate the base and one copy for every constant and start; None if the base diverges."""
     count, width = len(constants), len(states)
     copies = 1 + count + width
     moved = np.repeat(constants[None], copies, axis=0)
-    steps = _STEP * np.maximum(np.abs(constants), 1e-3)
+    steps = _STEP * np.maximum(np.abs(constants), floors)
     moved[1 + np.arange(count), np.arange(count)] += steps
     begin = np.repeat(starts[:, None, :], copies, axis=1)
-    shifts = _STEP * np.maximum(np.max(np.abs(starts), axis=1), 1e-6)
+    least = 1e-6 * np.array([segments.size(s) for s in states])
+    shifts = _STEP * np.maximum(np.max(np.abs(starts), axis=1), least)
     begin[np.arange(width), 1 + count + np.arange(width)] += shifts[:, None]
     out = simulated(moved, begin, substeps)
     rows, slopes = [], []

@@ -39,6 +39,11 @@ class Segments:
         """Return the number of segments."""
         return self.time.shape[1]
 
+    def size(self, name: str) -> float:
+        """Return the largest size of a signal that is recorded; 1 where it is nowhere but zero."""
+        known = np.abs(self.values[name]) if name in self.values else np.zeros(1)
+        return float(np.max(known, where=np.isfinite(known), initial=0.0)) or 1.0
+
     def take(self, which: np.ndarray) -> Segments:
         """Return some of the segments."""
         tables = (

@@ -10,7 +10,7 @@ import numpy as np
 from jaxsr._deadline import ensure, never
 from jaxsr.discovery.rollout.segments import Segments
 
-_FAR = 1e8  # a state that large has left the region in which the law was found
+_FAR = 1e8  # times what was recorded: a state that large has left where the law was found
 
 
 def simulate(
@@ -53,6 +53,7 @@ def simulate(
     samples = len(segments.time)
     c = list(constants.T[:, :, None])
     driven = [name for name in segments.values if name not in states]
+    far = np.array([_FAR * segments.size(name) for name in states])[:, None, None]
     out = np.full((samples, *starts.shape), np.nan)
     out[0] = x = starts.copy()
 
@@ -77,7 +78,7 @@ def simulate(
                 k3 = f(x + 0.5 * h * k2, place, half)
                 k4 = f(x + h * k3, place, end)
                 x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-            x[np.abs(x) > _FAR] = np.nan
+            x[np.abs(x) > far] = np.nan
             out[place + 1] = x
     return out
 
