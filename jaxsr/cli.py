@@ -187,7 +187,12 @@ def diagnose(
                 simulator = learned.simulator
                 learnt = {"more": {"learned.toml": model_text(simulator.model)}}
             else:
-                simulator = jaxsr.Simulator.from_file(model, *tables)
+                from jaxsr.models.formats.opening import open_simulator
+
+                opened = open_simulator(model, tables, data, folder)
+                simulator = opened.simulator
+                if opened.drafted is not None:
+                    progress.stage(f"drafted {opened.drafted}: what it assumes stands in it")
             diagnosis = loaded(jaxsr.diagnose)(
                 simulator,
                 data,

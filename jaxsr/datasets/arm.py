@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from jaxsr.datasets.drives import Drive, currents, parameter
-from jaxsr.datasets.script import (
+from jaxsr.models.formats.script import (
     CROSS,
     Matrix,
     Poly,
