@@ -68,6 +68,11 @@ def is_format(argument: str) -> bool:
     return argument.lower().endswith(FORMATS) and ".py:" not in argument
 
 
+def written_back(model: str | None) -> tuple[str, ...]:
+    """Return the names of the files in which a diagnosis edits a robot."""
+    return ("explained.xml", "explained.py") if model is not None and is_format(model) else ()
+
+
 def is_model(argument: str) -> bool:
     """Return whether a positional argument names a model: a TOML, a robot, a Python function."""
     return argument.lower().endswith(".toml") or ".py:" in argument or is_format(argument)

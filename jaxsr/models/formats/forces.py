@@ -24,11 +24,11 @@ class Written:
     forces : list of list of str
         Signed terms along every joint.
     inertias : dict
-        Signed terms of the mass matrix by pair of joints, beside those of the bodies.
+        Symbol that adds to the mass matrix on the diagonal, by joint.
     """
 
     forces: list[list[str]]
-    inertias: dict[tuple[int, int], list[str]] = field(default_factory=dict)
+    inertias: dict[int, str] = field(default_factory=dict)
     definitions: dict[str, str] = field(default_factory=dict)
     equations: dict[str, str] = field(default_factory=dict)
     parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -76,7 +76,7 @@ def passive_forces(plant: Plant, out: Written) -> None:
         if mass > 0.0:
             unit = "kg*m^2" if plant.turns(i) else "kg"
             out.parameter(f"armature_{name}", mass, unit, 0.0, WIDE * mass)
-            out.inertias[i, i] = [f"+ armature_{name}"]
+            out.inertias[i] = f"armature_{name}"
     for i in range(m.ntendon):
         _tendon(plant, out, i)
 
@@ -91,9 +91,9 @@ def _polynomial(
     units: tuple[str, str],
     free: bool,
 ) -> None:
-    """Write -(k0 x + k1 x abs(x) + k2 x^3) along joints, as MuJoCo has it since 3.7."""
+    """Write -(k0 x + k1 x^2 + k2 x^3) along joints, of a damper x abs(x) for x^2 (MuJoCo 3.7)."""
     force, length = units
-    shapes = (over, f"{over}*Abs({over})", f"{over}**3")
+    shapes = (over, f"{over}*Abs({over})" if free else f"{over}**2", f"{over}**3")
     for power, (value, shape) in enumerate(zip(values, shapes, strict=True), start=1):
         if not value:
             continue
@@ -127,12 +127,6 @@ def _tendon(plant: Plant, out: Written, i: int) -> None:
         out.parameter(f"frictionloss_{name}", loss, force, 0.0, WIDE * loss)
         for joint, arm in arms:
             out.add(joint, "-", f"{_times(arm)}frictionloss_{name}*sign({speed})")
-    mass = float(getattr(m, "tendon_armature", np.zeros(i + 1))[i])
-    if mass > 0.0:
-        out.parameter(f"armature_{name}", mass, "kg*m^2" if unit == "rad" else "kg")
-        for j, a in arms:
-            for k, b in arms:
-                out.inertias.setdefault((j, k), []).append(f"+ {_times(a * b)}armature_{name}")
 
 
 def actuator_forces(plant: Plant, out: Written, unclamped: frozenset[str] = frozenset()) -> None:
@@ -180,7 +174,8 @@ def _actuator(
     if int(m.actuator_gaintype[i]) == 0:
         gain = np.array([gain[0], 0.0, 0.0])
     servo = gain[0] != 0.0 and bias[1] == -gain[0] and not gain[1:].any()
-    unit = length if servo else "1"
+    paced = gain[0] != 0.0 and bias[2] == -gain[0] and not (bias[1] or gain[1:].any())
+    unit = length if servo else f"{length}/s" if paced else "1"
     direct = not (servo or bias.any() or gain[1:].any()) and gear * gain[0] == 1.0
     if direct:
         unit = force
@@ -198,6 +193,9 @@ def _actuator(
             f"kp_{name}", gain[0], f"{force}/rad" if turns else "N/m", *_near(gain[0])
         )
         terms.append(f"+ {kp}*({command} - {_bracket(long)})")
+    elif paced:
+        kv = out.parameter(f"kv_{name}", gain[0], f"{force}/({length}/s)", *_near(gain[0]))
+        terms.append(f"+ {kv}*({command} - {_bracket(fast)})")
     elif direct:
         # The control is the force itself: nothing was calibrated.
         out.parameter(f"gain_{name}", 1.0, "1")
@@ -222,7 +220,7 @@ def _actuator(
     if bias[1] and not servo:
         out.parameter(f"kp_{name}", -bias[1], f"{force}/{length}", *_near(-bias[1]))
         terms.append(f"- kp_{name}*{_bracket(long)}")
-    if bias[2]:
+    if bias[2] and not paced:
         out.parameter(f"kv_{name}", -bias[2], f"{force}/({length}/s)", *_near(-bias[2]))
         terms.append(f"- kv_{name}*{_bracket(fast)}")
     _enter(out, totals, terms, arms, m.actuator_forcelimited[i], m.actuator_forcerange[i], name)

@@ -59,10 +59,10 @@ def tables_of(plant: Plant, unclamped: frozenset[str] = frozenset()) -> dict[str
         equations[plant.rates[i]] = joined(terms)
         row = {}
         for j in range(count):
-            own = text_of(matrix[i][j]) if matrix[i][j] else ""
-            more = out.inertias.get((i, j), [])
-            if own or more:
-                row[plant.rates[j]] = joined([*([f"+ {own}"] if own else []), *more])
+            terms = [text_of(matrix[i][j])] if matrix[i][j] else []
+            terms += [out.inertias[i]] if i == j and i in out.inertias else []
+            if terms:
+                row[plant.rates[j]] = " + ".join(terms)
         inertia[plant.rates[i]] = row
     equations |= out.equations
     units = out.units

@@ -32,12 +32,15 @@ class Robot:
         What was assumed, in the form of ``data_checks``.
     drafted : str
         Text of the sidecar that was drafted, empty where there was one.
+    edited : bool
+        Whether a sidecar gives parameters another value, or adds forces.
     """
 
     plant: Plant
     model: Model
     checks: list[dict[str, Any]] = field(default_factory=list)
     drafted: str = ""
+    edited: bool = False
 
 
 def read_mjcf(
@@ -93,7 +96,9 @@ def read_plant(
     plain = {state: model.column(y) for y, state in model.readings.items()}
     check_reach(plant, plain, opened)
     checks = [*_assumed(plant, model, matched, opened), *_drafted(table, drafted, model)]
-    return Robot(plant, model, checks, drafted)
+    values = {n: p["value"] for n, p in tables["parameters"].items()}
+    edited = bool(model.additions) or any(p.value != values[n] for n, p in model.parameters.items())
+    return Robot(plant, model, checks, drafted, edited)
 
 
 def _plain(plant: Plant, tables: dict[str, Any]) -> Model:

@@ -7,13 +7,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from jaxsr._arguments import is_format
 from jaxsr._result import InputError
 from jaxsr.models.formats.mjcf import Robot, read_mjcf, write_draft
+from jaxsr.models.formats.running import robot_to_csv
+from jaxsr.models.formats.write_back import write_back
+from jaxsr.models.simulation import simulate_to_csv
 from jaxsr.models.simulator import Simulator
 from jaxsr.recordings import Recording
 
-EXPLAINED = ("explained.xml", "explained.py")
+
+def simulated_table(
+    opened: Opened,
+    recording: Recording | None,
+    duration: float | None,
+    dt: float | None,
+) -> pd.DataFrame:
+    """Return the table of ``jaxsr simulate``: a robot is run by its own integrator."""
+    if opened.robot is not None:
+        return robot_to_csv(opened.robot, recording, duration, dt)
+    return simulate_to_csv(opened.simulator, recording, duration, dt)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +52,23 @@ class Opened:
     def checks(self) -> list[dict[str, Any]]:
         """Rows for ``data_checks``."""
         return [] if self.robot is None else self.robot.checks
+
+    def written_back(self, diagnosis: Any, folder: Path) -> dict[str, str]:
+        """Return texts by name that say a diagnosis in the simulator's own format.
+
+        What changed there stands in the diagnosis's ``data_checks`` from then on.
+        """
+        if self.robot is None:
+            return {}
+        plant = self.robot.plant
+        back = write_back(plant, diagnosis.given, diagnosis.model, diagnosis.findings, folder)
+        name = plant.path.name
+        rows = [*self.checks]
+        for line in back.said:
+            row = {"file": name, "channel": "", "check": "written_back", "message": line}
+            rows.append(row)
+        diagnosis.document["data_checks"] += rows
+        return back.files
 
 
 def read_robot(

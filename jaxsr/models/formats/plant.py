@@ -250,7 +250,7 @@ def _refuse_springs(plant: Plant, fail: Any) -> None:
         first = int(m.tendon_adr[i])
         if int(m.wrap_type[first]) != 1:  # mjWRAP_JOINT
             raise fail("tendon", i, "is a spatial tendon", "Use fixed tendons")
-        for name in ("springyield", "dampingpoly", "stiffnesspoly"):
+        for name in ("springyield", "dampingpoly", "stiffnesspoly", "armature"):
             if _any(m, f"tendon_{name}", i):
                 raise fail("tendon", i, f"has {name}", "Take it out")
         if m.tendon_actfrclimited[i]:

@@ -14,7 +14,7 @@ from jaxsr.recordings import Recording, noise_level
 MOST_POSES = 2000
 """Poses of a recording at which contacts are sought."""
 NOISES = 4.0
-"""Standard deviations of a sensor's noise that a reading beyond a limit may be nothing but noise."""
+"""Standard deviations of its noise by which a sensor may read beyond a limit."""
 RUN = 3
 """Readings in a row beyond a limit from which it acts."""
 
