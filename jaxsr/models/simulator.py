@@ -61,8 +61,9 @@ class Simulator(eqx.Module):
             The model cannot be read, or a TOML asks for Python that was not named in the call.
         """
         from jaxsr._arguments import is_format
+        from jaxsr.models.document import read_document
         from jaxsr.models.python_base import read_python_simulator
-        from jaxsr.models.reading import read_model
+        from jaxsr.models.reading import build_model
 
         text = str(path)
         if ".py:" in text or text.endswith(".py"):
@@ -73,10 +74,13 @@ class Simulator(eqx.Module):
             return Simulator(read_robot(text, model).model)
         if model is not None:
             raise InputError("two model files", f"{text} and {model}", "Name one of them")
-        found = read_model(path)
-        if found.base is not None and is_format(found.base):
-            what = f"is the sidecar of {found.base}"
-            raise InputError(what, text, f"Name {Path(text).parent / found.base} itself")
+        document = read_document(Path(path))
+        head = document.get("model")
+        base = head.get("base") if isinstance(head, Mapping) else None
+        if isinstance(base, str) and is_format(base):
+            remedy = f"Name {Path(text).parent / base} itself"
+            raise InputError(f"is the sidecar of {base}", text, remedy)
+        found = build_model(document, Path(path).name)
         if found.base is not None:
             raise InputError(
                 f"the model stands on Python ({found.base})",

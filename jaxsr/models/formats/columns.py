@@ -91,7 +91,7 @@ def quantities_of(plant: Plant, units: Mapping[str, str]) -> list[Quantity]:
         tied = (plant.joint_names[joint],) if alone and plant.joint_names[joint] != name else ()
         role = plant.inputs[i]
         element = f"the control of actuator {name!r}"
-        exact = (role, f"u_{role}", f"ctrl_{role}")
+        exact = (f"u_{role}", f"ctrl_{role}", *((role,) if role != name else ()))
         found.append(
             Quantity(role, CONTROL, (name, *tied), element, unit=units.get(role, ""), exact=exact)
         )

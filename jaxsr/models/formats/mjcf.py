@@ -97,7 +97,9 @@ def read_plant(
     check_reach(plant, plain, opened)
     checks = [*_assumed(plant, model, matched, opened), *_drafted(table, drafted, model)]
     values = {n: p["value"] for n, p in tables["parameters"].items()}
-    edited = bool(model.additions) or any(p.value != values[n] for n, p in model.parameters.items())
+    edited = bool(model.additions) or any(
+        p.value != values.get(n) for n, p in model.parameters.items()
+    )
     return Robot(plant, model, checks, drafted, edited)
 
 

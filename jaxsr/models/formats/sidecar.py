@@ -10,6 +10,7 @@ from jaxsr._quoting import shortened
 from jaxsr._result import InputError
 from jaxsr.models.document import read_document
 from jaxsr.models.formats.columns import Matched
+from jaxsr.models.formats.summands import names_in
 from jaxsr.models.writing import table_text
 
 KEYS = ("base", "name", "outputs", "input_hold", "sample_time", "time")
@@ -83,16 +84,23 @@ def merged(tables: Mapping[str, Any], sidecar: Mapping[str, Any], where: str) ->
     if "readings" in sidecar and "outputs" not in head:
         out["model"]["outputs"] = list(sidecar["readings"])
     if "parameters" in sidecar:
-        out["parameters"] = _freed(out["parameters"], sidecar["parameters"], where)
+        texts = [*_texts(sidecar.get("additions")), *_texts(sidecar.get("readings"))]
+        used = set().union(*(names_in(text) for text in texts))
+        out["parameters"] = _freed(out["parameters"], sidecar["parameters"], used, where)
     return out
 
 
-def _freed(own: Mapping[str, Any], given: Any, where: str) -> dict[str, Any]:
+def _texts(table: Any) -> list[str]:
+    return [t for t in table.values() if isinstance(t, str)] if isinstance(table, Mapping) else []
+
+
+def _freed(own: Mapping[str, Any], given: Any, used: set[str], where: str) -> dict[str, Any]:
+    """Return the parameters with what a sidecar says; it may add those that it uses itself."""
     if not isinstance(given, Mapping):
         raise InputError("[parameters] is no table", where, "Write NAME = { bounds = [0, 1] }")
     fixed = {n: {k: v for k, v in e.items() if k != "bounds"} for n, e in own.items()}
     for name, entry in given.items():
-        if name not in fixed:
+        if name not in fixed and name not in used:
             what = f"unknown parameter {shortened(str(name))!r}"
             remedy = f"Known: {shortened(', '.join(fixed), 200)}"
             raise InputError(what, f"{where} [parameters]", remedy)
@@ -102,7 +110,7 @@ def _freed(own: Mapping[str, Any], given: Any, where: str) -> dict[str, Any]:
             raise InputError(
                 f"{name} is no table", f"{where} [parameters]", "Write { bounds = [0, 1] }"
             )
-        fixed[name] = {**fixed[name], **entry}
+        fixed[name] = {**fixed.get(name, {}), **entry}
     return fixed
 
 
