@@ -6,8 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
+import pytest
+
+mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo (the extra `mujoco`)")
 
 TIGHT = {"solref": [0.004, 1.0], "solimp": [0.99, 0.999, 0.001, 0.5, 2.0]}
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pandas as pd
 import pytest
@@ -21,8 +20,9 @@ from jaxsr.models.formats.agreement import (
 )
 from jaxsr.models.formats.mjcf import Robot, read_mjcf, write_draft
 from jaxsr.models.formats.opening import open_simulator
-from jaxsr.recordings import Recording
-from tests.mjcf_plants import ARM, EVERYTHING, PENDULUM, record
+from jaxsr.models.formats.time_step import step_rows
+from jaxsr.recordings import Recording, read_recording
+from tests.mjcf_plants import ARM, EVERYTHING, PENDULUM, mujoco, record
 
 
 def robot(tmp_path: Path, xml: str, *recordings: Recording) -> Robot:
@@ -410,3 +410,11 @@ def test_the_draft_goes_elsewhere_where_the_folder_takes_none(
     monkeypatch.setattr(mjcf, "atomic_write_text", refusing)
     opened = open_simulator(str(tmp_path / "robot.xml"), (), [str(data)], tmp_path / "out")
     assert opened.drafted == tmp_path / "out" / "robot.toml"
+
+
+def test_a_time_step_that_shows_is_said(tmp_path: Path) -> None:
+    path = record(PENDULUM, tmp_path / "run.csv", 3, samples=150)
+    found = robot(tmp_path, PENDULUM.replace("0.002", "0.01"), read_recording(path))
+    ((row),) = step_rows(found, found.recordings, 1.0, 0.01)
+    assert row["check"] == "time_step" and "robot.xml (0.01 s)" in row["message"]
+    assert step_rows(found, found.recordings, 1.0, 10.0) == []

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -26,7 +25,7 @@ from jaxsr.models.formats.summands import sum_difference, summands
 from jaxsr.models.formats.write_back import WrittenBack, write_back
 from jaxsr.models.simulation import simulate_to_csv
 from jaxsr.recordings import Recording
-from tests.mjcf_plants import ARM, EVERYTHING
+from tests.mjcf_plants import ARM, EVERYTHING, mujoco
 
 Changes = dict[str, Any]
 

@@ -34,6 +34,8 @@ class Robot:
         Text of the sidecar that was drafted, empty where there was one.
     edited : bool
         Whether a sidecar gives parameters another value, or adds forces.
+    recordings : tuple of Recording
+        Those that it was matched with.
     """
 
     plant: Plant
@@ -41,6 +43,7 @@ class Robot:
     checks: list[dict[str, Any]] = field(default_factory=list)
     drafted: str = ""
     edited: bool = False
+    recordings: tuple[Recording, ...] = ()
 
 
 def read_mjcf(
@@ -100,7 +103,7 @@ def read_plant(
     edited = bool(model.additions) or any(
         p.value != values.get(n) for n, p in model.parameters.items()
     )
-    return Robot(plant, model, checks, drafted, edited)
+    return Robot(plant, model, checks, drafted, edited, tuple(opened))
 
 
 def _plain(plant: Plant, tables: dict[str, Any]) -> Model:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from jaxsr._arguments import is_format
 from jaxsr._result import InputError
 from jaxsr.models.formats.mjcf import Robot, read_mjcf, write_draft
 from jaxsr.models.formats.running import robot_to_csv
+from jaxsr.models.formats.time_step import step_rows
 from jaxsr.models.formats.write_back import write_back
 from jaxsr.models.simulation import simulate_to_csv
 from jaxsr.models.simulator import Simulator
@@ -53,6 +54,15 @@ class Opened:
         """Rows for ``data_checks``."""
         return [] if self.robot is None else self.robot.checks
 
+    def _steps(self, fit: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Say what the file's own time step does, at the horizon that the verdict rests on."""
+        if self.robot is None or fit.get("headline_s") not in fit["horizons_s"]:
+            return []
+        horizon = float(fit["headline_s"])
+        given = fit["train"]["given"][fit["horizons_s"].index(fit["headline_s"])]
+        mismatch = float("nan") if given is None else float(given)
+        return step_rows(self.robot, self.robot.recordings, horizon, mismatch)
+
     def written_back(self, diagnosis: Any, folder: Path) -> dict[str, str]:
         """Return texts by name that say a diagnosis in the simulator's own format.
 
@@ -63,7 +73,7 @@ class Opened:
         plant = self.robot.plant
         back = write_back(plant, diagnosis.given, diagnosis.model, diagnosis.findings, folder)
         name = plant.path.name
-        rows = [*self.checks]
+        rows = [*self.checks, *self._steps(diagnosis.fit)]
         for line in back.said:
             row = {"file": name, "channel": "", "check": "written_back", "message": line}
             rows.append(row)
