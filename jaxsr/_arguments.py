@@ -70,7 +70,10 @@ def is_format(argument: str) -> bool:
 
 def written_back(model: str | None) -> tuple[str, ...]:
     """Return the names of the files in which a diagnosis edits a robot."""
-    return ("explained.xml", "explained.py") if model is not None and is_format(model) else ()
+    if model is None or not is_format(model):
+        return ()
+    names = "explained.xml", "explained.py"
+    return (*names, "explained.urdf") if model.lower().endswith(".urdf") else names
 
 
 def is_model(argument: str) -> bool:

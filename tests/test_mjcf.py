@@ -342,7 +342,7 @@ def test_a_force_that_nobody_knows_is_noticed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("jaxsr.models.formats.formulas.passive_forces", lambda plant, out: None)
-    with pytest.raises(InputError, match="acceleration of joint 'hinge' differs"):
+    with pytest.raises(InputError, match="force or inertia of joint 'hinge' differs"):
         robot(tmp_path, PENDULUM)
 
 

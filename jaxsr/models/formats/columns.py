@@ -245,9 +245,27 @@ def candidates(column: str, quantities: Sequence[Quantity]) -> list[Quantity]:
                 ranked.setdefault((min(place, 1), -len(_tokens(name))), []).append(quantity)
                 break
     if not ranked:
+        counted = _by_number(tokens, quantities)
+        if counted:
+            return counted
         alone = [q for q in quantities if q.kind != SENSOR and tokens and _says(q.kind, tokens)]
         return alone if len(alone) == 1 else []
     return ranked[min(ranked)]
+
+
+def _by_number(tokens: Sequence[str], quantities: Sequence[Quantity]) -> list[Quantity]:
+    """Return what ``q1`` or ``tau_2`` is, where names end in a number that no other one has."""
+    parts = [p for t in tokens for p in re.findall(r"[a-z]+|\d+", t)]
+    digits = [p for p in parts if p.isdigit()]
+    words = [p for p in parts if not p.isdigit()]
+    if len(digits) != 1 or not words:
+        return []
+    found = []
+    for quantity in quantities:
+        numbers = re.findall(r"\d+", quantity.names[0])
+        if quantity.kind != SENSOR and _says(quantity.kind, words):
+            found += [quantity] if numbers and int(numbers[-1]) == int(digits[0]) else []
+    return found if len(found) == 1 else []
 
 
 def _fits(kind: str, rest: Sequence[str]) -> bool:

@@ -82,7 +82,8 @@ def tables_of(plant: Plant, unclamped: frozenset[str] = frozenset()) -> dict[str
             "states": [*plant.positions, *plant.rates, *plant.activations.values()],
             "inputs": list(plant.inputs),
             "outputs": [],
-            "input_hold": "zero",
+            # Efforts of a URDF are measured; controls of an MJCF are held over a step.
+            "input_hold": "linear" if plant.mjcf else "zero",
         },
         "definitions": {**{n: own[n] for n in needed}, **out.definitions},
         "equations": equations,

@@ -208,7 +208,7 @@ def _drafted(table: Path, drafted: str, model: Model) -> list[dict[str, Any]]:
         return []
     free = ", ".join(model.free_parameters) or "nothing"
     message = (
-        f"{table.name} was drafted: columns by their names, between samples a control is held, "
+        f"{table.name} was drafted: columns by their names, input_hold {model.input_hold!r}, "
         f"free are {free}"
     )
     return [_row(table.name, "drafted", message)]

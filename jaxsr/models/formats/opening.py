@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from jaxsr._arguments import is_format
-from jaxsr._result import InputError
-from jaxsr.models.formats.mjcf import Robot, read_mjcf, write_draft
+from jaxsr.models.formats.mjcf import Robot, read_mjcf, read_plant, write_draft
 from jaxsr.models.formats.running import robot_to_csv
 from jaxsr.models.formats.time_step import step_rows
+from jaxsr.models.formats.urdf import read_urdf, repair_rows
 from jaxsr.models.formats.write_back import write_back
 from jaxsr.models.simulation import simulate_to_csv
 from jaxsr.models.simulator import Simulator
@@ -86,7 +86,7 @@ def read_robot(
     sidecar: str | Path | None = None,
     recordings: Sequence[str | Path | Recording] = (),
 ) -> Robot:
-    """Read a robot from ``robot.xml`` (MJCF).
+    """Read a robot from ``robot.xml`` (MJCF) or ``robot.urdf``.
 
     Raises
     ------
@@ -94,7 +94,9 @@ def read_robot(
         See `read_mjcf`.
     """
     if str(path).lower().endswith(".urdf"):
-        raise InputError("URDF is not read yet", str(path), "Convert it to MJCF, or write a TOML")
+        plant, repairs = read_urdf(path)
+        robot = read_plant(plant, sidecar, recordings)
+        return replace(robot, checks=[*repair_rows(plant.path, repairs), *robot.checks])
     return read_mjcf(path, sidecar, recordings)
 
 

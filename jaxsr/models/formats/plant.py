@@ -47,10 +47,13 @@ class Plant:
     path : Path
         Its file.
     m : mujoco.MjModel
+    mjcf : str
+        The same as MJCF, where the file is none.
     """
 
     path: Path
     m: Any
+    mjcf: str = ""
 
     @staticmethod
     def read(path: str | Path) -> Plant:

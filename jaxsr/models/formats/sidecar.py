@@ -24,9 +24,11 @@ DRAFT = """\
 # [parameters]  the constants that are free, inside their bounds; every other one keeps the value of
 #               {base}. Masses are fixed: to free one, write mass_BODY = {{ bounds = [low, high] }}
 # [columns]     output or input = column of a recording
-# Assumed, change it where it is wrong: between two samples a control stays what it was
-# (input_hold "zero", as MuJoCo steps; "linear" for a torque that a sensor measures).
+# Assumed, change it where it is wrong: between two samples a control {hold}.
+# (input_hold "zero" as MuJoCo steps, "linear" for a torque that a sensor measures.)
 """
+
+HOLDS = {"zero": "stays what it was", "linear": "lies on a line"}
 
 
 def read_sidecar(path: Path, base: Path) -> dict[str, Any]:
@@ -127,7 +129,7 @@ def draft(base: Path, tables: Mapping[str, Any], matched: Matched) -> str:
         if "bounds" in entry
     }
     parts = [
-        DRAFT.format(base=base.name),
+        DRAFT.format(base=base.name, hold=HOLDS[tables["model"]["input_hold"]]),
         table_text("model", head),
         table_text("readings", {q.role: q.reading for q in matched.outputs}),
         table_text("parameters", free) or "[parameters]\n",

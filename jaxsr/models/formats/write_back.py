@@ -8,8 +8,9 @@ do what ``explained.toml`` says, whatever was found.
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,13 @@ import numpy as np
 
 from jaxsr.models.formats.attributes import Attributes
 from jaxsr.models.formats.callback import Callback, callback_text
-from jaxsr.models.formats.plant import Plant
+from jaxsr.models.formats.plant import Plant, mujoco
 from jaxsr.models.formats.summands import names_in, plain, sum_difference
+from jaxsr.models.formats.urdf import urdf_text
 from jaxsr.models.model import Model
 
 Finding = Mapping[str, Any]
-XML, PY = "explained.xml", "explained.py"
+XML, PY, URDF = "explained.xml", "explained.py", "explained.urdf"
 _ACTUATOR = ("kp", "kv", "tau", "offset", "gain_by_length", "gain_by_speed", "gain")
 """Constants of actuators, NAME in ``NAME_ACTUATOR``; longer ones before their beginnings."""
 SAME = 1e-12
@@ -60,6 +62,8 @@ def write_back(
     folder : Path
         Where the files will lie, for paths to what the MJCF includes.
     """
+    if plant.mjcf:
+        return _from_urdf(plant, given, explained, findings, folder)
     work = _Work(plant, given, explained, Attributes.of(plant))
     work.values()
     for finding in findings:
@@ -70,6 +74,28 @@ def write_back(
         files[PY] = callback_text(work.callback, plant, given, explained, XML)
     said = [*work.attributes.said, *work.said]
     return WrittenBack(files, said)
+
+
+def _from_urdf(
+    plant: Plant, given: Model, explained: Model, findings: Sequence[Finding], folder: Path
+) -> WrittenBack:
+    """Write damping and friction into the URDF too, and everything into the MJCF made of it."""
+    with tempfile.TemporaryDirectory() as home:
+        path = Path(home) / plant.path.name
+        path.write_text(plant.mjcf, encoding="utf-8")
+        as_mjcf = replace(plant, path=path, mjcf="")
+        back = write_back(as_mjcf, given, explained, findings, Path(home))
+        (path.parent / XML).write_text(back.files[XML], encoding="utf-8")
+        m = mujoco().MjModel.from_xml_path(str(path.parent / XML))
+    changed = {}
+    for j, name in enumerate(plant.joint_names):
+        dof = int(plant.m.jnt_dofadr[j])
+        now = float(m.dof_damping[dof]), float(m.dof_frictionloss[dof])
+        if now != (float(plant.m.dof_damping[dof]), float(plant.m.dof_frictionloss[dof])):
+            changed[name] = now
+    back.files[URDF] = urdf_text(plant.path, changed)
+    back.said.append(f"{URDF} holds damping and friction alone, {XML} everything")
+    return back
 
 
 class _Work:

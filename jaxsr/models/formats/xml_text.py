@@ -56,6 +56,7 @@ class Document:
     includes: list[Node]
     changes: dict[tuple[Path, int], dict[str, str]] = field(default_factory=dict)
     renamed: dict[tuple[Path, int], str] = field(default_factory=dict)
+    inserted: dict[tuple[Path, int], str] = field(default_factory=dict)
 
     @staticmethod
     def read(path: Path) -> Document:
@@ -82,6 +83,10 @@ class Document:
         self.renamed[node.file, node.start] = tag
         node.tag = tag
 
+    def insert(self, node: Node, text: str) -> None:
+        """Put an element at the beginning of another one, which is written as two tags."""
+        self.inserted[node.file, node.start] = text
+
     def empty(self, node: Node) -> bool:
         """Whether an element is written as one tag, ``<a/>``."""
         text = self.texts[node.file]
@@ -90,7 +95,7 @@ class Document:
     def edited(self, file: Path) -> bytes:
         """Return a file with its changes made, every other byte as it is."""
         text = self.texts[file]
-        starts = {s for f, s in (*self.changes, *self.renamed) if f == file}
+        starts = {s for f, s in (*self.changes, *self.renamed, *self.inserted) if f == file}
         for start in sorted(starts, reverse=True):
             end = _end(text, start)
             tag = text[start:end]
@@ -99,7 +104,8 @@ class Document:
                 tag = re.sub(rb"^<[^\s/>]+", b"<" + name, tag)
             for key, value in self.changes.get((file, start), {}).items():
                 tag = _with_attribute(tag, key, value)
-            text = text[:start] + tag + text[end:]
+            more = self.inserted.get((file, start), "").encode()
+            text = text[:start] + tag + more + text[end:]
         return text
 
     def changed(self, file: Path) -> bool:
