@@ -114,6 +114,7 @@ def edited(file: File, joint: str, effect: Effect, value: float) -> Any:
     m = spec.compile()
     if effect.attribute == "frictionloss":
         dof = m.joint(joint).dofadr[0]
+        m.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
         m.dof_solref[dof], m.dof_solimp[dof] = (0.004, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
     return m
 

@@ -225,6 +225,14 @@ def test_dry_friction_is_written_with_tight_values_and_holds(tmp_path: Path) -> 
     assert np.abs(path[:, :2] - own).max() < 0.02 * np.abs(own).max()
 
 
+def test_where_constraints_are_off_dry_friction_is_called(tmp_path: Path) -> None:
+    xml = ARM.replace('integrator="implicitfast"/>', '><flag constraint="disable"/></option>')
+    changes = term("v_elbow", "- Fc*sign(v_elbow)", Fc=0.2)
+    _, _, back, _ = written(tmp_path, xml, changes, ELBOW, "coulomb_friction")
+    assert back.files["explained.xml"] == xml
+    assert "+= - Fc*sign(v_elbow)" in back.files["explained.py"]
+
+
 def test_a_lag_is_a_filter(tmp_path: Path) -> None:
     def changes(model: Model) -> Changes:
         equations = model.equations["v_shoulder"].replace("gain_m1*m1", "gain_m1*uf")

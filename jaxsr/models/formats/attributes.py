@@ -114,7 +114,8 @@ class Attributes:
     def set_friction(self, j: int, value: float) -> bool:
         """Set a joint's dry friction."""
         node = self.joint(j)
-        if node is None or value < 0.0:
+        off = self.plant.disabled("FRICTIONLOSS") or self.plant.disabled("CONSTRAINT")
+        if node is None or value < 0.0 or off:
             return False
         self._write(node, {"frictionloss": text_of(value), **TIGHT})
         return True
