@@ -260,7 +260,7 @@ def urdf_text(path: Path, values: Mapping[str, tuple[float, float]]) -> str:
     """
     document = Document.read(path)
     for node in document.root.children:
-        name = node.attributes.get("name")
+        name = node.attributes.get("name", "")
         if node.tag != "joint" or name not in values:
             continue
         damping, friction = values[name]
