@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from jaxsr.models.formats.mjcf import Robot, read_mjcf
+from jaxsr.recordings import Recording
+
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo (the extra `mujoco`)")
 
 TIGHT = {"solref": [0.004, 1.0], "solimp": [0.99, 0.999, 0.001, 0.5, 2.0]}
@@ -107,6 +110,19 @@ EVERYTHING = """\
 </mujoco>
 """
 """Every element that is read, turned and shifted."""
+
+
+def robot(tmp_path: Path, xml: str, *recordings: Recording) -> Robot:
+    """Read an MJCF, with the recordings given."""
+    path = tmp_path / "robot.xml"
+    path.write_text(xml)
+    return read_mjcf(path, None, recordings)
+
+
+def recording(samples: int = 20, **columns: object) -> Recording:
+    """Return a recording with constant columns."""
+    time = np.arange(samples) * 0.01
+    return Recording("run.csv", time, {n: np.full(samples, v) for n, v in columns.items()})
 
 
 def with_friction(joint: str, value: float) -> Callable[[Any], None]:

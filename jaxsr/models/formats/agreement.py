@@ -84,7 +84,9 @@ def random_points(
     return {
         "q": q,
         "v": rng.uniform(-ONCE, ONCE, (POINTS, m.nv)),
-        "u": rng.uniform(controls[:, 0], controls[:, 1], (POINTS, m.nu)) if m.nu else np.zeros((POINTS, 0)),
+        "u": rng.uniform(controls[:, 0], controls[:, 1], (POINTS, m.nu))
+        if m.nu
+        else np.zeros((POINTS, 0)),
         "act": rng.uniform(-1.0, 1.0, (POINTS, m.na)),
     }
 
