@@ -275,6 +275,8 @@ def simulate(
         from jaxsr.models.formats.opening import open_simulator, simulated_table
 
         opened = open_simulator(model, tables, [data] if data is not None else [])
+        if opened.drafted is not None:
+            say(f"drafted {opened.drafted}: what it assumes stands in it")
         recording = None
         if data is not None:
             given = opened.simulator.model

@@ -225,6 +225,27 @@ def test_dry_friction_is_written_with_tight_values_and_holds(tmp_path: Path) -> 
     assert np.abs(path[:, :2] - own).max() < 0.02 * np.abs(own).max()
 
 
+def test_friction_that_changes_with_speed_holds_still(tmp_path: Path) -> None:
+    law = "- (Fc + (Fs - Fc)*exp(-(Abs(v_elbow)/vs)**2))*sign(v_elbow)"
+    changes = term("v_elbow", law, Fc=0.1, Fs=0.25, vs=0.3)
+    _, explained, back, out = written(tmp_path, ARM, changes, ELBOW, "stribeck_friction")
+    assert "model.dof_frictionloss[1] = max((Fc+(Fs-Fc)*exp(" in back.files["explained.py"]
+    time = np.arange(200) * 0.01
+    u = np.stack([2.0 * np.sin(5 * time), np.sin(7 * time)], axis=1)
+    recording = Recording("run", time, {"m1": u[:, 0], "m2": u[:, 1]})
+    still = replace(explained, initial=dict.fromkeys(explained.states, 0.0))
+    own = simulate_to_csv(Simulator(still), recording)[["shoulder", "elbow"]].to_numpy()
+    path = run_steps(loaded(out), np.zeros(4), time, held(time, u, "zero"), 4)
+    assert np.abs(path[:, :2] - own).max() < 0.02 * np.abs(own).max()
+    # Below breakaway nothing moves.
+    mujoco.set_mjcb_passive(None)
+    plant = loaded(out)
+    plant.m.opt.gravity[:] = 0.0
+    push = held(time, np.tile([0.0, 0.1], (200, 1)), "zero")
+    rest = run_steps(plant, np.array([0.0, 0.0, 0.0, 0.0]), time, push)
+    assert np.abs(rest[:, 1]).max() < 1e-3
+
+
 def test_where_constraints_are_off_dry_friction_is_called(tmp_path: Path) -> None:
     xml = ARM.replace('integrator="implicitfast"/>', '><flag constraint="disable"/></option>')
     changes = term("v_elbow", "- Fc*sign(v_elbow)", Fc=0.2)

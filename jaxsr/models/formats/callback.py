@@ -15,6 +15,7 @@ GIVEN = "given_"
 """Prefix of definitions as they were, where an edit changed them."""
 WIDTH = 1e-3
 """Rate in rad/s or m/s below which a callback's sign is smooth: a step holds nothing still."""
+TIGHT_SOLREF, TIGHT_SOLIMP = "[0.004, 1.0]", "[0.99, 0.999, 0.001]"
 HEAD = '''\
 """{title}
 
@@ -23,6 +24,8 @@ MJCF has no attribute for what stands here. Use it beside {xml}:
     import mujoco, {module}
     model = mujoco.MjModel.from_xml_path("{xml}")
     {module}.install(model)
+
+MuJoCo compiles no other model while a callback is set: mujoco.set_mjcb_passive(None) takes it away.
 """
 
 import math
@@ -51,6 +54,11 @@ class Callback:
     ----------
     forces : dict
         By joint, the terms that are added and those that are taken away.
+    friction : dict
+        By joint, factors X of terms -X*sign(rate): dry friction that changes, which MuJoCo's
+        solver holds still as no force of a callback could.
+    constant : dict
+        By joint, its frictionloss in the file that is written.
     values : list of str
         Lines that set values of the compiled model.
     states : tuple of str
@@ -58,13 +66,15 @@ class Callback:
     """
 
     forces: dict[int, tuple[list[str], list[str]]] = field(default_factory=dict)
+    friction: dict[int, list[str]] = field(default_factory=dict)
+    constant: dict[int, float] = field(default_factory=dict)
     values: list[str] = field(default_factory=list)
     states: tuple[str, ...] = ()
 
     @property
     def needed(self) -> bool:
         """Whether there is anything to do."""
-        return bool(self.forces or self.values)
+        return bool(self.forces or self.friction or self.values)
 
 
 def callback_text(
@@ -74,14 +84,18 @@ def callback_text(
     module = Path(xml).stem
     title = f"What {plant.path.name} leaves out, beside {xml}."
     parts = [HEAD.format(title=title, xml=xml, module=module)]
-    if callback.forces:
+    if callback.forces or callback.friction:
         parts.append(_passive(callback, plant, given, explained))
     lines = ["", "", "def install(model):"]
     lines += ['    """Set what has no attribute, and let MuJoCo call what acts besides."""']
     lines += [f"    {line}" for line in callback.values]
     if any("body_mass" in line or "body_inertia" in line for line in callback.values):
         lines.append("    mujoco.mj_setConst(model, mujoco.MjData(model))")
-    if callback.forces:
+    for joint in callback.friction:
+        dof = int(plant.m.jnt_dofadr[joint])
+        lines.append(f"    model.dof_solref[{dof}] = {TIGHT_SOLREF}")
+        lines.append(f"    model.dof_solimp[{dof}, :3] = {TIGHT_SOLIMP}")
+    if callback.forces or callback.friction:
         lines.append("    mujoco.set_mjcb_passive(passive)")
     return "".join(parts) + "\n".join(lines) + "\n"
 
@@ -100,6 +114,8 @@ def _passive(callback: Callback, plant: Plant, given: Model, explained: Model) -
         text = " ".join(parts).removeprefix("+ ")
         rows.append((joint, text))
         texts.append(text)
+    sliding = {j: " + ".join(parts) for j, parts in callback.friction.items()}
+    texts += sliding.values()
     rates = {s: explained.equations[s] for s in callback.states}
     needed = needed_by([*texts, *rates.values()], definitions)
     used = [*texts, *rates.values(), *(definitions[n] for n in needed)]
@@ -122,6 +138,11 @@ def _passive(callback: Callback, plant: Plant, given: Model, explained: Model) -
     plain = [text for text in meanings if not text.startswith("def")]
     defined = [f"\n\n{text}" for text in meanings if text.startswith("def")]
     defined += ["", ""] if defined else []
+    for joint, text in sliding.items():
+        dof, at_rest = int(plant.m.jnt_dofadr[joint]), callback.constant.get(joint, 0.0)
+        base = f"{at_rest!r} + " if at_rest else ""
+        comment = f"# {plant.joint_names[joint]}, from the next step on"
+        body.append(f"model.dof_frictionloss[{dof}] = max({base}{text}, 0.0)  {comment}")
     lines = ["", *plain, *defined, *constants, memory, "", "def passive(model, data):"]
     lines += ['    """Add to the passive forces, once they are computed."""']
     return "\n".join([*lines, *(f"    {line}" for line in body)]) + "\n"

@@ -7,7 +7,6 @@ do what ``explained.toml`` says, whatever was found.
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,8 +17,9 @@ import numpy as np
 
 from jaxsr.models.formats.attributes import Attributes
 from jaxsr.models.formats.callback import Callback, callback_text
+from jaxsr.models.formats.moved_files import edited_files
 from jaxsr.models.formats.plant import Plant, mujoco
-from jaxsr.models.formats.summands import names_in, plain, sum_difference
+from jaxsr.models.formats.summands import names_in, plain, sum_difference, summands
 from jaxsr.models.formats.urdf import urdf_text
 from jaxsr.models.model import Model
 
@@ -69,7 +69,7 @@ def write_back(
     for finding in findings:
         work.finding(finding)
     work.rest()
-    files = _texts(work.attributes, plant, folder)
+    files = edited_files(work.attributes, plant, folder, XML)
     if work.callback.needed:
         files[PY] = callback_text(work.callback, plant, given, explained, XML)
     said = [*work.attributes.said, *work.said]
@@ -269,19 +269,40 @@ class _Work:
     def rest(self) -> None:
         """Leave to the callback what no attribute stands for."""
         for j in range(len(self.plant.rates)):
+            self._sliding(j)
             if self.added[j] or self.taken[j]:
                 self.callback.forces[j] = self.added[j], self.taken[j]
             if self.inertia[j]:
                 text = " ".join(self.inertia[j])
                 v = self.plant.rates[j]
                 self.said.append(f"the inertia of {v} changed by {text}: see explained.toml")
-        used = {n for a, t in self.callback.forces.values() for x in (*a, *t) for n in names_in(x)}
+        texts = [x for a, t in self.callback.forces.values() for x in (*a, *t)]
+        texts += [x for parts in self.callback.friction.values() for x in parts]
+        used = {n for x in texts for n in names_in(x)}
         new = [s for s in self.explained.states if s not in self.given.states]
         used |= {n for s in new for n in names_in(self.explained.equations[s])}
         self.callback.states = tuple(s for s in new if s in used and s not in self.done)
         for name, text in self.explained.readings.items():
             if self.given.readings.get(name) != text:
                 self.said.append(f"the sensor {name} reads {text}: see explained.toml")
+
+    def _sliding(self, j: int) -> None:
+        """Take terms -X*sign(rate) for dry friction of a changing size."""
+        plant, v = self.plant, self.plant.rates[j]
+        if plant.disabled("FRICTIONLOSS") or plant.disabled("CONSTRAINT"):
+            return
+        end = f"*sign({v})"
+        mine = [t for t in self.added[j] if plain(t).startswith("-") and plain(t).endswith(end)]
+        factors = [plain(t)[1 : -len(end)] for t in mine]
+        if any(len(summands(f)) > 1 or f"sign({v})" in f for f in factors):
+            return
+        if mine:
+            node = self.attributes.joint(j)
+            loss = float(plant.m.dof_frictionloss[plant.m.jnt_dofadr[j]])
+            if node is not None and "frictionloss" in node.attributes:
+                loss = float(node.attributes["frictionloss"])
+            self.callback.friction[j], self.callback.constant[j] = factors, loss
+            self.added[j] = [t for t in self.added[j] if t not in mine]
 
     def _line(self, name: str, before: float, now: float) -> None:
         """Set a value of the compiled model in explained.py, where no attribute holds it."""
@@ -332,62 +353,3 @@ def _welded(plant: Plant, body: int) -> list[int]:
     """Return a body and those that are fixed to it."""
     m = plant.m
     return [b for b in range(1, m.nbody) if int(m.body_weldid[b]) == int(m.body_weldid[body])]
-
-
-def _texts(attributes: Attributes, plant: Plant, folder: Path) -> dict[str, str]:
-    """Return the edited files, paths to the others mended for another folder."""
-    document, home = attributes.document, plant.path.parent
-    files: dict[str, str] = {}
-    away = folder.resolve() != home.resolve()
-    for node in document.includes:
-        name = node.attributes.get("file", "")
-        inner = next(
-            (p for p in (home / name, node.file.parent / name) if p in document.texts), None
-        )
-        if inner is None:
-            continue
-        if document.changed(inner):
-            document.set(node, {"file": _name_of(inner)})
-        elif away:
-            document.set(node, {"file": os.path.relpath(inner.resolve(), folder.resolve())})
-    if away:
-        _mend_assets(attributes, plant, folder)
-    for file in document.texts:
-        if file == plant.path:
-            files[XML] = _text(document.edited(file))
-        elif document.changed(file):
-            files[_name_of(file)] = _text(document.edited(file))
-    return files
-
-
-def _name_of(include: Path) -> str:
-    return f"explained_{include.name}"
-
-
-def _text(data: bytes) -> str:
-    return data.decode("utf-8-sig")
-
-
-def _mend_assets(attributes: Attributes, plant: Plant, folder: Path) -> None:
-    """Let folders of meshes and textures be found from another folder."""
-    document = attributes.document
-    assets = [n for n in document.root.walk() if n.tag in ("mesh", "texture", "hfield", "skin")]
-    if not any("file" in node.attributes for node in assets):
-        return
-    home = os.path.relpath(plant.path.parent.resolve(), folder.resolve())
-    compilers = attributes.elements.compilers
-    keys = ("meshdir", "texturedir", "assetdir")
-    told = [(c, k) for c in compilers for k in keys if k in c.attributes]
-    for compiler, key in told:
-        old = compiler.attributes[key]
-        if not os.path.isabs(old):
-            document.set(compiler, {key: os.path.join(home, old)})
-    if told:
-        return
-    if compilers:
-        document.set(compilers[0], {"assetdir": home})
-        return
-    for node in assets:
-        name = node.attributes.get("file", "")
-        if name and not os.path.isabs(name):
-            document.set(node, {"file": os.path.join(home, name)})
