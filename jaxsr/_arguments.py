@@ -59,23 +59,42 @@ def expand_file_lists(argv: Sequence[str]) -> list[str]:
     return expanded
 
 
+FORMATS = (".xml", ".urdf")
+"""Endings of the files of simulators that formulas are made of."""
+
+
+def is_format(argument: str) -> bool:
+    """Return whether a positional argument names a robot: ``robot.xml`` or ``robot.urdf``."""
+    return argument.lower().endswith(FORMATS) and ".py:" not in argument
+
+
+def written_back(model: str | None) -> tuple[str, ...]:
+    """Return the names of the files in which a diagnosis edits a robot."""
+    if model is None or not is_format(model):
+        return ()
+    names = "explained.xml", "explained.py"
+    return (*names, "explained.urdf") if model.lower().endswith(".urdf") else names
+
+
 def is_model(argument: str) -> bool:
-    """Return whether a positional argument names a model: a TOML or ``file.py:function``."""
-    return argument.lower().endswith(".toml") or ".py:" in argument
+    """Return whether a positional argument names a model: a TOML, a robot, a Python function."""
+    return argument.lower().endswith(".toml") or ".py:" in argument or is_format(argument)
 
 
 def table_of(model: str | None, table: str | None) -> list[str]:
-    """Return the model file that ``--model`` names beside a Python function, in a list.
+    """Return the model file that ``--model`` names beside a function or a robot, in a list.
 
     Raises
     ------
     InputError
-        If the model is no Python function.
+        If the model is neither a Python function nor a robot.
     """
     if table is None:
         return []
-    if model is None or ".py:" not in model:
-        raise InputError("--model goes with file.py:function", f"--model {table}", "Leave it out")
+    if model is None or not (".py:" in model or is_format(model)):
+        raise InputError(
+            "--model goes with file.py:function or robot.xml", f"--model {table}", "Leave it out"
+        )
     return [table]
 
 
@@ -192,7 +211,7 @@ def model_and_data(
             raise InputError(
                 f"the first argument is no model: {first}",
                 "",
-                "Name a .toml or file.py:function first, or give --simulated FILE...",
+                "Name a .toml, robot.xml or file.py:function first, or give --simulated FILE...",
             )
         if states is not None:
             raise InputError("--states goes with --simulated", "", "The model names its states")

@@ -26,6 +26,7 @@ from jaxsr._arguments import (
     split_names,
     split_pairs,
     table_of,
+    written_back,
 )
 from jaxsr._datasets_app import datasets_app
 from jaxsr._job import RUN, command_budget, loaded, save, session
@@ -64,7 +65,7 @@ Table = Annotated[
         "--model",
         metavar="FILE.toml",
         help="With file.py:function, the model file that stands on it, such as an explained.toml; "
-        "file.toml by default.",
+        "with robot.xml, its sidecar; file.toml and robot.toml by default.",
     ),
 ]
 
@@ -161,7 +162,8 @@ def diagnose(
         list[str],
         typer.Argument(
             metavar="[MODEL] DATA...",
-            help="The simulator (a .toml, or file.py:function), and recordings to learn from. "
+            help="The simulator (a .toml, robot.xml, or file.py:function), and recordings to learn "
+            "from. "
             "With --simulated, recordings alone.",
         ),
     ],
@@ -186,7 +188,8 @@ def diagnose(
     }
     check_roles(roles)
     written = ("explained.toml", "diagnosis.json", "report.html")
-    folder = results_folder(out, roles, (*written, *([] if model else ["learned.toml"])))
+    written += (() if model else ("learned.toml",)) + written_back(model)
+    folder = results_folder(out, roles, written)
     named = split_names(states, "--states")
     limit = command_budget(budget)
 
@@ -204,7 +207,12 @@ def diagnose(
                 simulator = learned.simulator
                 learnt = {"more": {"learned.toml": model_text(simulator.model)}}
             else:
-                simulator = jaxsr.Simulator.from_file(model, *tables)
+                from jaxsr.models.formats.opening import open_simulator
+
+                opened = open_simulator(model, tables, data, folder)
+                simulator = opened.simulator
+                if opened.drafted is not None:
+                    progress.stage(f"drafted {opened.drafted}: what it assumes stands in it")
             diagnosis = loaded(jaxsr.diagnose)(
                 simulator,
                 data,
@@ -214,6 +222,8 @@ def diagnose(
                 progress=progress,
                 command=command,
             )
+            if model is not None:
+                learnt = {"more": opened.written_back(diagnosis, folder)}
         save(diagnosis, folder, _verdict(diagnosis), budget=limit, **learnt)
         for error in diagnosis.unread:
             what = f"{error.what}; what was found without it is in {folder}"
@@ -224,7 +234,9 @@ def diagnose(
 
 @app.command()
 def simulate(
-    model: Annotated[str, typer.Argument(metavar="MODEL", help="A .toml, or file.py:function.")],
+    model: Annotated[
+        str, typer.Argument(metavar="MODEL", help="A .toml, robot.xml, or file.py:function.")
+    ],
     out: Annotated[str, typer.Option(metavar="FILE.csv", help="File for the outputs.")],
     data: Annotated[
         str | None, typer.Argument(metavar="[DATA]", help="Recording with the inputs.")
@@ -235,7 +247,9 @@ def simulate(
 ) -> Job:
     """Run a model freely, with recorded inputs or without any."""
     if not is_model(model):
-        raise InputError("is not a model", model, "Name a .toml or file.py:function first")
+        raise InputError(
+            "is not a model", model, "Name a .toml, robot.xml or file.py:function first"
+        )
     if data is None and (duration is None or dt is None):
         raise InputError("no DATA to follow", "", "Give DATA, or both --duration and --dt")
     if data is not None and not (duration is None and dt is None):
@@ -258,16 +272,18 @@ def simulate(
 
         check_writable(target)
         import jaxsr
-        from jaxsr.models.simulation import simulate_to_csv
+        from jaxsr.models.formats.opening import open_simulator, simulated_table
 
-        simulator = jaxsr.Simulator.from_file(model, *tables)
+        opened = open_simulator(model, tables, [data] if data is not None else [])
+        if opened.drafted is not None:
+            say(f"drafted {opened.drafted}: what it assumes stands in it")
         recording = None
         if data is not None:
-            given = simulator.model
+            given = opened.simulator.model
             recording = jaxsr.read_recording(
                 data, time=given.columns.get(given.time), sample_time=given.sample_time
             )
-        run = simulate_to_csv(simulator, recording, duration, dt)
+        run = simulated_table(opened, recording, duration, dt)
         atomic_write_text(target, run.to_csv(index=False, lineterminator="\n"))
         RUN.get().outcome = f"{target} is whole"
         print_line(f"{len(run)} rows in {target}")

@@ -19,7 +19,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from jaxsr.datasets.drives import Drive, currents, parameter
-from jaxsr.datasets.script import (
+from jaxsr.datasets.urdf import SNAP, Body, read_arm, turned
+from jaxsr.models.formats.script import (
     CROSS,
     Matrix,
     Poly,
@@ -37,7 +38,6 @@ from jaxsr.datasets.script import (
     times,
     transposed,
 )
-from jaxsr.datasets.urdf import SNAP, Body, read_arm, turned
 
 GRAVITY = 9.81
 SPREAD = 0.5

@@ -87,6 +87,15 @@ def simulate_to_csv(
     return pd.DataFrame(table)
 
 
+def start_on(simulator: Simulator, recording: Recording) -> tuple[Prepared, np.ndarray]:
+    """Return a recording ready to be followed, and the states at its first sample.
+
+    A start that [initial] leaves free is estimated as in `simulate_to_csv`.
+    """
+    item = _prepared(simulator.model, recording)
+    return item, _start(simulator, item, np.array(simulator.values(), dtype=float))[:, 0]
+
+
 def _filled(model: Model, item: Prepared) -> tuple[Prepared, np.ndarray | slice]:
     """Add rows where others are missing, so that no step between two rows is a long one.
 

@@ -46,29 +46,41 @@ class Simulator(eqx.Module):
 
     @staticmethod
     def from_file(path: str | Path, model: str | Path | None = None) -> Simulator:
-        """Read a simulator from ``model.toml`` or from ``path/file.py:function``.
+        """Read a simulator from ``model.toml``, ``robot.xml`` or ``path/file.py:function``.
 
         Parameters
         ----------
         path : path
         model : path, optional
             For a Python function: the model file that stands on it, such as the explained.toml
-            of a diagnosis; by default ``path/file.toml``.
+            of a diagnosis; by default ``path/file.toml``. For a robot: its sidecar.
 
         Raises
         ------
         InputError
             The model cannot be read, or a TOML asks for Python that was not named in the call.
         """
+        from jaxsr._arguments import is_format
+        from jaxsr.models.document import read_document
         from jaxsr.models.python_base import read_python_simulator
-        from jaxsr.models.reading import read_model
+        from jaxsr.models.reading import build_model
 
         text = str(path)
         if ".py:" in text or text.endswith(".py"):
             return read_python_simulator(text, model)
+        if is_format(text):
+            from jaxsr.models.formats.opening import read_robot
+
+            return Simulator(read_robot(text, model).model)
         if model is not None:
             raise InputError("two model files", f"{text} and {model}", "Name one of them")
-        found = read_model(path)
+        document = read_document(Path(path))
+        head = document.get("model")
+        base = head.get("base") if isinstance(head, Mapping) else None
+        if isinstance(base, str) and is_format(base):
+            remedy = f"Name {Path(text).parent / base} itself"
+            raise InputError(f"is the sidecar of {base}", text, remedy)
+        found = build_model(document, Path(path).name)
         if found.base is not None:
             raise InputError(
                 f"the model stands on Python ({found.base})",

@@ -162,7 +162,10 @@ def _power(term: Term, parts: list[Dimension], where: str) -> Dimension:
 
 
 def _same(term: Term, pairs: list[tuple[Term, Dimension]], where: str) -> Dimension:
-    quantities = [(arg, unit) for arg, unit in pairs if arg.variables]
+    # The first variable met tells a quantity from a number; a model's terms share large parts.
+    quantities = [
+        (arg, unit) for arg, unit in pairs if any(node.is_variable for node in arg.distinct())
+    ]
     if any(unit is None for _, unit in quantities):
         return None
     for arg, unit in quantities[1:]:

@@ -31,25 +31,25 @@ def model_text(model: Model) -> str:
         head["sample_time"] = model.sample_time
     if model.base is not None:
         head["base"] = model.base
-    parts = [_table("model", head)]
-    parts.append(_table("definitions", model.definitions))
-    parts.append(_table("equations", model.equations))
-    parts.append(_table("additions", model.additions))
-    parts.append(_table("inertia", model.inertia))
-    parts.append(_table("readings", model.readings))
-    parts.append(_table("parameters", {n: _parameter(p) for n, p in model.parameters.items()}))
-    parts.append(_table("per_recording", model.per_recording))
+    parts = [table_text("model", head)]
+    parts.append(table_text("definitions", model.definitions))
+    parts.append(table_text("equations", model.equations))
+    parts.append(table_text("additions", model.additions))
+    parts.append(table_text("inertia", model.inertia))
+    parts.append(table_text("readings", model.readings))
+    parts.append(table_text("parameters", {n: _parameter(p) for n, p in model.parameters.items()}))
+    parts.append(table_text("per_recording", model.per_recording))
     fixed = {s: v for s, v in model.initial.items() if v != FREE}
-    parts.append(_table("initial", {**dict.fromkeys(model.states, FREE), **fixed}))
-    parts.append(_table("delays", model.delays))
-    parts.append(_table("clock", model.clock))
-    parts.append(_table("noise", model.noise))
-    parts.append(_table("resolution", model.resolution))
+    parts.append(table_text("initial", {**dict.fromkeys(model.states, FREE), **fixed}))
+    parts.append(table_text("delays", model.delays))
+    parts.append(table_text("clock", model.clock))
+    parts.append(table_text("noise", model.noise))
+    parts.append(table_text("resolution", model.resolution))
     for event in model.events:
         table = {"when": event.when, "direction": event.direction, "reset": dict(event.reset)}
-        parts.append(_table("events", table, array=True))
-    parts.append(_table("units", {name: _unit(text) for name, text in model.units.items()}))
-    parts.append(_table("columns", model.columns))
+        parts.append(table_text("events", table, array=True))
+    parts.append(table_text("units", {name: _unit(text) for name, text in model.units.items()}))
+    parts.append(table_text("columns", model.columns))
     return "\n".join(part for part in parts if part)
 
 
@@ -72,7 +72,8 @@ def _unit(text: str) -> str:
     return text if text.strip() else "1"
 
 
-def _table(name: str, table: Mapping[str, Any], array: bool = False) -> str:
+def table_text(name: str, table: Mapping[str, Any], array: bool = False) -> str:
+    """Return a table of plain values as lines of TOML, nothing for an empty one."""
     if not table:
         return ""
     lines = [f"[[{name}]]" if array else f"[{name}]"]

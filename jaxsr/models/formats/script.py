@@ -6,8 +6,7 @@ import re
 from collections.abc import Iterable
 from itertools import product
 
-from jaxsr.datasets.urdf import AXES
-
+AXES = "xyz"
 TINY = 1e-15
 """Numbers up to which a factor is what rounding leaves of zero."""
 CROSS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))

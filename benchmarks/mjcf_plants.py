@@ -1,0 +1,203 @@
+"""MJCF files of dm_control and gymnasium with effects planted in them, and recordings of both.
+
+Truth is MuJoCo itself, at a twentieth of the sample interval. A recording starts at the file's
+reference position; where the motion would run into limits, a linear-quadratic regulator holds it
+and the control that is recorded is its output with a sum of sines beside.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+SUBSTEPS = 20
+SHARE = 0.15
+"""Size of a planted force: its rms by that of the joint's inertial force."""
+NOISE = 1e-3
+"""Standard deviation of an encoder by that of the motion."""
+
+
+@dataclass(frozen=True)
+class File:
+    """An MJCF of a package.
+
+    Attributes
+    ----------
+    package, path : str
+    joints : tuple of str
+        Joints in which effects are planted.
+    balanced : bool
+        Whether a regulator holds it at its reference position.
+    dt : float
+        Sample interval in s.
+    amplitude : float
+        Share of the control's range that the excitation takes.
+    """
+
+    package: str
+    path: str
+    joints: tuple[str, ...]
+    balanced: bool = False
+    dt: float = 0.01
+    amplitude: float = 0.8
+
+    @property
+    def where(self) -> Path:
+        """Place of the file as installed."""
+        spec = importlib.util.find_spec(self.package)
+        if spec is None or not spec.submodule_search_locations:
+            raise SystemExit(f"{self.package} is missing: pip install '.[benchmarks]'")
+        return Path(next(iter(spec.submodule_search_locations))) / self.path
+
+
+SUITE = "dm_control"
+ASSETS = "envs/mujoco/assets"
+FILES = {
+    "pendulum": File(SUITE, "suite/pendulum.xml", ("hinge",)),
+    "cartpole": File(SUITE, "suite/cartpole.xml", ("slider", "hinge_1"), True),
+    "acrobot": File(SUITE, "suite/acrobot.xml", ("shoulder", "elbow")),
+    "reacher": File(SUITE, "suite/reacher.xml", ("shoulder", "wrist"), amplitude=0.5),
+    "point_mass": File(SUITE, "suite/point_mass.xml", ("root_x", "root_y")),
+    "inverted_pendulum": File(
+        "gymnasium", f"{ASSETS}/inverted_pendulum.xml", ("slider", "hinge"), True, amplitude=0.4
+    ),
+    "inverted_double_pendulum": File(
+        "gymnasium",
+        f"{ASSETS}/inverted_double_pendulum.xml",
+        ("slider", "hinge", "hinge2"),
+        True,
+        amplitude=0.3,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What is planted in a joint: an attribute of the MJCF, and the names that say it."""
+
+    attribute: str
+    names: tuple[str, ...]
+    size: Callable[[Mapping[str, float]], float]
+
+
+EFFECTS: dict[str, Effect | None] = {
+    "coulomb": Effect("frictionloss", ("coulomb_friction",), lambda s: s["force"]),
+    "quadratic": Effect("damping2", ("quadratic_drag",), lambda s: s["force"] / s["vv"]),
+    "viscous": Effect("damping", ("viscous_damping", "wrong_value"), lambda s: s["force"] / s["v"]),
+    "rotor": Effect("armature", ("added_mass", "wrong_value"), lambda s: SHARE * s["mass"]),
+    "spring": Effect("stiffness", ("linear_stiffness",), lambda s: s["force"] / s["q"]),
+    "nothing": None,
+}
+
+
+def edited(file: File, joint: str, effect: Effect, value: float) -> Any:
+    """Compile the file with an attribute of a joint changed by MuJoCo's own editor."""
+    spec = mujoco.MjSpec.from_file(str(file.where))
+    element = spec.joint(joint)
+    if effect.attribute == "damping2":
+        damping = np.array(element.damping, dtype=float)
+        damping[1] += value
+        element.damping = damping
+    elif effect.attribute in ("damping", "stiffness"):
+        values = np.array(getattr(element, effect.attribute), dtype=float)
+        values[0] += value
+        setattr(element, effect.attribute, values)
+    else:
+        setattr(element, effect.attribute, getattr(element, effect.attribute) + value)
+    m = spec.compile()
+    if effect.attribute == "frictionloss":
+        dof = m.joint(joint).dofadr[0]
+        m.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        m.dof_solref[dof], m.dof_solimp[dof] = (0.004, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
+    return m
+
+
+def regulator(m: Any) -> np.ndarray:
+    """Return the gain of a regulator about the reference position, shape (controls, states)."""
+    data = mujoco.MjData(m)
+    mujoco.mj_forward(m, data)
+    a, b = np.zeros((2 * m.nv, 2 * m.nv)), np.zeros((2 * m.nv, m.nu))
+    mujoco.mjd_transitionFD(m, data, 1e-6, True, a, b, None, None)
+    cost = np.diag([1.0] * m.nv + [0.1] * m.nv)
+    p = solve_discrete_are(a, b, cost, np.eye(m.nu))
+    return np.linalg.solve(np.eye(m.nu) + b.T @ p @ b, b.T @ p @ a)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A recording with the states that nobody sees, shape (samples, 2 joints)."""
+
+    time: np.ndarray
+    states: np.ndarray
+    controls: np.ndarray
+    size: dict[str, dict[str, float]]
+
+
+def run(file: File, m: Any, rng: np.random.Generator, samples: int) -> Run:
+    """Run a compiled model under random sums of sines."""
+    # Euler's steps would show beside encoders as good as these: half a step of delay.
+    m.opt.timestep, m.opt.integrator = file.dt / SUBSTEPS, mujoco.mjtIntegrator.mjINT_RK4
+    data, time = mujoco.MjData(m), np.arange(samples) * file.dt
+    top = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 1], 1.0)
+    waves = np.zeros((samples, m.nu))
+    for i in range(m.nu):
+        for _ in range(6):
+            phase = 2 * np.pi * rng.uniform(0.1, 2.5) * time + rng.uniform(0.0, 2 * np.pi)
+            waves[:, i] += rng.normal() * np.sin(phase)
+        waves[:, i] *= file.amplitude * top[i] / np.abs(waves[:, i]).max()
+    gain = None
+    if file.balanced:
+        slow = mujoco.MjModel.from_xml_path(str(file.where))
+        slow.opt.timestep, slow.opt.integrator = file.dt, 0
+        gain = regulator(slow)
+    rows, force, mass = np.empty((samples, 2 * m.nv)), np.empty((samples, m.nv)), np.zeros(m.nv)
+    for k in range(samples):
+        rows[k] = np.concatenate([data.qpos, data.qvel])
+        if gain is not None:
+            waves[k] = np.clip(
+                waves[k] - gain @ (rows[k] - np.r_[m.qpos0, np.zeros(m.nv)]), -top, top
+            )
+        data.ctrl = waves[k]
+        mujoco.mj_forward(m, data)
+        mujoco.mj_mulM(m, data, force[k], data.qacc)
+        mass += np.diag(_dense(m, data)) / samples
+        for _ in range(SUBSTEPS):
+            mujoco.mj_step(m, data)
+    q, v = rows[:, : m.nv], rows[:, m.nv :]
+    size = {
+        m.joint(j).name: {
+            "force": SHARE * float(np.sqrt(np.mean(force[:, j] ** 2))),
+            "q": float(np.sqrt(np.mean(q[:, j] ** 2))),
+            "v": float(np.sqrt(np.mean(v[:, j] ** 2))),
+            "vv": float(np.sqrt(np.mean(v[:, j] ** 4))),
+            "mass": float(mass[j]),
+        }
+        for j in range(m.njnt)
+    }
+    return Run(time, rows, waves, size)
+
+
+def _dense(m: Any, data: Any) -> np.ndarray:
+    out = np.zeros((m.nv, m.nv))
+    for j in range(m.nv):
+        unit = np.zeros(m.nv)
+        unit[j] = 1.0
+        mujoco.mj_mulM(m, data, out[j], unit)
+    return out
+
+
+def write(m: Any, found: Run, rng: np.random.Generator, path: Path) -> None:
+    """Write positions with the noise of encoders, and controls, as CSV."""
+    q = found.states[:, : m.nv]
+    q = q + NOISE * q.std(axis=0) * rng.normal(size=q.shape)
+    names = [f"{m.joint(i).name}_pos" for i in range(m.njnt)]
+    names += [f"{m.actuator(i).name}_ctrl" for i in range(m.nu)]
+    table = np.column_stack([found.time, q, found.controls])
+    np.savetxt(path, table, "%.9g", ",", header=",".join(["time", *names]), comments="")

@@ -1,0 +1,1 @@
+"""Simulators that people have, each read into a formula model: one file a format."""

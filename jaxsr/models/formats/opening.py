@@ -1,0 +1,125 @@
+"""Simulators of every kind, opened for a command: what they are, and what they write back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from jaxsr._arguments import is_format
+from jaxsr.models.formats.mjcf import Robot, read_mjcf, read_plant, write_draft
+from jaxsr.models.formats.running import robot_to_csv
+from jaxsr.models.formats.time_step import step_rows
+from jaxsr.models.formats.urdf import read_urdf, repair_rows
+from jaxsr.models.formats.write_back import write_back
+from jaxsr.models.simulation import simulate_to_csv
+from jaxsr.models.simulator import Simulator
+from jaxsr.recordings import Recording
+
+
+def simulated_table(
+    opened: Opened,
+    recording: Recording | None,
+    duration: float | None,
+    dt: float | None,
+) -> pd.DataFrame:
+    """Return the table of ``jaxsr simulate``: a robot is run by its own integrator."""
+    if opened.robot is not None:
+        return robot_to_csv(opened.robot, recording, duration, dt)
+    return simulate_to_csv(opened.simulator, recording, duration, dt)
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A simulator of a command.
+
+    Attributes
+    ----------
+    simulator : Simulator
+    robot : Robot, optional
+        Where it comes from, if that is a format that people have.
+    drafted : Path, optional
+        Sidecar that was written.
+    """
+
+    simulator: Simulator
+    robot: Robot | None = None
+    drafted: Path | None = None
+
+    @property
+    def checks(self) -> list[dict[str, Any]]:
+        """Rows for ``data_checks``."""
+        return [] if self.robot is None else self.robot.checks
+
+    def _steps(self, fit: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Say what the file's own time step does, at the horizon that the verdict rests on."""
+        if self.robot is None or fit.get("headline_s") not in fit["horizons_s"]:
+            return []
+        horizon = float(fit["headline_s"])
+        given = fit["train"]["given"][fit["horizons_s"].index(fit["headline_s"])]
+        mismatch = float("nan") if given is None else float(given)
+        return step_rows(self.robot, self.robot.recordings, horizon, mismatch)
+
+    def written_back(self, diagnosis: Any, folder: Path) -> dict[str, str]:
+        """Return texts by name that say a diagnosis in the simulator's own format.
+
+        What changed there stands in the diagnosis's ``data_checks`` from then on.
+        """
+        if self.robot is None:
+            return {}
+        plant = self.robot.plant
+        back = write_back(plant, diagnosis.given, diagnosis.model, diagnosis.findings, folder)
+        name = plant.path.name
+        rows = [*self.checks, *self._steps(diagnosis.fit)]
+        for line in back.said:
+            row = {"file": name, "channel": "", "check": "written_back", "message": line}
+            rows.append(row)
+        diagnosis.document["data_checks"] += rows
+        return back.files
+
+
+def read_robot(
+    path: str | Path,
+    sidecar: str | Path | None = None,
+    recordings: Sequence[str | Path | Recording] = (),
+) -> Robot:
+    """Read a robot from ``robot.xml`` (MJCF) or ``robot.urdf``.
+
+    Raises
+    ------
+    InputError
+        See `read_mjcf`.
+    """
+    if str(path).lower().endswith(".urdf"):
+        plant, repairs = read_urdf(path)
+        robot = read_plant(plant, sidecar, recordings)
+        return replace(robot, checks=[*repair_rows(plant.path, repairs), *robot.checks])
+    return read_mjcf(path, sidecar, recordings)
+
+
+def open_simulator(
+    model: str,
+    tables: Sequence[str] = (),
+    recordings: Sequence[str] = (),
+    folder: Path | None = None,
+) -> Opened:
+    """Open the simulator that a command names.
+
+    Parameters
+    ----------
+    model : str
+        ``model.toml``, ``robot.xml`` or ``file.py:function``.
+    tables : sequence of str
+        The file of ``--model``, if given.
+    recordings : sequence of str
+        Files to learn from.
+    folder : Path, optional
+        Takes the drafted sidecar of a robot in whose folder nothing can be written.
+    """
+    if not is_format(model):
+        return Opened(Simulator.from_file(model, *tables))
+    robot = read_robot(model, next(iter(tables), None), recordings)
+    return Opened(Simulator(robot.model), robot, write_draft(robot, folder))
