@@ -310,7 +310,8 @@ def test_namesake_is_named_once(tmp_path: Path) -> None:
 def test_a_diagnosis_loads_what_it_needs_alone() -> None:
     code = (
         "import sys, jaxsr; jaxsr.diagnose;"
-        "print(sorted({'sklearn', 'matplotlib', 'rich', 'sympy', 'scipy.signal'} & set(sys.modules)))"
+        "unused = {'sklearn', 'matplotlib', 'rich', 'sympy', 'scipy.signal'};"
+        "print(sorted(unused & set(sys.modules)))"
     )
     assert run_python(code).stdout == "[]\n"
 
