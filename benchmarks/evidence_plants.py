@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -86,7 +87,7 @@ class Plant:
         count = len(self.start)
         walk = _Walk(self, np.array([*self.start, *np.zeros(count)]))
         rows = [walk.x[:count]]
-        for before, after in zip(drive[:-1], drive[1:], strict=True):
+        for before, after in pairwise(drive):
             for k in range(SUBSTEPS):
                 shares = k / SUBSTEPS, (k + 1) / SUBSTEPS
                 ends = [before + s * (after - before) for s in shares]

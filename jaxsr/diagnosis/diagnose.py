@@ -104,7 +104,7 @@ def diagnose(
     -----
     Sets of mechanisms are screened in the weak view together with the free parameters, the
     leading sets are estimated in free run by multiple shooting, and compared on blocks held
-    back in turn. DESIGN.md, sections 1.2 and 1.3, gives the reasons.
+    back in turn. docs/method.md has the formulas.
     """
     progress = progress or Silent()
     budget = as_budget(budget)

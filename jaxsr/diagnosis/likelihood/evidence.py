@@ -66,17 +66,21 @@ class Gram:
     products : ndarray, shape (1 + constants, 1 + constants)
     log_determinant : float
     count : int
+    loudest : float
+        Largest factor on all variances.
     """
 
     products: np.ndarray
     log_determinant: float
     count: int
+    loudest: float = np.inf
 
     @staticmethod
-    def of(found: Whitened, lanes: slice) -> Gram:
+    def of(found: Whitened, lanes: slice, loudest: float = np.inf) -> Gram:
         """Sum over the lanes of one choice."""
         rows = found.rows[lanes].reshape(-1, found.rows.shape[-1])
-        return Gram(rows.T @ rows, float(found.log_determinant[lanes].sum()), found.count)
+        determinant = float(found.log_determinant[lanes].sum())
+        return Gram(rows.T @ rows, determinant, found.count, loudest)
 
     def evidence(self, chosen: Sequence[int], prior: Prior, scaled: bool = True) -> Mode:
         r"""Return the mode and the log evidence of a set of constants.
@@ -111,7 +115,7 @@ class Gram:
             change = prior.deviation * _solved(factor, right)
             left = self.products[0, 0] + 2.0 * pull @ change + change @ inner @ change
             if scaled:
-                noise = max(float(left) / self.count, 1e-300)
+                noise = min(max(float(left) / self.count, 1e-300), self.loudest)
         away = change - prior.mean
         log = -0.5 * (
             self.count * np.log(2.0 * np.pi * noise)
@@ -155,7 +159,8 @@ def _inside(mean: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:
     turned = high < -low
     low, high = np.where(turned, -high, low), np.where(turned, -low, high)
     above, beyond = log_ndtr(-low), log_ndtr(-high)
-    return float(np.sum(above + np.log1p(-np.exp(np.minimum(beyond - above, -1e-12)))))
+    share = np.exp(np.minimum(beyond, above - 1e-12) - np.maximum(above, -1e300))
+    return float(np.sum(above + np.log1p(-share)))
 
 
 def _bounded(change: np.ndarray, precision: np.ndarray, prior: Prior) -> np.ndarray:

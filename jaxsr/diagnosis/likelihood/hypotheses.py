@@ -15,7 +15,7 @@ from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.table import Table
-from jaxsr.diagnosis.likelihood.workspace import Workspace, first_noise, start_of
+from jaxsr.diagnosis.likelihood.workspace import Workspace, start_of
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.models.least_squares import Problem
@@ -83,7 +83,7 @@ def hypothesis(
     members : sequence of int
         Candidates of the super-model.
     near : Hypothesis, optional
-        Whose constants, path and noise it starts from; what the sensors tell by default.
+        Whose constants, path and noise it starts from; what the recordings have by default.
     best : float
         Log evidence that makes a set the best known: one without hope is not followed to its end.
     """
@@ -91,11 +91,13 @@ def hypothesis(
     members = tuple(sorted(members))
     helpers = work.helpers
     fresh = [i for i in members if near is None or i not in near.members]
-    theta = work.theta if near is None else near.theta
-    theta = model.switched(members, model.seeded(fresh, theta))
     chosen = list(model.base_index())
     for i in members:
         chosen += [j for j in model.index(i) if j not in chosen]
+    theta = work.theta.copy()
+    if near is not None:  # what it has and this set has not does nothing here
+        theta[chosen] = near.theta[chosen]
+    theta = model.switched(members, model.seeded(fresh, theta))
     reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
     pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
     belief = _belief(work, table, chosen, theta)
@@ -110,7 +112,7 @@ def hypothesis(
     sharp = any(model.candidates[i].sharp for i in members)
     values = theta[reduced.parameters]
     follow = _Following(*places, belief, best)
-    hidden = beyond_limits(work, members)
+    hidden = beyond_limits(work, fresh)
     if hidden.any():
         values, own = _led_on(reduced.problem, hidden, sharp, values, own, follow, scales)
     found = _at_its_mode(reduced.problem, sharp, values, own, follow, scales)
@@ -118,7 +120,8 @@ def hypothesis(
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
     problem, at_mode = found
-    likely, gain = likeliest(at_mode, scales)
+    hopeless = left(at_mode.log_evidence, 0.0, best)
+    likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
         anew = replace(scales, noise=likely, decay=at_mode.decay)
         after = follow(problem, at_mode.theta, at_mode.path, anew)
@@ -247,7 +250,7 @@ def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
     """
     outputs = work.narrow.segments.outputs
     found = np.zeros(outputs.shape, bool)
-    noise = np.sqrt(first_noise(work.prepared).white)
+    noise = np.sqrt(work.scales.told)
     for i in members:
         candidate = work.super_model.candidates[i]
         for (output, _), spec in zip(candidate.readings, candidate.parameters, strict=False):
@@ -274,6 +277,7 @@ def _led_on(
     segments = problem.segments
     outputs = np.where(hidden, np.nan, segments.outputs)
     blind = replace(problem, segments=replace(segments, outputs=outputs))
+    follow = replace(follow, best=-np.inf)  # fewer samples: another evidence
     found = _at_its_mode(blind, sharp, values, path, follow, scales)
     return (values, path) if found is None else (found[1].theta, found[1].path)
 

@@ -87,15 +87,23 @@ def believable(work: Workspace, found: Hypothesis) -> bool:
     return True
 
 
-def begun(work: Workspace) -> tuple[State, Table]:
-    """Estimate re-calibration alone."""
+def begun(work: Workspace, near: Hypothesis | None = None) -> tuple[State, Table]:
+    """Estimate re-calibration alone, from where it led before."""
     table = tabled(work, work.theta, work.narrow.segments.course)
-    return State(work, {(): hypothesis(work, table, ())}), table
+    return State(work, {(): hypothesis(work, table, (), near)}), table
 
 
-def search(work: Workspace, stop: Callable[[], bool] = lambda: False) -> State:
-    """Grow the leading set until nothing that was offered adds to it."""
-    state, table = begun(work)
+def search(
+    work: Workspace, near: Hypothesis | None = None, stop: Callable[[], bool] = lambda: False
+) -> State:
+    """Grow the leading set until nothing that was offered adds to it.
+
+    Parameters
+    ----------
+    near : Hypothesis, optional
+        Re-calibration as it was estimated before.
+    """
+    state, table = begun(work, near)
     if state.known[()] is None:
         return state
     while not stop() and state.leader.members not in state.grown:

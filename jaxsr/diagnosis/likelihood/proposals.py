@@ -174,7 +174,7 @@ def _gains(
     mean = table.belief.mean - table.value
     inner = products[1:, 1:] * np.outer(scale, scale) + np.eye(len(deviation))
     pull = -products[1:, 0] * deviation / noise + mean / deviation
-    at, of = np.array(base), np.array(columns)
+    at, of = np.array(base, int), np.array(columns, int)
     across = np.linalg.solve(inner[np.ix_(at, at)], inner[np.ix_(at, of)])
     matrix = inner[np.ix_(of, of)] - inner[np.ix_(of, at)] @ across
     left = pull[of] - across.T @ pull[at]
