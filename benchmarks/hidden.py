@@ -90,8 +90,10 @@ def cases() -> dict[str, Case]:
     every, truth = tuple(f"y{i}" for i in range(10)), ("cubic_stiffness@equation:v5",)
     found["ten masses: cubic"] = Case(chain(10, 5), every, cubic, truth, {"k3": 40.0})
     found["tanks, second: nothing"] = Case(TANKS, ("second",), Missing())
-    truth = ("overflow@equation:h1", "piecewise_stiffness@equation:h1")
-    found["tanks, second: overflow"] = Case(TANKS, ("second",), Missing(level=2.3), truth)
+    truth = ("overflow@equation:h1",)
+    found["tanks, second: overflow"] = Case(
+        TANKS, ("second",), Missing(level=2.3), truth, {"ko": 2.0, "xo": 2.3}
+    )
     lag = Missing(lag=3.0)
     found["tanks, second: lag"] = Case(TANKS, ("second",), lag, ("actuator_lag@input:u",))
     return found | _faults()

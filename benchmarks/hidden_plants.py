@@ -131,7 +131,8 @@ class Plant:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return times, input and exact readings (sensors, samples)."""
         time = np.arange(samples) * self.step
-        paces = np.exp(rng.uniform(*np.log(self.band), 5))
+        slow, fast = np.log(self.band)
+        paces = np.exp(rng.uniform(slow, fast, 5))
         sizes, phases = rng.uniform(0.4, 1.0, 5), rng.uniform(0.0, 6.28, 5)
         drive = self.amplitude * (sizes * np.sin(np.outer(time, paces) + phases)).sum(axis=1)
         n, force = len(self.states), missing.force or {}
@@ -252,7 +253,7 @@ QUARTER_CAR = Plant(
 
 
 def _tanks(x: np.ndarray, u: float, p: Values, push: float, missing: Missing) -> list[float]:
-    lost = 20.0 * max(x[0] - missing.level, 0.0)
+    lost = 2.0 * max(x[0] - missing.level, 0.0)
     return [1.0 + u - p["a"] * x[0] - lost, p["a"] * x[0] - p["b"] * x[1] + push]
 
 

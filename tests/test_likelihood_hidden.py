@@ -71,7 +71,7 @@ def test_a_sensor_at_its_limit_is_clipped_and_no_gain() -> None:
 def test_a_tank_that_no_sensor_reads_overflows() -> None:
     label, known = alone(searched(TANKS, ("second",), Missing(level=2.3), 200))
     assert label == "overflow@equation:h1"
-    close(known, xo=2.3)
+    close(known, ko=2.0, xo=2.3)
 
 
 def test_a_model_of_ten_masses_offers_what_its_residual_forces_speak_for() -> None:

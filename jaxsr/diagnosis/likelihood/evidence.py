@@ -105,7 +105,7 @@ class Gram:
         at = 1 + np.asarray(chosen, dtype=int)
         inner, pull = self.products[np.ix_(at, at)], self.products[at, 0]
         precision = 1.0 / prior.deviation**2
-        noise, change, factor = 1.0, prior.mean, np.eye(len(at))
+        noise, change, factor, matrix = 1.0, prior.mean, np.eye(len(at)), np.eye(len(at))
         for _ in range(SETTLING if scaled else 1):
             # Scaled by the prior: the identity, and what the data add to it.
             root = prior.deviation / np.sqrt(noise)
@@ -114,6 +114,8 @@ class Gram:
             right = -(pull / noise) * prior.deviation + prior.mean / prior.deviation
             change = prior.deviation * _solved(factor, right)
             left = self.products[0, 0] + 2.0 * pull @ change + change @ inner @ change
+            if left <= 0.0:  # rounding is all that is left of so large columns: no answer
+                return Mode(-np.inf, prior.mean, prior.deviation, 1.0)
             if scaled:
                 noise = min(max(float(left) / self.count, 1e-300), self.loudest)
         away = change - prior.mean
@@ -127,8 +129,7 @@ class Gram:
         inverse = np.linalg.inv(factor)
         deviation = prior.deviation * np.sqrt((inverse**2).sum(axis=0))
         log += _inside(change, deviation, prior) - _inside(prior.mean, prior.deviation, prior)
-        root = np.diag(precision) + inner / noise
-        return Mode(float(log), _bounded(change, root, prior), deviation, noise)
+        return Mode(float(log), _bounded(change, matrix, prior), deviation, noise)
 
 
 def _factor(matrix: np.ndarray) -> np.ndarray:
@@ -171,7 +172,7 @@ def _bounded(change: np.ndarray, precision: np.ndarray, prior: Prior) -> np.ndar
     change : ndarray, shape (constants,)
         The most probable one without bounds.
     precision : ndarray, shape (constants, constants)
-        Of the posterior.
+        Of the posterior, scaled by the prior.
     """
     bounded, held = change, np.zeros(len(change), bool)
     for _ in range(len(change)):
@@ -183,6 +184,7 @@ def _bounded(change: np.ndarray, precision: np.ndarray, prior: Prior) -> np.ndar
         free = ~held
         bounded = change.copy()
         bounded[held] += away
-        pull = precision[np.ix_(free, held)] @ away
-        bounded[free] -= np.linalg.solve(precision[np.ix_(free, free)], pull)
+        pull = precision[np.ix_(free, held)] @ (away / prior.deviation[held])
+        moved = np.linalg.solve(precision[np.ix_(free, free)], pull)
+        bounded[free] -= prior.deviation[free] * moved
     return np.clip(bounded, prior.low, prior.high)

@@ -89,7 +89,13 @@ def believable(work: Workspace, found: Hypothesis) -> bool:
 
 def begun(work: Workspace, near: Hypothesis | None = None) -> tuple[State, Table]:
     """Estimate re-calibration alone, from where it led before."""
-    table = tabled(work, work.theta, work.narrow.segments.course)
+    theta, path = work.theta.copy(), work.narrow.segments.course
+    if near is None:
+        table = tabled(work, theta, path)
+    else:
+        base = work.super_model.base_index()
+        theta[base] = near.theta[base]
+        table = tabled(work, theta, near.path, near.noise, near.decay)
     return State(work, {(): hypothesis(work, table, (), near)}), table
 
 
@@ -117,10 +123,13 @@ def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -
     Parameters
     ----------
     table : Table
-        Whose beliefs all hypotheses share: evidences are compared under one prior.
+        About re-calibration: its beliefs all hypotheses share, so that evidences are compared
+        under one prior.
     """
     work, leader = state.work, state.leader
-    here = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
+    here = table
+    if leader.members:
+        here = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
     known = dict(state.known)
     proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
     proposed += [tuple(m for m in leader.members if m != i) for i in leader.members]

@@ -51,7 +51,8 @@ def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> 
 
 def _power(course: Course, state: str) -> float:
     """Return the mean square of what is missing along an equation, in that of its net force."""
-    return float(np.mean(course.motion.residual[state] ** 2)) / course.size[state] ** 2
+    missing = course.motion.residual[state]
+    return float(missing @ missing) / max(missing.size, 1) / course.size[state] ** 2
 
 
 def _removed(
