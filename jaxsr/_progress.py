@@ -166,6 +166,26 @@ class Budget:
         return Budget(max(self.seconds - seconds, sys.float_info.min), self._start, self._interrupt)
 
 
+class Repeated:
+    """Tell before each of several like steps whether it would end after a budget.
+
+    It is taken to last as long as the longest before it: the time between two questions.
+
+    Parameters
+    ----------
+    budget : Budget
+    """
+
+    def __init__(self, budget: Budget) -> None:
+        self._budget, self._asked, self._longest = budget, budget.elapsed, 0.0
+
+    def too_long(self) -> bool:
+        """Whether the next step has no time; an interrupt leaves it its time."""
+        now = self._budget.elapsed
+        self._longest, self._asked = max(self._longest, now - self._asked), now
+        return self._budget.remaining <= self._longest
+
+
 def as_budget(budget: float | Budget | None) -> Budget:
     """Return `budget` itself, or one of so many seconds, or an unlimited one for ``None``."""
     if isinstance(budget, Budget):

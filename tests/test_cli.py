@@ -323,9 +323,11 @@ def test_namesake_is_named_once(tmp_path: Path) -> None:
 
 
 def test_a_diagnosis_loads_what_it_needs_alone() -> None:
+    arm = ROOT / "jaxsr" / "datasets" / "demo" / "arm.toml"
     code = (
-        "import sys, jaxsr; jaxsr.diagnose;"
-        "print(sorted({'sklearn', 'matplotlib', 'rich', 'scipy.signal'} & set(sys.modules)))"
+        f"import sys, jaxsr; jaxsr.diagnose; jaxsr.Simulator.from_file({str(arm)!r});"
+        "unused = {'sklearn', 'matplotlib', 'rich', 'sympy', 'pint', 'scipy.signal'};"
+        "print(sorted(unused & set(sys.modules)))"
     )
     assert run_python(code).stdout == "[]\n"
 

@@ -170,6 +170,15 @@ def test_coloured_noise_explains_a_residual_of_its_own_size_alone(size, seen):
         assert ratio > NOISE_ALONE and ratio == pytest.approx(3.0 * seen, rel=0.2)
 
 
+@pytest.mark.parametrize("beyond", [1e200, np.inf, np.nan])
+def test_a_simulation_that_escaped_is_beyond_every_noise(beyond: float) -> None:
+    t = np.arange(300.0)
+    residual = np.random.default_rng(0).normal(size=(1, 300, 1))
+    residual[0, 7] = beyond
+    outcome: Any = SimpleNamespace(fit=SimpleNamespace(residual=residual))
+    assert residual_to_noise(arena_of(Measured(t, np.sin(0.1 * t)[:, None])), outcome) == np.inf
+
+
 def test_noise_is_no_less_than_a_converter_makes_over_all_recordings() -> None:
     """Three levels in each recording tell no steps; nine over all of them do."""
     t, step = np.arange(300.0), 0.5

@@ -1,12 +1,16 @@
-"""The weak view of the re-calibrated and of the explained model, side by side."""
+"""What a report is drawn from: the weak view of both models, and free runs as time allows."""
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
+from jaxsr._progress import Budget
+from jaxsr.diagnosis.explaining.document import _in_time
 from jaxsr.diagnosis.explaining.evidence import Forces, force_errors
 from jaxsr.diagnosis.screening.weak_system import WeakSystem
 from jaxsr.models import parse_model
@@ -65,3 +69,25 @@ def test_only_equations_that_both_models_show_are_compared() -> None:
 def test_forces_that_no_sensor_shows_are_not_reported() -> None:
     assert force_errors(MODEL, forces([1], []), None) is None
     assert force_errors(MODEL, None, None) is None
+
+
+@pytest.mark.parametrize(
+    ("seconds", "begun", "run"),
+    [
+        (10.0, 0.0, [2.0, 10.0, 0.5]),  # 0.5 s are left before the last, of 3 s that one takes
+        (math.inf, 0.0, [2.0, 10.0, 0.5, 0.1]),
+        (10.0, -20.0, [2.0, 10.0]),
+    ],
+)
+def test_short_horizons_are_left_out_where_the_time_is_over(
+    monkeypatch: pytest.MonkeyPatch, seconds: float, begun: float, run: list[float]
+) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    case = SimpleNamespace(budget=Budget(seconds, begun))
+    parts: Any = SimpleNamespace(case=case, headline=2.0)
+    met = []
+    for horizon in _in_time(parts, [0.1, 0.5, 2.0, 10.0]):
+        met.append(horizon)
+        clock[0] += 3.0
+    assert met == run

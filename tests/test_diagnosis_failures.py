@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -72,12 +74,16 @@ def test_a_law_that_has_a_value_everywhere_is_not_blamed():
     )
 
 
-def test_a_broken_stage_of_the_search_still_ends_in_an_answer(monkeypatch):
-    """Whatever breaks while sets grow, the verdict of what was found before is given."""
+def test_broken_stages_of_the_search_still_end_in_an_answer(monkeypatch):
+    """Whatever breaks while sets grow and after, the verdict of what was found before is given."""
     monkeypatch.setattr(comparison, "grow", lambda *_: iter_broken())
+    job = sys.modules[diagnose.__module__]
+    monkeypatch.setattr(job, "with_curve", lambda *_: broken())
+    monkeypatch.setattr(job, "with_unnamed", lambda *_: broken())
     found = diagnose(Simulator(parse_model(DRAIN)), [recording(2.0)], budget=8.0)
     rows = [r["message"] for r in found.document["data_checks"] if r["check"] == "search"]
-    assert any(row.startswith("growing sets broke off (LinAlgError") for row in rows)
+    for stage in ("growing sets", "finding a curve", "finding an unnamed law"):
+        assert any(row.startswith(f"{stage} broke off (LinAlgError") for row in rows)
     assert found.verdict
 
 

@@ -9,7 +9,7 @@ import scipy.stats
 from test_diagnosis_coloured import SAMPLES, SEGMENTS, fitted, noise, waves
 
 from jaxsr.diagnosis.judging.coloured import likelihood_ratio
-from jaxsr.diagnosis.judging.innovations import Autoregression
+from jaxsr.diagnosis.judging.innovations import Autoregression, _in_a_row
 
 
 def filtered(rng: np.random.Generator, slow: float, sensor: float) -> np.ndarray:
@@ -63,3 +63,14 @@ def test_noise_of_a_filtered_sensor_is_no_slow_force(slow: float, sensor: float)
         statistic = likelihood_ratio(fitted(y, known), fitted(y, both))
         above += statistic > scipy.stats.chi2.ppf(0.999, 2)
     assert above <= 2
+
+
+@pytest.mark.parametrize("most", [0, 1, 8])
+@pytest.mark.parametrize("size", [1, 5, 60])
+def test_samples_in_a_row_are_counted_up_to_a_number(size: int, most: int) -> None:
+    seen = np.random.default_rng(size).random((size, 4)) < [1.0, 0.9, 0.5, 0.0]
+    expected = np.zeros(seen.shape, dtype=int)
+    for k, s in np.ndindex(seen.shape):
+        before = seen[:k, s][::-1]
+        expected[k, s] = min(before.size if before.all() else int(np.argmin(before)), most)
+    np.testing.assert_array_equal(_in_a_row(seen, most), expected)

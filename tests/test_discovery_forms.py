@@ -53,7 +53,7 @@ def _refused(constant):
 
 @pytest.mark.parametrize("name", FEW)
 def test_a_form_is_answered_or_refused(name, tmp_path):
-    answered([form(name)], tmp_path / "out", budget=3.0)
+    answered([form(name)], tmp_path / "out", budget=1.5)
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ FIRST = int(os.environ.get("JAXSR_FORMS_FROM", "0"))
 BUDGET = float(os.environ.get("JAXSR_FORMS_BUDGET", "5"))
 QUICK = 40
 """Every kind of model comes up once in 40 numbers, every kind of recording in 39."""
-QUICK_BUDGET = 1.0
+QUICK_BUDGET = 0.6
 
 
 def test_forty_numbers_hold_every_kind() -> None:

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from jaxsr._progress import Budget, Progress, Silent, as_budget, progress_on
+from jaxsr._progress import Budget, Progress, Repeated, Silent, as_budget, progress_on
 from jaxsr._result import InputError, StoppedBy
 
 
@@ -89,3 +89,20 @@ def test_as_budget() -> None:
     budget = Budget(3.0)
     assert as_budget(budget) is budget
     assert as_budget(None).seconds == math.inf and as_budget(2).seconds == 2.0
+
+
+def test_a_step_like_those_before_is_not_begun_where_it_would_end_too_late(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    budget = Budget(10.0, 100.0)
+    figures, unlimited = Repeated(budget), Repeated(Budget())
+    asked = []
+    for seconds in (2.0, 1.0, 2.5, 2.0):  # 2.5 s are left in the end: one could take all of it
+        clock[0] += seconds
+        asked.append(figures.too_long())
+        assert not unlimited.too_long()
+    assert asked == [False, False, False, True]
+    budget.interrupt()
+    assert Repeated(budget).too_long() is False

@@ -307,3 +307,18 @@ def test_a_sample_time_stands_in_for_dates_that_repeat(tmp_path):
     recording = read_recording(_file(tmp_path, text), sample_time=0.5)
     np.testing.assert_array_equal(recording.time, [0.0, 0.5, 1.0])
     assert list(recording.channels) == ["epoch", "q"]
+
+
+@pytest.mark.parametrize(("separator", "comma"), [(",", False), (";", False), (";", True)])
+@pytest.mark.parametrize("every", [2, 3, 10])
+def test_a_column_that_most_rows_leave_empty_is_a_column(tmp_path, separator, comma, every):
+    """Times like 1 make rows such as '1,' that are numbers without a separator, too."""
+    values = np.where(np.arange(200) % every == 0, np.cos(np.arange(200.0)), np.nan)
+    rows = [
+        f"{i / 100:g}{separator}{'' if np.isnan(y) else f'{y:.9g}'}" for i, y in enumerate(values)
+    ]
+    text = f"t{separator}y\n" + "\n".join(rows) + "\n"
+    path = _file(tmp_path, text.replace(".", ",") if comma else text)
+    read = read_recording(path)
+    np.testing.assert_allclose(read.time, np.arange(200) / 100)
+    np.testing.assert_allclose(read.channel("y"), values, rtol=1e-8)

@@ -17,7 +17,7 @@ from jaxsr.recordings.isolated import READER
 SCRIPT = Path(__file__).with_name("fuzz_recordings.py")
 LONG = int(os.environ.get("JAXSR_FUZZ_RECORDINGS", "4000"))
 """Cases of the long run, up to 20,000."""
-BATCH = 500
+SHORT, BATCH = 120, 500
 
 
 def _run(first: int, last: int, folder: Path) -> list[dict]:
@@ -36,12 +36,12 @@ def _run(first: int, last: int, folder: Path) -> list[dict]:
 
 
 def test_hostile_recordings_are_refused_in_one_line(tmp_path):
-    assert _run(0, 200, tmp_path) == []
+    assert _run(0, SHORT, tmp_path) == []
 
 
 @pytest.mark.slow
 def test_many_hostile_recordings_are_refused_in_one_line(tmp_path):
-    for first in range(200, LONG, BATCH):
+    for first in range(SHORT, LONG, BATCH):
         assert _run(first, min(first + BATCH, LONG), tmp_path) == []
 
 

@@ -137,7 +137,7 @@ def test_files_in_seconds_and_in_milliseconds_are_told(
 ) -> None:
     """Steps that differ a thousandfold under one name are an error, or are said."""
     files = [str(REPORTS / "mixed-time-units" / name) for name in ("a_s.csv", "b_ms.csv")]
-    options = ["--states", "v", "--inputs", "u", "--budget", "5", "--out", str(tmp_path / "out")]
+    options = ["--states", "v", "--inputs", "u", "--budget", "2", "--out", str(tmp_path / "out")]
     status, text = _command(["discover", *files, *options], capsys)
     assert status in (0, 2)
     told = text

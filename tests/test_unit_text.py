@@ -7,6 +7,7 @@ import pint
 import pytest
 
 from jaxsr._result import InputError
+from jaxsr.expressions.dimensionality import DIMENSIONS, SI, Dimensionality
 from jaxsr.expressions.unit_text import dimensionality
 
 NAMES = ["m", "kg", "s", "N", "rad", "V", "A", "Hz", "mm", "µs", "degC", "rpm", "J", "%", "inch"]
@@ -24,6 +25,25 @@ def test_products_and_powers_are_those_of_pint() -> None:
             text = f"({text})**2"
         expected = registry.Unit(text.replace("^", "**")).dimensionality
         assert dict(dimensionality(text)) == pytest.approx(dict(expected)), text
+
+
+def test_units_that_stand_in_the_table_are_those_of_pint() -> None:
+    registry = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    for name, found in DIMENSIONS.items():
+        assert dict(found) == dict(registry.Unit(name).dimensionality), name
+    assert set(DIMENSIONS) >= SI
+    for name in SI:
+        assert registry.Quantity(1.0, name).to_base_units().magnitude == 1.0, name
+
+
+def test_dimensions_multiply_cancel_and_are_written_as_pint_does() -> None:
+    length, time = Dimensionality.of({"[length]": 1}), Dimensionality.of({"[time]": 1})
+    assert length / time * time == length and hash(length / time * time) == hash(length)
+    assert not length / length and (length ** (1 / 3)) ** 3 == length
+    assert (
+        str(length / time**2) == "[length] / [time] ** 2" and str(time**-0.5) == "1 / [time] ** 0.5"
+    )
+    assert str(time / time) == "dimensionless" and str(length * time) == "[length] * [time]"
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxsr._files import atomic_directory, atomic_write_text, dump_json
-from jaxsr._progress import Budget
+from jaxsr._progress import Budget, Repeated
 from jaxsr._result import InputError
 from jaxsr.models import Model, model_text
 
@@ -89,12 +89,8 @@ class Diagnosis:
         atomic_write_text(folder / "explained.toml", model_text(self.model))
         for name, text in (more or {}).items():
             atomic_write_text(folder / name, text)
-        limit = budget or Budget()
-
-        def late() -> bool:
-            return limit.remaining == 0.0  # an interrupt leaves time
-
-        write_diagnosis_report(self.document, self.evidence, folder, late)
+        figures = Repeated(budget or Budget())
+        write_diagnosis_report(self.document, self.evidence, folder, figures.too_long)
 
 
 def verdict_sentence(verdict: str, findings: list[dict[str, Any]], left_open: str = "") -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import sympy
 
 from jaxsr._result import StoppedBy
 from jaxsr.discovery.choose import Candidate, predict
@@ -14,6 +14,9 @@ from jaxsr.discovery.samples import Samples
 from jaxsr.expressions import to_sympy, to_text
 from jaxsr.expressions.editing import ONE
 from jaxsr.expressions.term import Term
+
+if TYPE_CHECKING:
+    import sympy
 
 
 @dataclass(frozen=True, slots=True)

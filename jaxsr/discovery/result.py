@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-import sympy
 
 import jaxsr
 from jaxsr._files import atomic_directory, atomic_write_text, dump_json
@@ -308,6 +307,8 @@ def term_at(equation: Equation, index: int | None = None) -> Term:
 
 def latex_text(term: Term, digits: int = 4) -> str:
     """Return a term in LaTeX, its numbers to ``digits`` significant ones."""
+    import sympy
+
     expression = to_sympy(term)
     rounded = {n: sympy.Float(n, digits) for n in expression.atoms(sympy.Float)}
     return sympy.latex(expression.xreplace(rounded))

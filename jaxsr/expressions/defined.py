@@ -10,11 +10,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import sympy
 
 from jaxsr._result import InputError
 from jaxsr.expressions.parsing import is_identifier
-from jaxsr.expressions.primitives import FUNCTIONS_BY_TEXT, PRIMITIVES, Function, Primitive
+from jaxsr.expressions.primitives import (
+    FUNCTIONS_BY_TEXT,
+    PRIMITIVES,
+    Function,
+    Primitive,
+    undefined,
+)
 
 _WHERE = "define_primitive"
 
@@ -92,16 +97,12 @@ def define_primitive(
         count,
         guarded,
         _jax_meaning(guarded, jax, count),
-        sympy or _undefined(name),
+        sympy or undefined(name),
         name,
         definition=definition,
     )
     PRIMITIVES[name] = FUNCTIONS_BY_TEXT[name] = primitive
     return primitive
-
-
-def _undefined(name: str) -> Function:
-    return sympy.Function(name)
 
 
 def _same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:

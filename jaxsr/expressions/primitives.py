@@ -8,11 +8,34 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-import sympy
 
 from jaxsr._result import InputError
 
 Function = Callable[..., Any]
+
+
+class _SymPy:
+    """SymPy's functions by name; SymPy is loaded by the first call of one."""
+
+    def __getattr__(self, name: str) -> Function:
+        def meaning(*args: Any) -> Any:
+            import sympy
+
+            return getattr(sympy, name)(*args)
+
+        return meaning
+
+
+sympy = _SymPy()
+
+
+def undefined(name: str) -> Function:
+    """Return the meaning in SymPy of a function that SymPy does not know."""
+
+    def meaning(*args: Any) -> Any:
+        return sympy.Function(name)(*args)
+
+    return meaning
 
 
 @dataclass(frozen=True)
@@ -101,7 +124,7 @@ def _reduce(function: Function) -> Function:
 
 
 def _sympy_heaviside(x: Any) -> Any:
-    return sympy.Heaviside(x, sympy.S.Half)
+    return sympy.Heaviside(x, sympy.Rational(1, 2))
 
 
 def _same(name: str, arity: int, text: str = "", **other: Function) -> Primitive:
@@ -111,7 +134,7 @@ def _same(name: str, arity: int, text: str = "", **other: Function) -> Primitive
         arity,
         other.get("numpy", getattr(np, name, None)),  # type: ignore[arg-type]  # every name given exists
         other.get("jax", getattr(jnp, name, None)),  # type: ignore[arg-type]  # every name given exists
-        other.get("sympy", getattr(sympy, name, None)),  # type: ignore[arg-type]  # every name given exists
+        getattr(sympy, name),
         text or name,
     )
 
@@ -126,7 +149,7 @@ def _integral(name: str, arity: int) -> Primitive:
             "Evaluate it with ColumnCache, or make it a state with an equation of its own.",
         )
 
-    return Primitive(name, arity, refuse, refuse, sympy.Function(name), name, pointwise=False)
+    return Primitive(name, arity, refuse, refuse, undefined(name), name, pointwise=False)
 
 
 _OPERATORS = (

@@ -2,42 +2,50 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import sympy
-from sympy.core.function import AppliedUndef
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 from jaxsr.expressions.primitives import PRIMITIVES
 from jaxsr.expressions.term import BOOLEAN, Term
 
-_NUMBER_FUNCTIONS = {
-    sympy.sin: "sin",
-    sympy.cos: "cos",
-    sympy.tan: "tan",
-    sympy.asin: "asin",
-    sympy.acos: "acos",
-    sympy.atan: "atan",
-    sympy.atan2: "atan2",
-    sympy.sinh: "sinh",
-    sympy.cosh: "cosh",
-    sympy.tanh: "tanh",
-    sympy.exp: "exp",
-    sympy.log: "log",
-    sympy.Abs: "abs",
-    sympy.sign: "sign",
-    sympy.floor: "floor",
-    sympy.Max: "max",
-    sympy.Min: "min",
-    sympy.And: "and",
-    sympy.Or: "or",
-    sympy.Not: "not",
-    sympy.StrictLessThan: "lt",
-    sympy.LessThan: "le",
-    sympy.StrictGreaterThan: "gt",
-    sympy.GreaterThan: "ge",
-    sympy.Equality: "eq",
-    sympy.Unequality: "ne",
-}
+if TYPE_CHECKING:
+    import sympy
+
+# SymPy is loaded where it is needed: a job that shows no formula of its own does without.
+
+
+@lru_cache(maxsize=1)
+def _number_functions() -> dict[Any, str]:
+    import sympy
+
+    return {
+        sympy.sin: "sin",
+        sympy.cos: "cos",
+        sympy.tan: "tan",
+        sympy.asin: "asin",
+        sympy.acos: "acos",
+        sympy.atan: "atan",
+        sympy.atan2: "atan2",
+        sympy.sinh: "sinh",
+        sympy.cosh: "cosh",
+        sympy.tanh: "tanh",
+        sympy.exp: "exp",
+        sympy.log: "log",
+        sympy.Abs: "abs",
+        sympy.sign: "sign",
+        sympy.floor: "floor",
+        sympy.Max: "max",
+        sympy.Min: "min",
+        sympy.And: "and",
+        sympy.Or: "or",
+        sympy.Not: "not",
+        sympy.StrictLessThan: "lt",
+        sympy.LessThan: "le",
+        sympy.StrictGreaterThan: "gt",
+        sympy.GreaterThan: "ge",
+        sympy.Equality: "eq",
+        sympy.Unequality: "ne",
+    }
 
 
 def to_sympy(term: Term) -> sympy.Basic:
@@ -45,6 +53,8 @@ def to_sympy(term: Term) -> sympy.Basic:
 
     Whole numbers become SymPy integers, so that algebra on them is exact.
     """
+    import sympy
+
     if term.is_constant:
         whole = term.value == int(term.value) and abs(term.value) < 2**53
         return sympy.Integer(int(term.value)) if whole else sympy.Float(term.value, 17)
@@ -63,6 +73,8 @@ def from_sympy(expression: sympy.Basic) -> Term:
     ValueError
         The expression uses a function outside the grammar.
     """
+    import sympy
+
     if isinstance(expression, sympy.Symbol):
         return Term.variable(expression.name)
     if expression in (sympy.true, sympy.false):
@@ -83,7 +95,7 @@ def from_sympy(expression: sympy.Basic) -> Term:
     if isinstance(expression, sympy.Piecewise):
         flat = [part for pair in expression.args for part in (pair.args[0], pair.args[1])]
         return Term.apply("piecewise", *(from_sympy(part) for part in flat))
-    op = _NUMBER_FUNCTIONS.get(expression.func) or _defined(expression.func)
+    op = _number_functions().get(expression.func) or _defined(expression.func)
     if op is None:
         raise ValueError(f"{expression.func} is not part of the model grammar")
     return Term.apply(op, *(from_sympy(arg) for arg in expression.args))
@@ -91,6 +103,8 @@ def from_sympy(expression: sympy.Basic) -> Term:
 
 def _defined(function: Any) -> str | None:
     """Return the primitive of a SymPy function that is undefined there, or a user's meaning."""
+    from sympy.core.function import AppliedUndef
+
     if issubclass(function, AppliedUndef) and function.__name__ in PRIMITIVES:
         return str(function.__name__)
     return next((name for name, p in PRIMITIVES.items() if p.sympy is function), None)
@@ -98,6 +112,8 @@ def _defined(function: Any) -> str | None:
 
 def _chain(expression: sympy.Basic) -> Term:
     """Turn an n-ary sum or product into nested binary nodes, with - and / where natural."""
+    import sympy
+
     args = [arg for arg in sympy.ordered(expression.args)]
     if isinstance(expression, sympy.Add):
         args.sort(key=lambda arg: arg.could_extract_minus_sign())

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
+from jaxsr.expressions.sines import sine_and_cosine
+
 Array = Any
 Tree = Any
 """A number, a `Traced`, or a list, tuple or dict of trees."""
@@ -197,8 +199,14 @@ class Tape:
         _mapped(tree, lambda leaf: wanted.append(leaf.number))
         text = _Text()
         last = _last_uses(recorder.nodes, wanted)
+        partners = _partners(recorder.nodes, last)
         place: dict[int, str] = {}
         free: list[str] = []
+
+        def placed(number: int) -> str:
+            place[number] = free.pop() if free else f"r{number}"
+            return place[number]
+
         for number, (call, args) in enumerate(recorder.nodes):
             if number not in last:
                 continue
@@ -209,8 +217,13 @@ class Tape:
             for a in {a.number for a in args if isinstance(a, Traced)}:
                 if last[a] == number:
                     free.append(place[a])
-            place[number] = free.pop() if free else f"r{number}"
-            text.assigned(place[number], text.operation(call, values))
+            if number in place:  # beside its partner
+                continue
+            if number in partners:
+                both = ", ".join(map(placed, partners[number]))
+                text.assigned(both, text.operation(sine_and_cosine, values))
+                continue
+            text.assigned(placed(number), text.operation(call, values))
         leaves = _mapped(tree, lambda leaf: _Name(place[leaf.number]))
         text.lines.append(f" return {text.tree(leaves)}")
         self._function = text.function()
@@ -290,6 +303,18 @@ def _mapped(tree: Tree, change: Callable[[Traced], Any]) -> Tree:
     if isinstance(tree, list | tuple):
         return type(tree)([_mapped(v, change) for v in tree])
     return tree
+
+
+def _partners(
+    nodes: Sequence[tuple[Callable | None, tuple[Any, ...]]], used: Mapping[int, int]
+) -> dict[int, tuple[int, int]]:
+    """Return, for a sine and a cosine of the same value, the numbers of both."""
+    found: dict[int, dict[Callable, int]] = {}
+    for number, (call, args) in enumerate(nodes):
+        if number in used and call in (np.sin, np.cos) and isinstance(args[0], Traced):
+            found.setdefault(args[0].number, {})[call] = number
+    pairs = [(p[np.sin], p[np.cos]) for p in found.values() if len(p) == 2]
+    return {number: pair for pair in pairs for number in pair}
 
 
 def _last_uses(

@@ -10,13 +10,16 @@ evaluation meets, and a tower of powers in none. Here pint is asked about single
 
 from __future__ import annotations
 
+import functools
+import operator
 import re
 from collections.abc import Callable
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from jaxsr._quoting import quoted
 from jaxsr._result import InputError
+from jaxsr.expressions.dimensionality import DIMENSIONS, SI, Dimensionality
 
 if TYPE_CHECKING:
     import pint
@@ -45,20 +48,17 @@ def _registry() -> pint.UnitRegistry:
 
 
 @lru_cache(maxsize=512)
-def dimensionality(text: str, where: str = "") -> Any:
-    """Return pint's dimensionality of a unit text such as ``"N*s/m"``; ``"1"`` has none.
+def dimensionality(text: str, where: str = "") -> Dimensionality:
+    """Return the dimension of a unit text such as ``"N*s/m"``; ``"1"`` has none.
 
     Raises
     ------
     InputError
         The text holds anything but names of units, 1, ``* / ^ **``, brackets and small powers.
     """
-    from pint.util import UnitsContainer
-
     if not text.strip():
-        return UnitsContainer()
-    found = _Reader(text, where).whole()
-    return UnitsContainer({base: power for base, power in found.items() if power})
+        return Dimensionality()
+    return Dimensionality.of(_Reader(text, where).whole())
 
 
 def factors_of(text: str) -> Exponents:
@@ -91,6 +91,8 @@ def si_factor(text: str) -> float:
     factor = 1.0
     for name, power in factors_of(text).items():
         for part in _MEANT.get(name, (name,)):
+            if part in SI:
+                continue
             one = _registry().Quantity(1.0, part)
             factor *= float(one.to_base_units().magnitude) ** power
     return factor
@@ -98,13 +100,17 @@ def si_factor(text: str) -> float:
 
 @lru_cache(maxsize=512)
 def _of_name(name: str) -> tuple[tuple[str, float], ...] | None:
-    """Return the dimension of one name of a unit; None where pint does not know it."""
+    """Return the dimension of one name of a unit; None where nobody knows it."""
+    parts = _MEANT.get(name, (name,))
+    if all(part in DIMENSIONS for part in parts):
+        known = functools.reduce(operator.mul, (DIMENSIONS[part] for part in parts))
+        return known.powers
     import pint
     from pint.util import UnitsContainer
 
     registry = _registry()
     try:
-        units = UnitsContainer({registry.get_name(n): 1 for n in _MEANT.get(name, (name,))})
+        units = UnitsContainer({registry.get_name(n): 1 for n in parts})
         found = registry.get_dimensionality(units)
         return tuple((str(base), float(power)) for base, power in found.items())  # type: ignore[arg-type]
     except (pint.PintError, KeyError, ValueError, TypeError):

@@ -15,9 +15,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import sympy
 
 from jaxsr.expressions import PRIMITIVES, Primitive, Term
+from jaxsr.expressions.primitives import undefined
 
 Array = Any
 LEAST = 8
@@ -57,7 +57,7 @@ class Called:
             self.arity,
             self.values,
             self.in_jax,
-            sympy.Function(self.name),
+            undefined(self.name),
             self.name,
             called=self,
         )

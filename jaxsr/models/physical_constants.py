@@ -11,9 +11,9 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 from jaxsr._result import InputError
+from jaxsr.expressions.dimensionality import Dimensionality
 from jaxsr.expressions.unit_text import dimensionality, si_factor
 from jaxsr.models.model import Model, Parameter
 
@@ -39,12 +39,12 @@ class Constant:
         As CODATA has it.
     value : float
         In SI units.
-    dimension : pint dimensionality
+    dimension : Dimensionality
     """
 
     name: str
     value: float
-    dimension: Any
+    dimension: Dimensionality
 
 
 @lru_cache(maxsize=1)
@@ -86,7 +86,7 @@ def constant_of(parameter: Parameter) -> Constant | None:
 
 
 @lru_cache(maxsize=512)
-def _known(value: float, unit: Any) -> Constant | None:
+def _known(value: float, unit: Dimensionality) -> Constant | None:
     if not unit:
         return None
     for constant in constants():

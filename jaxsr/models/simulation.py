@@ -10,7 +10,7 @@ import pandas as pd
 from jaxsr._result import InputError
 from jaxsr.models.free_run import free_run
 from jaxsr.models.least_squares import Problem
-from jaxsr.models.lifting import closed, simulated
+from jaxsr.models.lifting import closed, liftable, readings_along
 from jaxsr.models.model import FREE, Model
 from jaxsr.models.rollout import Stepping, outputs, states
 from jaxsr.models.segments import Prepared, Segments, build_segments, unbroken
@@ -252,13 +252,15 @@ def _run(
         path = whole.course.copy()
         path[:, 0] = start
         x = closed(simulator, stepping, whole, theta, path)
-        y = None if x is None else simulated(simulator, stepping, whole, theta, start)
-        if x is None or y is None:
+        if x is None:
             nothing = np.full((1, item.time.size), np.nan)
             return Run(nothing, nothing)
-        return Run(x[..., 0], y[..., 0])
-    x = states(simulator, stepping, whole, theta, start)
-    y = outputs(simulator, stepping, whole, theta, start)
+    else:
+        x = states(simulator, stepping, whole, theta, start)
+    if liftable(simulator) and np.isfinite(x).all():
+        y, _ = readings_along(simulator, stepping, whole, theta, x, late=True)
+    else:
+        y = outputs(simulator, stepping, whole, theta, start)
     return Run(x[..., 0], y[..., 0])
 
 

@@ -1,4 +1,4 @@
-"""Unit checks of a model file, in pint's dimensionalities."""
+"""Unit checks of a model file, in dimensions."""
 
 from __future__ import annotations
 

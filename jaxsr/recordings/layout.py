@@ -135,8 +135,7 @@ class _Option:
             self.lines.append(_Line(index, offset, tuple(cells), kinds))
         self.first = self._first_sample()
         rows = [ln for ln in self.lines[self.first :] if ln.has_samples]
-        widths = Counter(len(_full(ln.cells)) for ln in rows)
-        self.width = max(widths, key=lambda w: (widths[w], w), default=0)
+        self.width = _width([ln.cells for ln in rows])
 
     @property
     def score(self) -> tuple[float, ...]:
@@ -220,6 +219,17 @@ class _Option:
             )
         _check_names(names, file)
         return last, tuple(names), units
+
+
+def _width(rows: Sequence[Sequence[str]]) -> int:
+    """Return how many columns rows have: those that any row fills, of the usual number of cells.
+
+    A sensor of a lower rate leaves its column empty in most rows; separators at the end of every
+    row make no columns.
+    """
+    counts = Counter(map(len, rows))
+    usual = max(counts, key=lambda w: (counts[w], w), default=0)
+    return max((len(_full(cells)) for cells in rows if len(cells) == usual), default=0)
 
 
 def _are_units(cells: Sequence[str]) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -114,13 +115,14 @@ def draw(size: tuple[float, float], paint: Callable[[Figure], None]) -> bytes:
     The settings of the user's own figures are neither read nor changed.
     """
     with matplotlib.rc_context(_RC):
-        figure = Figure(figsize=size, layout="constrained")
+        figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
         paint(figure)
-        raw = io.BytesIO()
-        figure.savefig(raw, format="png", dpi=_DPI)
-    image = Image.open(raw).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+        canvas.draw()  # once: `savefig` goes through all artists twice
+        pixels = Image.fromarray(np.asarray(canvas.buffer_rgba()))
+    image = pixels.convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
     small = io.BytesIO()
-    image.save(small, format="PNG", optimize=True)
+    image.save(small, format="PNG")  # what `optimize` finds is a tenth, for eight times the time
     return small.getvalue()
 
 

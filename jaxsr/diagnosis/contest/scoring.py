@@ -73,8 +73,7 @@ def free_run(
     whole = horizon is None or horizon >= longest * (1 - 1e-9)
     rows = cut(prepared, None if whole else horizon)
     if not rows:
-        nothing = [np.full_like(p.outputs, np.nan) for p in prepared]
-        return _scored(prepared, nothing, [np.zeros(p.time.size, bool) for p in prepared])
+        return not_run(prepared)
     others = cut(like, None if whole else horizon) if like else []
     shape = (max((b - a for _, a, b in others), default=0), len(others))
     segments = build_segments(model, prepared, rows, stepping.substeps, shape, theta)
@@ -95,6 +94,12 @@ def free_run(
     for r, a, b in rows:
         covered[r][a:b] = True
     return _scored(prepared, simulated, covered)
+
+
+def not_run(prepared: Sequence[Prepared]) -> FreeRun:
+    """Return what is known of recordings along which nothing was run."""
+    nothing = [np.full_like(p.outputs, np.nan) for p in prepared]
+    return _scored(prepared, nothing, [np.zeros(p.time.size, bool) for p in prepared])
 
 
 def _beginnings(

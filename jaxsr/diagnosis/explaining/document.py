@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from jaxsr._progress import Repeated
 from jaxsr._result import InputError, StoppedBy
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import neutral_values
-from jaxsr.diagnosis.contest.scoring import FreeRun
+from jaxsr.diagnosis.contest.scoring import FreeRun, not_run
 from jaxsr.diagnosis.contest.uncertainty import Sensitivities, sensitivities
 from jaxsr.diagnosis.explaining.bounds import bound_rows
 from jaxsr.diagnosis.explaining.detectable import detectable_rows
@@ -145,17 +146,38 @@ def _runs(
         del models["explained"]
     horizons = _horizons(parts)
     if whole is None:
-        runs: dict[str, list[FreeRun]] = {name: [] for name in models}
-        for horizon in horizons:
+
+        def run(name: str, horizon: float) -> FreeRun:
+            lean, theta = models[name]
             length = None if horizon == horizons[-1] else horizon
-            for name, (lean, theta) in models.items():
-                runs[name].append(lean.free_run(prepared, theta, length, like=parts.case.prepared))
+            return lean.free_run(prepared, theta, length, like=parts.case.prepared)
+
+        at = _in_time(parts, horizons)
+        done = {h: {name: run(name, h) for name in models} for h in at}
+        nothing = not_run(prepared)
+        runs = {
+            name: [done[h][name] if h in done else nothing for h in horizons] for name in models
+        }
         found = Runs(runs, tuple(p.recording for p in prepared))
     else:
         stops = _until(parts, SHORT), _until(parts, FULL)
         found = whole_runs(whole, models, horizons, parts.headline, stops)
     found.models.setdefault("explained", found.models["recalibrated"])
     return found
+
+
+def _in_time(parts: Ingredients, horizons: Sequence[float]) -> Iterator[float]:
+    """Yield the horizons to be run: the headline and the whole recordings, others as time is left.
+
+    Longest first, as many short segments tell least of what the model is for.
+    """
+    budget = parts.case.budget
+    pace = Repeated(budget.keeping(LEFT * budget.seconds))
+    first = dict.fromkeys((parts.headline, horizons[-1]))
+    for horizon in [*first, *(h for h in reversed(horizons) if h not in first)]:
+        if pace.too_long() and horizon not in first:
+            return
+        yield horizon
 
 
 def _until(parts: Ingredients, share: float) -> Callable[[], bool]:

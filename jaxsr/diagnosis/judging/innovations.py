@@ -86,11 +86,8 @@ class Autoregression:
         ----------
         seen : ndarray of bool, shape (samples, segments)
         """
-        known = np.zeros(seen.shape, dtype=int)  # samples in a row before each
-        for k in range(1, len(seen)):
-            known[k] = np.where(seen[k - 1], known[k - 1] + 1, 0)
-        known, result = np.minimum(known, self.order), np.array(a, dtype=float)
         size, most = len(seen), self.order
+        known, result = _in_a_row(seen, most), np.array(a, dtype=float)
         for j, weight in enumerate(self.predictors[most], start=1):
             result[..., most:, :] -= weight * a[..., most - j : size - j, :]
         for m in range(most):  # the beginnings of stretches
@@ -101,6 +98,16 @@ class Autoregression:
             result[..., rows, columns] = early
         result = np.where(seen, result, 0.0)
         return result * np.sqrt(self.variances[-1] / self.variances[known])
+
+
+def _in_a_row(seen: np.ndarray, most: int) -> np.ndarray:
+    """Count the samples before each that are seen without a break, up to `most`."""
+    known, whole = np.zeros(seen.shape, dtype=int), np.ones(seen.shape, dtype=bool)
+    for j in range(1, min(most, len(seen)) + 1):
+        whole[:j] = False
+        whole[j:] &= seen[: len(seen) - j]
+        known += whole
+    return known
 
 
 def _following(seen: np.ndarray, lags: int) -> np.ndarray:

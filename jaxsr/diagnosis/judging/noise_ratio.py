@@ -10,6 +10,7 @@ import numpy as np
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.converters import steps_of
 from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.models.least_squares import LARGEST
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import noise_level
 from jaxsr.recordings.converter import uniform_variance
@@ -33,11 +34,14 @@ def residual_to_noise(arena: Arena, entry: Entry) -> float:
     """Largest ratio, over the outputs, of rms residual to sensor noise.
 
     The differences that tell the noise see its spectrum at the highest frequencies alone, which
-    for noise of lag-one correlation rho is (1 - rho)/(1 + rho) of white noise as strong.
+    for noise of lag-one correlation rho is (1 - rho)/(1 + rho) of white noise as strong. A
+    simulation that escaped is beyond every noise.
     """
     ratios = []
     for k, scale in enumerate(arena.problem.scale):
         residual = entry.fit.residual[k] * scale
+        if not np.abs(residual).max(initial=0.0) < LARGEST:
+            return np.inf
         count = max(np.count_nonzero(residual), 1)
         rms = np.sqrt(np.sum(residual**2) / count)
         rho = colour(residual)
