@@ -64,12 +64,15 @@ class Drive:
         Rms about the offset.
     band : (float, float)
         Frequencies in rad/s; steps last about a period of their middle.
+    actuator : bool
+        Whether something commanded acts here; a road or a weather has no dead zone.
     """
 
     amplitude: float
     band: tuple[float, float]
     offset: float = 0.0
     steps: bool = False
+    actuator: bool = True
 
 
 @dataclass(frozen=True)

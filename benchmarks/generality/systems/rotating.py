@@ -146,7 +146,7 @@ vy = "e*Om**2*sin(phi) - 2*zeta_y*wy*vy - wy**2*y"
         "wx": Constant(55.0, 75.0, free=True),
         "wy": Constant(65.0, 90.0, free=True),
     },
-    drives={"Om": Drive(15.0, (1.0, 8.0), offset=60.0)},
+    drives={"Om": Drive(15.0, (1.0, 8.0), offset=60.0, actuator=False)},
     axes=(
         Axis("vx", "x", without=("viscous_damping", "linear_stiffness")),
         Axis("vy", "y", without=("viscous_damping", "linear_stiffness")),

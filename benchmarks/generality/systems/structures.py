@@ -106,7 +106,7 @@ BUILDING = System(
         "k1": Constant(6e5, 1.4e6, free=True),
         "c": Constant(1500.0, 4000.0, free=True),
     },
-    drives={"ag": Drive(1.5, (2.0, 40.0))},
+    drives={"ag": Drive(1.5, (2.0, 40.0), actuator=False)},
     axes=tuple(Axis(f"v{i}", f"x{i}") for i in range(1, 9)),
     gauges=tuple(Gauge(f"x{i}", "position", 1e3) for i in (1, 2, 3, 5, 8)),
     inertial=(

@@ -77,7 +77,7 @@ Tb = "(h*(Th - Tb) - k*(Tb - Ta))/Cb"
     },
     drives={
         "P": Drive(25.0, (0.01, 0.12), offset=50.0, steps=True),
-        "Ta": Drive(1.5, (0.005, 0.05), offset=20.0),
+        "Ta": Drive(1.5, (0.005, 0.05), offset=20.0, actuator=False),
     },
     axes=(Axis("Th", without=_NO_MOTION), Axis("Tb", without=_NO_MOTION)),
     gauges=(Gauge("Th", "other"), Gauge("Tb", "other")),

@@ -43,7 +43,7 @@ vu = "(strut - Fa - kt*(zu - zr))/mu"
         "ms": Constant(250.0, 400.0, free=True, unit="kg"),
         "mu": Constant(30.0, 55.0, unit="kg"),
     },
-    drives={"zr": Drive(0.012, (2.0, 40.0)), "Fa": Drive(250.0, (2.0, 30.0))},
+    drives={"zr": Drive(0.012, (2.0, 40.0), actuator=False), "Fa": Drive(250.0, (2.0, 30.0))},
     axes=(
         Axis("vs", "zs"),
         Axis("vu", "zu", without=("linear_stiffness",)),
