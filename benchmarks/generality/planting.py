@@ -33,6 +33,9 @@ from jaxsr._files import atomic_write_text, dump_json
 SAMPLES, LEARNING, HELD_OUT = 300, 2, 1
 SHARES = (0.03, 0.4)
 """Rms of an effect, in that of what it acts upon."""
+LARGEST = 0.8
+"""Size along the motion that an effect leaves, beyond which it governs the motion and is no more
+something that a model left out."""
 WRONG = (0.04, 0.4)
 """Relative error of a wrong value."""
 MISJUDGED = (0.02, 0.12)
@@ -171,9 +174,11 @@ def _with_effect(rng: np.random.Generator, ticket: Ticket, ground: Ground) -> Ca
         except Escaped:
             continue
         found = ground.shown(moved, ground.constants)
-        left = found.left(free)
+        left, share = found.left(free), _share(effect, ground, moved)
+        if share > LARGEST:
+            continue
         if best is None or left > best[0]:
-            best = left, effect, moved, found, _share(effect, ground, moved)
+            best = left, effect, moved, found, share
         if left > CLEAR:
             break
     if best is None:
@@ -200,7 +205,8 @@ def _with_effect(rng: np.random.Generator, ticket: Ticket, ground: Ground) -> Ca
     misjudged = physics and bool(rng.uniform() < 0.5)
     if misjudged:
         for name in free:
-            given[name] *= 1.0 + rng.choice([-1.0, 1.0]) * log_uniform(rng, *MISJUDGED)
+            change = float(rng.choice([-1.0, 1.0])) * log_uniform(rng, *MISJUDGED)
+            given[name] = float(f"{given[name] * (1.0 + change):.4g}")
     evidence = _evidence(ground, found, left, freedom)
     evidence["absorbed"] = bool(
         not evidence["detectable"] and (misjudged or detectable(found.left([]), freedom))
