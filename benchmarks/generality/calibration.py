@@ -23,7 +23,6 @@ import warnings
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -33,157 +32,32 @@ from scipy.stats import kstest, norm
 
 from benchmarks.concealed.rates import Rate
 from benchmarks.generality.laws import LAWS
-from benchmarks.generality.plant import (
-    LEAD,
-    Effect,
-    Escaped,
-    Plant,
-    Signal,
-    excited,
-    readings,
+from benchmarks.generality.plant import LEAD, Effect, Escaped, Plant, Signal, excited
+from benchmarks.generality.prior import (
+    BOUNDS,
+    LEFT_OUT,
+    PLANT,
+    SAMPLES,
+    Prior,
+    model,
+    prior,
+    recorded,
+    truncated,
+    workspace,
 )
 from benchmarks.generality.scoring import calibration_error
-from benchmarks.generality.system import Array, Axis, Constant, Drive, Gauge, System, Values
 from benchmarks.provenance import write
 from jaxsr._files import dump_json
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
-from jaxsr.diagnosis.likelihood.offered import offered
-from jaxsr.diagnosis.likelihood.posterior import UNSEEN, posterior
-from jaxsr.diagnosis.likelihood.workspace import Table, Workspace, in_columns, tabled
-from jaxsr.diagnosis.mechanisms.candidate import Candidate
-from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.setup import prepare, sample_step, screen_all
-from jaxsr.models import Model, parse_model
-from jaxsr.models.segments import Prepared
+from jaxsr.diagnosis.likelihood.posterior import posterior
+from jaxsr.diagnosis.likelihood.workspace import Workspace, in_columns, tabled
+from jaxsr.diagnosis.setup import prepare, screen_all
+from jaxsr.models import Model, Simulator
 from jaxsr.recordings import Recording
 
-SAMPLES = 200
-NOISE = 4e-3
-"""Of the reading's deviation."""
-LEFT_OUT = ("position_dependent_friction", "backlash", "drift", "hidden_mode", "clipping")
 DRAWS = 40
 """Constants that are drawn until a plant's motion stays within bounds."""
 BINS = 20
-
-
-def _oscillator(x: Array, u: Array, p: Values, f: Array) -> Any:
-    place, speed = x
-    return [speed, (u[0] - p["c"] * speed - p["k"] * place + f[0]) / p["m"]]
-
-
-PLANT = System(
-    name="cheap_oscillator",
-    group="calibration",
-    states=("q", "v"),
-    tables="""
-[equations]
-q = "v"
-v = "(u - c*v - k*q)/m"
-""",
-    field=_oscillator,
-    constants={
-        "m": Constant(1.0, 1.0),
-        "c": Constant(1.0, 1.0, free=True),
-        "k": Constant(30.0, 30.0, free=True),
-    },
-    drives={"u": Drive(8.0, (1.5, 12.0))},
-    axes=(Axis("v", "q"),),
-    gauges=(Gauge("q", "position"),),
-    dt=0.02,
-)
-BOUNDS = {"c": (0.2, 1.8), "k": (15.0, 45.0)}
-"""Of the free parameters: the prior is normal about the file's value, with the deviation of a
-uniform one between the bounds."""
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """What the engine believes before it sees a plant, and what it offers."""
-
-    work: Workspace
-    table: Table
-
-    @property
-    def candidates(self) -> tuple[Candidate, ...]:
-        """Everything that was offered."""
-        return self.work.super_model.candidates
-
-    @property
-    def labels(self) -> list[str]:
-        """Mechanisms at places that can be drawn."""
-        names = dict.fromkeys(
-            c.label for c in self.candidates if c.mechanism in (*LAWS, "wrong_value")
-        )
-        return [n for n in names if n.partition("@")[0] not in LEFT_OUT]
-
-    def constants(self, rng: np.random.Generator, number: int) -> dict[str, float]:
-        """Draw the constants of a candidate, by its own names."""
-        candidate, model = self.candidates[number], self.work.super_model
-        names, found = model.names[number], {}
-        theta = model.seeded([number], self.work.theta)
-        order = list(model.model.parameters)
-        for spec in candidate.parameters:
-            full = names[spec.name]
-            mean, deviation = self._belief(number, spec.name, float(theta[order.index(full)]))
-            low, high = model.model.parameters[full].bounds or (spec.low, spec.high)
-            found[spec.name] = mean if spec.fixed else _truncated(rng, mean, deviation, low, high)
-        return found
-
-    def _belief(self, number: int, own: str, value: float) -> tuple[float, float]:
-        """Return mean and deviation: those of the table of columns, else by the value itself."""
-        if number in self.work.place:
-            columns, at = self.work.columns, self.work.place.index(number)
-            full = columns.names[at][own]
-            names = list(columns.model.parameters)
-            if full in names and names.index(full) in self.table.active:
-                k = self.table.active.index(names.index(full))
-                belief = self.table.belief
-                # a limit far away is tried at its seed instead
-                if abs(belief.mean[k]) < 1e6:
-                    return float(belief.mean[k]), float(belief.deviation[k])
-        return value, abs(value) or 1.0
-
-
-def _truncated(
-    rng: np.random.Generator, mean: float, deviation: float, low: float, high: float
-) -> float:
-    """Draw from a normal distribution cut at its bounds."""
-    a, b = norm.cdf([(low - mean) / deviation, (high - mean) / deviation])
-    return float(np.clip(norm.ppf(rng.uniform(a, b)) * deviation + mean, low, high))
-
-
-def model() -> Model:
-    """Return the model that the engine is given."""
-    values = {n: c.low for n, c in PLANT.constants.items()}
-    return parse_model(PLANT.model_text(values, BOUNDS, {"y": "q"}), "cheap.toml")
-
-
-def recorded(
-    rng: np.random.Generator, plant: Plant, signal: Signal, reach: Array | None = None
-) -> Recording:
-    """Integrate a plant and read its position."""
-    time = signal.time[LEAD:]
-    _, y = readings(plant, signal, PLANT.gauges, time, reach)
-    noisy = y[0] + NOISE * y[0].std() * rng.normal(size=time.size)
-    return Recording("run.csv", time, {"u": signal.values[0][LEAD:], "y": noisy})
-
-
-def workspace(given: Model, recording: Recording) -> tuple[Workspace, tuple[Prepared, ...]]:
-    """Return what the engine works with on a recording."""
-    prepared = prepare(given, [recording])
-    from jaxsr.models import Simulator
-
-    screened = screen_all(Simulator(given), prepared)
-    super_model = SuperModel.build(given, offered(given, prepared, screened))
-    seconds = UNSEEN * sample_step(prepared) if screened is None else 0.5 * screened.half_width
-    return Workspace.build(super_model, prepared, seconds), prepared
-
-
-def prior(given: Model, recording: Recording) -> Prior:
-    """Return the prior that the engine has on a motion without any edit."""
-    work, _ = workspace(given, recording)
-    table = tabled(work, in_columns(work, work.theta), work.narrow.segments.course)
-    return Prior(work, table)
 
 
 def one(seed: int, number: int) -> dict[str, Any]:
@@ -203,14 +77,12 @@ def one(seed: int, number: int) -> dict[str, Any]:
 
 
 def _weighed(rng: np.random.Generator) -> dict[str, Any]:
-    from jaxsr.models import Simulator
-
     given = model()
     time_axis = PLANT.dt * np.arange(-LEAD, SAMPLES)
     signal = excited(rng, PLANT.drives, time_axis, PLANT.hold, 0)
     base = {n: c.low for n, c in PLANT.constants.items()}
     for name, (low, high) in BOUNDS.items():
-        base[name] = _truncated(rng, base[name], (high - low) / np.sqrt(12.0), low, high)
+        base[name] = truncated(rng, base[name], (high - low) / np.sqrt(12.0), low, high)
     plain = recorded(rng, Plant(PLANT, base), signal)
     before = prior(given, plain)
     label = str(rng.choice(before.labels)) if rng.uniform() < 0.5 else ""
@@ -269,7 +141,7 @@ def ranks(
     given: Model, recording: Recording, label: str, truth: Mapping[str, float]
 ) -> dict[str, float]:
     """Return the posterior probability below every true constant, under the edit that was drawn."""
-    work, _ = workspace(given, recording)
+    work = workspace(given, recording)
     path = work.narrow.segments.course
     table = tabled(work, in_columns(work, work.theta), path)
     candidates = work.super_model.candidates
@@ -309,9 +181,9 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     stated = [(p, label == r["truth"]) for r in good for label, p in r["labels"].items()]
     stated += [(r["empty"], not r["truth"]) for r in good]
     leading = [
-        (max([r["empty"], *r["labels"].values()]), r["leader"] == ([r["truth"]] if r["truth"] else []))
+        (max([r["empty"], *r["labels"].values()]), r["leader"] == [t for t in [r["truth"]] if t])
         for r in good
-    ]  # fmt: skip
+    ]
     found["stated"] = {"calibration_error": calibration_error(stated), "bins": _bins(stated)}
     found["leading"] = {"calibration_error": calibration_error(leading), "bins": _bins(leading)}
     return found

@@ -1,9 +1,9 @@
 """Whether the sensors can show an effect beside everything that may be estimated.
 
-The effect's course in the readings, over segments from the true state on, is projected on what the
-starts of the segments and the free parameters can bring about, to first order, in units of the
-noise: what is left, squared and summed, is the noncentrality of the likelihood ratio of a fit that is
-told the effect against re-calibration.
+The effect's course in the readings, over segments from the true state on, is projected on what
+the starts of the segments and the free parameters can bring about, to first order, in units of the
+noise: what is left, squared and summed, is the noncentrality of the likelihood ratio of a fit that
+is told the effect against re-calibration.
 """
 
 from __future__ import annotations
@@ -48,12 +48,14 @@ class Shown:
         inner, side = self.gram[np.ix_(at, at)], self.gram[at, -1]
         scale = np.sqrt(np.diag(inner)) + 1e-300
         inner = inner / np.outer(scale, scale) + 1e-10 * np.eye(len(at))
-        return float(max(self.gram[-1, -1] - side / scale @ np.linalg.solve(inner, side / scale), 0.0))
+        return float(
+            max(self.gram[-1, -1] - side / scale @ np.linalg.solve(inner, side / scale), 0.0)
+        )
 
 
 def detectable(left: float, constants: int) -> bool:
     """Whether the expected likelihood ratio is beyond what chance brings at `LEVEL`."""
-    return left + constants > chi2.isf(LEVEL, max(constants, 1))
+    return bool(left + constants > chi2.isf(LEVEL, max(constants, 1)))
 
 
 def shown(
@@ -96,7 +98,10 @@ def _columns(
     y: Array,
     own: slice,
 ) -> tuple[Array, Array]:
-    """Return derivatives by constants, the effect last, and by starts, (outputs, samples, columns)."""
+    """Return derivatives by constants, the effect last, and by starts.
+
+    Arrays (outputs, samples, columns).
+    """
     n, names = len(system.states), list(system.constants)
     time, start = track.time[own], track.x[:n, own.start]
     reach = np.ptp(track.x[:n], axis=1) + 1e-9 * np.abs(track.x[:n]).max()

@@ -29,7 +29,7 @@ class Motion:
     u: Any = 0.0
     z: Any = ()
     soft: float = 1.0
-    run: int = 0
+    run: Any = 0
 
     @property
     def sign(self) -> Any:
@@ -79,7 +79,7 @@ class Scene:
 
     def motion(self) -> Motion:
         """Return the motion as a law sees it."""
-        return Motion(self.t, self.q, self.v, self.u, soft=self.soft)
+        return Motion(self.t, self.q, self.v, self.u, soft=self.soft, run=self.run)
 
     @property
     def soft(self) -> float:
@@ -208,7 +208,7 @@ class Law:
 def _step(
     rates: Any, at: Callable[[int, float], Motion], k: int, z: Array, c: Values, dt: float
 ) -> Array:
-    parts = 8  # states of laws are faster than samples
+    parts = 4  # states of laws are faster than samples
     h = dt / parts
     for i in range(parts):
         a, b, e = (at(k, (i + s) / parts) for s in (0.0, 0.5, 1.0))

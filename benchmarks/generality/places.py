@@ -83,10 +83,10 @@ def _mobility(plant: Plant, x: Array, u: Array) -> list[Array]:
     """Return the change of the rates (states, samples) by a unit force along every axis."""
     axes = len(plant.system.axes)
     none = np.zeros((axes, x.shape[1]))
-    base = np.array(plant.system.field(x, u, plant.constants, none), dtype=float)
+    base = np.array(plant.system.motion(x, u, plant.constants, none), dtype=float)
     found = []
     for k in range(axes):
         force = none.copy()
         force[k] = 1.0
-        found.append(np.array(plant.system.field(x, u, plant.constants, force)) - base)
+        found.append(np.array(plant.system.motion(x, u, plant.constants, force)) - base)
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -97,7 +98,7 @@ class Plant:
         force = np.zeros((axes, x.shape[1]))
         own: list[Any] = []
         if effect is None:
-            return np.array(self.system.field(x, u, self.constants, force), dtype=float)
+            return np.array(self.system.motion(x, u, self.constants, force), dtype=float)
         law, values = effect.law, effect.values
         motion = self._seen(t, x, u, z, run)
         if law.kind == "drive":
@@ -110,12 +111,12 @@ class Plant:
                 force[effect.place[1]] = -acts
         if law.rates is not None:
             own = list(law.rates(motion, values))
-        dx = np.array(self.system.field(x, u, self.constants, force), dtype=float)
+        dx = np.array(self.system.motion(x, u, self.constants, force), dtype=float)
         if law.kind == "inertia":
             # rates are linear in the force: with g per unit of it, a = a0 + g F and F = -ma a
             axis = effect.place[0]
             force[axis] = 1.0
-            per_force = np.array(self.system.field(x, u, self.constants, force)) - dx
+            per_force = np.array(self.system.motion(x, u, self.constants, force)) - dx
             k = self.system.index(self.system.axes[axis].state)
             dx = dx - per_force * values["ma"] * dx[k] / (1.0 + values["ma"] * per_force[k])
         return np.concatenate([dx, np.array(own).reshape(-1, x.shape[1])])
@@ -154,7 +155,7 @@ class Plant:
         typical = np.maximum(np.abs(start), 1e-6) if reach is None else reach
         scale = np.concatenate([typical, np.full(self.extra, 1e-3)])
 
-        for a, b in zip(nodes[:-1], nodes[1:], strict=True):
+        for a, b in pairwise(nodes):
             middle = 0.5 * (a + b)
             held = signal.at(middle, late)[:, None] if signal.hold == "zero" else None
 

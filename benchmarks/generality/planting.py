@@ -14,7 +14,7 @@ import pandas as pd
 from benchmarks.generality.detect import Shown, detectable, shown
 from benchmarks.generality.law import log_uniform
 from benchmarks.generality.laws import FAMILIES
-from benchmarks.generality.places import Place, places, scene, site
+from benchmarks.generality.places import places, scene, site
 from benchmarks.generality.plan import NOTHING, WRONG_VALUE, Ticket
 from benchmarks.generality.plant import (
     LEAD,
@@ -91,17 +91,13 @@ class Ground:
             )
         raise Escaped(f"{system.name}: no motion stays within bounds")
 
-    def shown(
-        self, moved: Sequence[tuple[Track, Array]], constants: Mapping[str, float]
-    ) -> Shown:
+    def shown(self, moved: Sequence[tuple[Track, Array]], constants: Mapping[str, float]) -> Shown:
         """Compare what sensors would read of a motion with the model of some constants."""
         runs = [
             (signal, track, y, seen)
             for signal, (track, y), seen in zip(self.signals, moved, self.seen, strict=False)
         ]
-        return shown(
-            self.system, constants, self.gauges, self.channels, runs[:LEARNING]
-        )
+        return shown(self.system, constants, self.gauges, self.channels, runs[:LEARNING])
 
     def moved(self, effect: Effect) -> list[tuple[Track, Array]]:
         """Return motion and readings with an effect, of every recording.

@@ -11,8 +11,8 @@ from typing import Any
 
 from benchmarks.generality.engines import answered
 from benchmarks.generality.plan import Ticket, dealt
-from benchmarks.generality.planting import SAMPLES, planted, written
 from benchmarks.generality.plant import Escaped
+from benchmarks.generality.planting import SAMPLES, planted, written
 from benchmarks.generality.systems import SYSTEMS
 from jaxsr._files import atomic_write_text, dump_json
 from jaxsr._result import InputError

@@ -10,7 +10,7 @@ import numpy as np
 
 Array = np.ndarray
 Values = Mapping[str, Any]
-Field = Callable[[Array, Array, Values, Array], Any]
+Rates = Callable[[Array, Array, Values, Array], Any]
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class System:
     states : tuple of str
     tables : str
         [definitions], [equations] and [inertia] of the model file.
-    field : callable
+    motion : callable
         (x, u, p, f) -> dx/dt, arrays (states, lanes), (inputs, lanes), (axes, lanes); f are forces
         along the axes in the unit that CONTRACT.md, section 4, gives them.
     constants : dict of str to Constant
@@ -137,7 +137,7 @@ class System:
     group: str
     states: tuple[str, ...]
     tables: str
-    field: Field
+    motion: Rates
     constants: Mapping[str, Constant]
     drives: Mapping[str, Drive]
     axes: tuple[Axis, ...]

@@ -47,4 +47,3 @@ LAWS = (
         ("tau",), lambda m, c: m.t - c["tau"],
         lambda s, c: (0.3 * s.dt, 12.0 * s.dt)),
 )  # fmt: skip
-

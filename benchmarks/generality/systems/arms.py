@@ -42,7 +42,7 @@ qm = "wm"
 wl = "(k*(qm - ql) - mgl*sin(ql))/I"
 wm = "(u - k*(qm - ql) - Bm*wm)/Jm"
 """,
-    field=_flexible,
+    motion=_flexible,
     constants={
         "k": Constant(20.0, 50.0, free=True),
         "mgl": Constant(3.0, 7.0, free=True),
@@ -96,9 +96,7 @@ def _planar(angles: Array, speeds: Array, p: Values, lengths: Any, gravity: floa
 def _two(x: Array, u: Array, p: Values, f: Array) -> Any:
     angles, speeds = x[:2], x[2:]
     mass, force = _planar(angles, speeds, p, (p["l1"],), GRAVITY)
-    total = np.stack(
-        [u[0] + force[0] - p["d1"] * speeds[0], u[1] + force[1] - p["d2"] * speeds[1]]
-    )
+    total = np.stack([u[0] + force[0] - p["d1"] * speeds[0], u[1] + force[1] - p["d2"] * speeds[1]])
     return [*speeds, *solved(mass, total + f)]
 
 
@@ -123,7 +121,7 @@ w2 = "u2 - d2*w2 - be*sin(q2)*w1**2 - g2"
 w1 = { w1 = "al + ga + 2*be*cos(q2)", w2 = "ga + be*cos(q2)" }
 w2 = { w1 = "ga + be*cos(q2)", w2 = "ga" }
 """,
-    field=_two,
+    motion=_two,
     constants={
         "m1": Constant(1.5, 3.0),
         "m2": Constant(0.8, 2.0, free=True),
@@ -195,7 +193,7 @@ w1 = { w1 = "m11", w2 = "m12", w3 = "m13" }
 w2 = { w1 = "m12", w2 = "m22", w3 = "m23" }
 w3 = { w1 = "m13", w2 = "m23", w3 = "m33" }
 """,
-    field=_three,
+    motion=_three,
     constants={
         "m1": Constant(2.0, 3.5),
         "m2": Constant(1.2, 2.2),

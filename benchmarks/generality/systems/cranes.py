@@ -48,7 +48,7 @@ w = "-b*w - m*9.81*l*sin(q)"
 v = { v = "M + m", w = "m*l*cos(q)" }
 w = { v = "m*l*cos(q)", w = "m*l**2" }
 """,
-    field=_cart,
+    motion=_cart,
     constants={
         "M": Constant(1.5, 3.0, free=True),
         "m": Constant(0.5, 1.2),
@@ -113,7 +113,7 @@ wb = "b2*(wa - wb) + n*sin(ab)*wa**2 - m2*9.81*l2*sin(b)"
 wa = { wa = "(m1 + m2)*l1**2", wb = "n*cos(ab)" }
 wb = { wa = "n*cos(ab)", wb = "m2*l2**2" }
 """,
-    field=_double,
+    motion=_double,
     constants={
         "m1": Constant(0.4, 0.9),
         "m2": Constant(0.3, 0.7, free=True),
@@ -177,7 +177,7 @@ dal = "0.5*h*sin(2*al)*dth**2 - bp*dal - mp*9.81*lp*sin(al)"
 dth = { dth = "Ja + mp*r**2 + h*sin(al)**2", dal = "k*cos(al)" }
 dal = { dth = "k*cos(al)", dal = "Jp + h" }
 """,
-    field=_furuta,
+    motion=_furuta,
     constants={
         "mp": Constant(0.1, 0.2),
         "r": Constant(0.18, 0.25),

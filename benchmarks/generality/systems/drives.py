@@ -24,7 +24,7 @@ DC_MOTOR = System(
 w = "(K*i - b*w)/J"
 i = "(V - R*i - K*w)/L"
 """,
-    field=_motor,
+    motion=_motor,
     constants={
         "K": Constant(0.03, 0.08),
         "b": Constant(5e-5, 2e-4, free=True),
@@ -58,7 +58,7 @@ i = "(e - Re*i - Bl*v)/Le"
 [inertia]
 v = { v = "Mm" }
 """,
-    field=_coil,
+    motion=_coil,
     constants={
         "Bl": Constant(4.0, 9.0),
         "Rm": Constant(0.8, 2.5, free=True),
@@ -102,7 +102,7 @@ wm = "(K*i - belt)/Jm"
 wl = "(belt - bl*wl)/Jl"
 i = "(V - R*i - K*wm)/L"
 """,
-    field=_belt,
+    motion=_belt,
     constants={
         "K": Constant(0.05, 0.1),
         "k": Constant(0.6, 1.5, free=True),

@@ -49,7 +49,7 @@ w = "tau - b*w - m*ds*dds*w**2"
 [inertia]
 w = { w = "J + m*ds**2" }
 """,
-    field=_crank,
+    motion=_crank,
     constants={
         "r": Constant(0.08, 0.12),
         "l": Constant(0.28, 0.4),
@@ -90,11 +90,9 @@ def _rocker(angle: Array, p: Values) -> tuple[Array, Array]:
         1j * c * np.exp(1j * rocker) * 1j * np.conj(unit)
     )
     phi = np.real((1j * c * np.exp(1j * rocker) * psi - 1j * pin) / (1j * b * unit))
-    # differentiated once more: b (i phi'' - phi'^2) e^{i phi} - c (i psi'' - psi'^2) e^{i psi} = pin
+    # once more: b (i phi'' - phi'^2) e^{i phi} - c (i psi'' - psi'^2) e^{i psi} = a e^{i q}
     right = pin + b * phi**2 * unit - c * psi**2 * np.exp(1j * rocker)
-    second = -np.real(right * np.conj(unit)) / np.real(
-        1j * c * np.exp(1j * rocker) * np.conj(unit)
-    )
+    second = -np.real(right * np.conj(unit)) / np.real(1j * c * np.exp(1j * rocker) * np.conj(unit))
     return psi, second
 
 
@@ -129,7 +127,7 @@ ddpsi = "(a*cos(q - phi) + b*dphi**2 - c*dpsi**2*cos(psi - phi))/(c*sin(psi - ph
 q = "w"
 w = "(T - d*w - Jr*dpsi*ddpsi*w**2)/(J + Jr*dpsi**2)"
 """,
-    field=_four_bar,
+    motion=_four_bar,
     constants={
         "a": Constant(0.05, 0.07),
         "b": Constant(0.18, 0.22),
@@ -169,7 +167,7 @@ w = "M + 0.5*k*r**2*sin(2*q) - b*w - 0.5*m*r**2*sin(2*q)*w**2"
 [inertia]
 w = { w = "J + m*r**2*sin(q)**2" }
 """,
-    field=_yoke,
+    motion=_yoke,
     constants={
         "r": Constant(0.1, 0.15),
         "m": Constant(1.0, 3.0, free=True),

@@ -39,7 +39,7 @@ w2 = "mesh - b2*w2"
 w1 = { w1 = "J1" }
 w2 = { w2 = "J2" }
 """,
-    field=_gears,
+    motion=_gears,
     constants={
         "N": Constant(2.5, 4.0),
         "k": Constant(80.0, 200.0, free=True),
@@ -86,7 +86,7 @@ s1 = "(torque - k1*(p1 - p2) - c*(s1 - s2))/Ja"
 s2 = "(k1*(p1 - p2) + c*(s1 - s2) - k2*(p2 - p3) - c*(s2 - s3))/Jb"
 s3 = "(k2*(p2 - p3) + c*(s2 - s3) - d*s3)/Jc"
 """,
-    field=_shaft,
+    motion=_shaft,
     constants={
         "k1": Constant(40.0, 100.0, free=True),
         "k2": Constant(30.0, 80.0, free=True),
@@ -138,7 +138,7 @@ y = "vy"
 vx = "e*Om**2*cos(phi) - 2*zeta_x*wx*vx - wx**2*x"
 vy = "e*Om**2*sin(phi) - 2*zeta_y*wy*vy - wy**2*y"
 """,
-    field=_rotor,
+    motion=_rotor,
     constants={
         "e": Constant(2e-5, 6e-5, free=True),
         "zeta_x": Constant(0.02, 0.06, free=True),

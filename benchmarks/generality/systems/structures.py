@@ -40,7 +40,7 @@ CHAIN_5 = System(
     group="structures",
     states=(*(f"x{i}" for i in range(1, 6)), *(f"v{i}" for i in range(1, 6))),
     tables=_chain_text(5, "F", 2),
-    field=_chain(2, (1, 2, 3, 4, 5)),
+    motion=_chain(2, (1, 2, 3, 4, 5)),
     constants={
         "k": Constant(400.0, 900.0, free=True),
         "d": Constant(0.5, 1.5, free=True),
@@ -48,8 +48,7 @@ CHAIN_5 = System(
     },
     drives={"F": Drive(12.0, (3.0, 45.0))},
     axes=tuple(
-        Axis(f"v{i}", f"x{i}", without=("viscous_damping",) if i == 0 else ())
-        for i in range(1, 6)
+        Axis(f"v{i}", f"x{i}", without=("viscous_damping",) if i == 0 else ()) for i in range(1, 6)
     ),
     gauges=(
         Gauge("x1", "position"),
@@ -99,7 +98,7 @@ BUILDING = System(
     group="structures",
     states=(*(f"x{i}" for i in range(1, 9)), *(f"v{i}" for i in range(1, 9))),
     tables=_storeys_text(8),
-    field=_storeys,
+    motion=_storeys,
     constants={
         "m": Constant(900.0, 1400.0),
         "k": Constant(8e5, 1.6e6, free=True),
@@ -126,7 +125,7 @@ CHAIN_20 = System(
     group="structures",
     states=(*(f"x{i}" for i in range(1, 21)), *(f"v{i}" for i in range(1, 21))),
     tables=_chain_text(20, "F", 7),
-    field=_chain(7, (2, 7, 12, 18)),
+    motion=_chain(7, (2, 7, 12, 18)),
     constants={
         "k": Constant(1500.0, 3000.0, free=True),
         "d": Constant(0.5, 1.2, free=True),

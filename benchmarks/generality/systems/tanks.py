@@ -33,7 +33,7 @@ qout = "a2*sqrt(2*9.81*Max(h2, 1e-12))"
 h1 = "(kp*up - q12)/A1"
 h2 = "(q12 - qout)/A2"
 """,
-    field=_tanks,
+    motion=_tanks,
     constants={
         "kp": Constant(3e-5, 5e-5),
         "a1": Constant(5e-5, 8e-5, free=True),
@@ -68,7 +68,7 @@ HEATED_BODY = System(
 Th = "(P - h*(Th - Tb))/Ch"
 Tb = "(h*(Th - Tb) - k*(Tb - Ta))/Cb"
 """,
-    field=_heated,
+    motion=_heated,
     constants={
         "h": Constant(1.5, 3.5, free=True, unit="W/K"),
         "k": Constant(0.8, 2.0, free=True, unit="W/K"),

@@ -35,7 +35,7 @@ zu = "vu"
 vs = "(Fa - strut)/ms"
 vu = "(strut - Fa - kt*(zu - zr))/mu"
 """,
-    field=_quarter,
+    motion=_quarter,
     constants={
         "ks": Constant(1.2e4, 2.5e4, free=True, unit="N/m"),
         "cs": Constant(700.0, 1600.0, free=True, unit="N*s/m"),
@@ -83,7 +83,7 @@ r = "a*Ff - b*Fr"
 vy = { vy = "m" }
 r = { r = "Iz" }
 """,
-    field=_bicycle,
+    motion=_bicycle,
     constants={
         "Cf": Constant(6e4, 1.1e5, free=True),
         "Cr": Constant(7e4, 1.3e5, free=True),
@@ -122,7 +122,7 @@ drag = "0.6*CdA*v*Abs(v)"
 v = "(F - rolling - drag)/m"
 F = "(Fcmd - F)/T"
 """,
-    field=_longitudinal,
+    motion=_longitudinal,
     constants={
         "m": Constant(1100.0, 1900.0),
         "fr": Constant(0.009, 0.016, free=True),
