@@ -42,15 +42,19 @@ class Shown:
 
     def left(self, free: Sequence[str]) -> float:
         """Return the noncentrality beside some free constants."""
+        return self.beside(free)[0]
+
+    def beside(self, free: Sequence[str]) -> tuple[float, Array]:
+        """Return the noncentrality and the relative changes of free constants that leave it."""
         at = [self.names.index(n) for n in free]
         if not at:
-            return float(self.gram[-1, -1])
+            return float(self.gram[-1, -1]), np.zeros(0)
         inner, side = self.gram[np.ix_(at, at)], self.gram[at, -1]
         scale = np.sqrt(np.diag(inner)) + 1e-300
         inner = inner / np.outer(scale, scale) + 1e-10 * np.eye(len(at))
-        return float(
-            max(self.gram[-1, -1] - side / scale @ np.linalg.solve(inner, side / scale), 0.0)
-        )
+        change = np.linalg.solve(inner, side / scale)
+        left = self.gram[-1, -1] - side / scale @ change
+        return float(max(left, 0.0)), change / scale
 
 
 def detectable(left: float, constants: int) -> bool:

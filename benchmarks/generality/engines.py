@@ -7,6 +7,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,7 @@ def held_out(given: Model, found: Posterior, files: list[Path]) -> dict[str, Any
     """Return free-run errors of re-calibration and of the leading set on recordings held out."""
     null = next(h for h in found.hypotheses if not h.members)
     prepared = prepare(given, files)
-    span = horizons(prepared)[-2]
+    span = horizons(prepared)[-1]
     rows = {}
     for key, hypothesis in (("recalibrated", null), ("explained", found.leader)):
         model, theta = alone(given, found, hypothesis)
@@ -80,17 +81,25 @@ def held_out(given: Model, found: Posterior, files: list[Path]) -> dict[str, Any
 
 
 def alone(given: Model, found: Posterior, hypothesis: Hypothesis) -> tuple[Model, np.ndarray]:
-    """Return the model of a hypothesis without the other candidates, and its parameters."""
-    own = SuperModel.build(given, [found.candidates[i] for i in hypothesis.members])
+    """Return the model of a hypothesis without the other candidates, and its parameters.
+
+    A push is no part of the model: it does not act on what is held out.
+    """
+    members = [i for i in hypothesis.members if not found.candidates[i].passing]
+    own = SuperModel.build(given, [found.candidates[i] for i in members])
     full = SuperModel.build(given, found.candidates)
     whole = dict(zip(full.model.parameters, hypothesis.theta, strict=True))
     values = {n: p.value for n, p in own.model.parameters.items()}
     values |= {n: whole[n] for n in values if n in given.parameters}
-    for mine, member in zip(own.names, hypothesis.members, strict=True):
+    for mine, member in zip(own.names, members, strict=True):
         theirs = full.names[member]
         values |= {mine[k]: float(whole[theirs[k]]) for k in mine if theirs.get(k) in whole}
     theta = np.array([values[n] for n in own.model.parameters])
-    return own.model, own.switched(range(len(hypothesis.members)), theta)
+    # states of a mechanism start by themselves where candidates are compared
+    starts = [state.initial for i in members for state in found.candidates[i].states]
+    further = own.model.states[len(given.states) :]
+    initial = {**own.model.initial, **dict(zip(further, starts, strict=True))}
+    return replace(own.model, initial=initial), own.switched(range(len(members)), theta)
 
 
 ENGINES: dict[str, Callable[[Path, float], dict[str, Any]]] = {

@@ -43,6 +43,8 @@ MISJUDGED = (0.02, 0.12)
 CLEAR = 60.0
 """Noncentrality up to which another effect is drawn."""
 ATTEMPTS = 8
+FITTED, NEAR = 3, 0.3
+"""Gauss-Newton steps of a fit, and what the first one leaves at most where more are made."""
 ROOM = 3.0
 """Bounds of a free parameter: its true value divided and multiplied by about this."""
 
@@ -98,6 +100,47 @@ class Ground:
             for signal, (track, y), seen in zip(self.signals, moved, self.seen, strict=False)
         ]
         return shown(self.system, constants, self.gauges, self.channels, runs[:LEARNING])
+
+    def closest(
+        self,
+        moved: Sequence[tuple[Track, Array]],
+        constants: Mapping[str, float],
+        free: Sequence[str],
+        found: Shown,
+    ) -> float:
+        """Return the noncentrality where free constants are fitted: Gauss-Newton from `found`."""
+        best, change = found.beside(free)
+        values = dict(constants)
+        for _ in range(FITTED):
+            for name, part in zip(free, change, strict=True):
+                values[name] *= float(np.exp(np.clip(part, -0.5, 0.5)))
+            with np.errstate(all="ignore"):
+                found = self.shown(moved, values)
+            if not np.isfinite(found.gram).all():
+                break
+            left, change = found.beside(free)
+            best = min(best, left)
+        return best
+
+    def doubles(
+        self,
+        moved: Sequence[tuple[Track, Array]],
+        constants: Mapping[str, float],
+        free: Sequence[str],
+        found: Shown,
+        freedom: int,
+    ) -> list[str]:
+        """Return the constants of which one more, free, explains a motion as well."""
+        before, twins = found.left(free), []
+        for name in self.system.constants:
+            both = [*free, name]
+            if name in free or self.system.constants[name].free:
+                continue
+            if found.left(both) < NEAR * before:
+                left = self.closest(moved, constants, both, found)
+                if not detectable(left, freedom):
+                    twins.append(name)
+        return twins
 
     def moved(self, effect: Effect) -> list[tuple[Track, Array]]:
         """Return motion and readings with an effect, of every recording.
@@ -183,7 +226,7 @@ def _with_effect(rng: np.random.Generator, ticket: Ticket, ground: Ground) -> Ca
     law, system = effect.law, ground.system
     sites = [site(system, law, k) for k in effect.place]
     freedom = len([n for n in effect.values if n not in ("begin", "length", "run", "a")])
-    fixed = [n for n in system.constants if n not in free]
+    left = ground.closest(moved, ground.constants, free, found)
     row = {
         "mechanism": law.mechanism,
         "site": sites[0],
@@ -194,7 +237,7 @@ def _with_effect(rng: np.random.Generator, ticket: Ticket, ground: Ground) -> Ca
         "values": {n: float(v) for n, v in effect.values.items()},
         "unchecked": list(law.unchecked),
         # what a change of one constant brings about as well is a wrong value
-        "twins": [n for n in fixed if not detectable(found.left([*free, n]), freedom)],
+        "twins": ground.doubles(moved, ground.constants, free, found, freedom),
     }
     given = dict(ground.constants)
     physics = law.verdict in ("structure", "external_input")
@@ -207,8 +250,7 @@ def _with_effect(rng: np.random.Generator, ticket: Ticket, ground: Ground) -> Ca
     evidence["absorbed"] = bool(
         not evidence["detectable"] and (misjudged or detectable(found.left([]), freedom))
     )
-    if not evidence["detectable"]:
-        row["twins"] = []
+    evidence["indistinct"] = [f"wrong_value of {n}" for n in row["twins"]]
     return Case(ticket, ground, tuple(moved), given, _truth(ticket, ground, [row], evidence))
 
 
@@ -275,11 +317,7 @@ def _wrong(
     assert best is not None
     left, name, given, found = best
     others = [n for n in free if n != name]
-    twins = [
-        n
-        for n in system.constants
-        if n not in free and n != name and not detectable(found.left([*others, n]), 1)
-    ]
+    twins = [n for n in ground.doubles(plain, given, others, found, 1) if n != name]
     row = {
         "mechanism": WRONG_VALUE,
         "site": f"parameter:{name}",

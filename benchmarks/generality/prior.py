@@ -23,7 +23,7 @@ from jaxsr.recordings import Recording
 SAMPLES = 200
 NOISE = 4e-3
 """Of the reading's deviation."""
-LEFT_OUT = ("position_dependent_friction", "backlash", "drift", "hidden_mode", "clipping")
+LEFT_OUT = ("position_dependent_friction@", "backlash@", "clipping@", "drift@output")
 
 
 def _oscillator(x: Array, u: Array, p: Values, f: Array) -> Any:
@@ -74,7 +74,7 @@ class Prior:
         names = dict.fromkeys(
             c.label for c in self.candidates if c.mechanism in (*LAWS, "wrong_value")
         )
-        return [n for n in names if n.partition("@")[0] not in LEFT_OUT]
+        return [n for n in names if not n.startswith(LEFT_OUT)]
 
     def constants(self, rng: np.random.Generator, number: int) -> dict[str, float]:
         """Draw the constants of a candidate, by its own names."""

@@ -37,5 +37,7 @@ LAWS = (
     Law("asymmetric_friction", "friction", "structure", "force", lambda rng, s: {"Fa": 1.0},
         ("Fa",), _asymmetric, where=_reverses),
     Law("stribeck_friction", "friction", "structure", "force", _draw_stribeck, ("Fc", "Fs"),
-        _stribeck, where=_reverses),
+        _stribeck, where=_reverses,
+        # with either exponent of the peak, which no parameter tells
+        unchecked=("Fs", "vs")),
 )  # fmt: skip

@@ -22,15 +22,15 @@ def _loop(m: Motion, c: Values) -> Any:
 
 
 def _draw_resonator(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"mh": 1.0, "wh": scene.pace * rng.uniform(0.8, 1.6), "zeta": rng.uniform(0.02, 0.08)}
+    return {"mh": 1.0, "wh": scene.pace * rng.uniform(0.8, 1.6), "zh": rng.uniform(0.02, 0.08)}
 
 
 def _pull(m: Motion, c: Values) -> Any:
-    return c["wh"] ** 2 * (m.q - m.z[0]) + 2.0 * c["zeta"] * c["wh"] * (m.v - m.z[1])
+    return c["wh"] ** 2 * (m.q - m.z[0]) + 2.0 * c["zh"] * c["wh"] * (m.v - m.z[1])
 
 
 def _draw_drift(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
-    return {"rate": float(rng.choice([-1.0, 1.0]))}
+    return {"kt": float(rng.choice([-1.0, 1.0]))}
 
 
 LAWS = (
@@ -40,7 +40,7 @@ LAWS = (
     Law("hidden_mode", "memory", "structure", "force", _draw_resonator, ("mh",),
         lambda m, c: -c["mh"] * _pull(m, c), states=2,
         rates=lambda m, c: [m.z[1], _pull(m, c)], begin=lambda m, c: [m.q, m.v],
-        unchecked=("mh", "wh", "zeta"), needs="position"),
-    Law("drift", "memory", "structure", "force", _draw_drift, ("rate",),
-        lambda m, c: c["rate"] * m.t + 0.0 * m.v, unchecked=("rate",)),
+        unchecked=("mh", "wh", "zh"), needs="position"),
+    Law("drift", "memory", "structure", "force", _draw_drift, ("kt",),
+        lambda m, c: c["kt"] * m.t + 0.0 * m.v, unchecked=("kt",)),
 )  # fmt: skip
