@@ -297,7 +297,7 @@ def test_losses_take_energy_out(mechanism: str) -> None:
     law, rng = LAWS[mechanism], np.random.default_rng(9)
     scene = scene_for(rng)
     constants = law.sized(scene, law.draw(rng, scene), 0.2)
-    motion = replace(scene.motion(), z=law._followed(scene, constants))
+    motion = replace(scene.motion(), z=law.followed(scene, constants))
     power = law.act(motion, constants) * scene.v
     assert power.mean() < 0.0
     if mechanism != "hysteresis":  # which stores some

@@ -139,7 +139,7 @@ class Law:
 
         The net force along an axis, the input about its mean, the reading about its mean.
         """
-        motion = replace(scene.motion(), z=self._followed(scene, constants))
+        motion = replace(scene.motion(), z=self.followed(scene, constants))
         if self.kind in ("force", "pair", "inertia"):
             return _rms(self.act(motion, constants)) / scene.net
         if self.kind == "drive":
@@ -174,7 +174,7 @@ class Law:
             best = float(brentq(left, *ends, xtol=1e-4))  # type: ignore[arg-type]
         return {**constants, self.master[0]: float(np.exp(best))}
 
-    def _followed(self, scene: Scene, constants: Values) -> Any:
+    def followed(self, scene: Scene, constants: Values) -> Any:
         """Return its own states along a motion, by RK4 between samples."""
         if not self.states or self.rates is None:
             return ()
@@ -198,11 +198,6 @@ class Law:
             if k + 1 < scene.t.size and scene.run[k + 1] == scene.run[k]:
                 now = _step(rates, at, k, now, constants, scene.dt)
         return out
-
-    @staticmethod
-    def zeros(_: Motion, __: Values) -> Any:
-        """Return no force: for laws that act through something else."""
-        return 0.0
 
 
 def _step(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.generality.laws import FAMILIES
+from benchmarks.generality.places import places
 from benchmarks.generality.sensing import SENSING
 from benchmarks.generality.systems import SYSTEMS
 
@@ -58,7 +59,5 @@ def dealt(seed: int, per_system: int, systems: Sequence[str] = ()) -> list[Ticke
 
 def offered(system: str) -> set[str]:
     """Return the families that a system has a place for."""
-    from benchmarks.generality.places import places
-
     own = {f for f, laws in FAMILIES.items() if any(places(SYSTEMS[system], w) for w in laws)}
     return own | {NOTHING, WRONG_VALUE}

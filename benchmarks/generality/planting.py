@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.generality.detect import Shown, detectable, shown
-from benchmarks.generality.law import log_uniform
+from benchmarks.generality.law import Motion, log_uniform
 from benchmarks.generality.laws import FAMILIES
 from benchmarks.generality.places import places, scene, site
 from benchmarks.generality.plan import NOTHING, WRONG_VALUE, Ticket
@@ -157,8 +157,6 @@ class Ground:
 
 
 def _faulty(effect: Effect, y: Array) -> Array:
-    from benchmarks.generality.law import Motion
-
     y, k = y.copy(), effect.place[0]
     y[k] = effect.law.act(Motion(0.0, y[k], 0.0), effect.values)
     return y
