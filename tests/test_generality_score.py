@@ -15,6 +15,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.concealed.rates import Rate
+from benchmarks.generality import engines, running
 from benchmarks.generality.calibration import summary, uniformity
 from benchmarks.generality.detect import detectable, shown
 from benchmarks.generality.laws import FAMILIES, LAWS
@@ -33,6 +34,7 @@ from benchmarks.generality.scoring import (
 from benchmarks.generality.sensing import SENSING, Channel
 from benchmarks.generality.systems import GROUPS, SYSTEMS
 from benchmarks.generality.tables import by_group, missed, side_by_side
+from jaxsr._result import InputError
 
 # -- the plan --------------------------------------------------------------------------------------
 
@@ -216,6 +218,35 @@ def test_the_last_answer_of_a_case_counts(tmp_path: Path) -> None:
     lines = [row("a", None, "broke"), row("b", None), row("a", answer("drift", 0.5))]
     (tmp_path / "answers.jsonl").write_text("".join(json.dumps(r) + "\n" for r in lines))
     assert [r["broke"] for r in answers(tmp_path)] == ["", ""]
+
+
+def test_a_run_keeps_every_answer_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def engine(folder: Path, budget: float) -> dict[str, Any]:
+        asked.append(folder.name)
+        if folder.name == "b":
+            raise KeyError("x")
+        return {"verdict": "nothing", "findings": [], "latent": float("nan")}
+
+    monkeypatch.setitem(engines.ENGINES, "evidence", engine)
+    monkeypatch.setattr(running, "made", lambda ticket, seed, out: ticket.name)
+    tickets = [Ticket(n, "dc_motor", "white", "nothing") for n in "ab"]
+    running.run(tmp_path, 1, tickets[:1], ["evidence"], 1.0)
+    running.run(tmp_path, 1, tickets, ["evidence"], 1.0)
+    assert asked == ["a", "b"]
+    first, second = answers(tmp_path)
+    assert first["answer"]["verdict"] == "nothing" and first["answer"]["latent"] is None
+    assert second["answer"] is None and second["broke"].startswith("KeyError: 'x' (")
+
+
+def test_a_folder_is_that_of_one_seed(tmp_path: Path) -> None:
+    running.begun(tmp_path, 1)
+    running.begun(tmp_path, 1)
+    with pytest.raises(InputError, match="another seed"):
+        running.begun(tmp_path, 2)
 
 
 # -- simulation-based calibration ------------------------------------------------------------------

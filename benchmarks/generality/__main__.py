@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.generality.engines import BUDGET, ENGINES
-from benchmarks.generality.plan import Ticket
-from benchmarks.generality.running import answers, made, prepared, run, truth_of
+from benchmarks.generality.plan import Ticket, dealt
+from benchmarks.generality.running import answers, begun, gathered, made, run, truth_of
 from benchmarks.generality.scoring import marks, misses, plain, scored, settled_on, table
 from benchmarks.generality.systems import SYSTEMS
 from benchmarks.generality.tables import by_group, missed, side_by_side
@@ -53,7 +53,7 @@ def quick() -> int:
         out = Path(name)
         for engine, ticket, samples in QUICK:
             made(ticket, 1, out, samples)
-            run(out, [ticket.name], [engine], QUICK_SECONDS)
+            run(out, 1, [ticket], [engine], QUICK_SECONDS)
         document, text = scores([out])
     print(text)
     return int(any(row["broke"] for row in document["misses"]))
@@ -82,13 +82,13 @@ def main(arguments: list[str] | None = None) -> int:
     folders = options.score
     if not folders:
         try:
-            names = prepared(
-                options.out, options.seed, options.per_system, options.system, options.jobs
-            )
+            begun(options.out, options.seed)
         except InputError as error:
             print(error, file=sys.stderr)
             return 2
-        run(options.out, names, options.engine, options.budget, options.jobs)
+        tickets = dealt(options.seed, options.per_system, options.system)
+        run(options.out, options.seed, tickets, options.engine, options.budget, options.jobs)
+        gathered(options.out)
         folders = [options.out]
     document, text = scores(folders)
     print(text)

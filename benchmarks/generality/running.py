@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.generality.engines import answered
-from benchmarks.generality.plan import Ticket, dealt
+from benchmarks.generality.plan import Ticket
 from benchmarks.generality.plant import Escaped
 from benchmarks.generality.planting import SAMPLES, planted, written
 from benchmarks.generality.systems import SYSTEMS
@@ -32,10 +32,8 @@ def made(ticket: Ticket, seed: int, out: Path, samples: int = SAMPLES) -> str:
     return ticket.name
 
 
-def prepared(
-    out: Path, seed: int, per_system: int, systems: Sequence[str] = (), jobs: int = 1
-) -> list[str]:
-    """Make all cases of a seed; return their names in the order of the plan.
+def begun(out: Path, seed: int) -> None:
+    """Mark a folder as that of a seed.
 
     Raises
     ------
@@ -46,11 +44,6 @@ def prepared(
     if mark.exists() and json.loads(mark.read_text(encoding="utf-8"))["seed"] != seed:
         raise InputError("holds cases of another seed", str(out), "Name another place with --out")
     atomic_write_text(mark, dump_json({"schema": "jaxsr.generality/1", "seed": seed}))
-    tickets = dealt(seed, per_system, systems)
-    names = [n for n in _mapped(made, [(t, seed, out) for t in tickets], jobs) if n]
-    truths = {n: truth_of(out, n) for n in names}
-    atomic_write_text(out / "truth" / "truth.json", dump_json({"seed": seed, "cases": truths}))
-    return names
 
 
 def truth_of(out: Path, name: str) -> dict[str, Any]:
@@ -68,22 +61,47 @@ def answers(out: Path) -> list[dict[str, Any]]:
 
 
 def run(
-    out: Path, names: Sequence[str], engines: Sequence[str], budget: float, jobs: int = 1
+    out: Path,
+    seed: int,
+    tickets: Sequence[Ticket],
+    engines: Sequence[str],
+    budget: float,
+    jobs: int = 1,
 ) -> None:
-    """Answer what was not answered yet, case by case, and print each."""
+    """Make and answer what was not yet, case by case, and print each answer."""
     done = {(r["engine"], r["case"]) for r in answers(out)}
-    todo = [(e, out, n, budget) for n in names for e in engines if (e, n) not in done]
+    todo = []
+    for ticket in tickets:
+        left = tuple(e for e in engines if (e, ticket.name) not in done)
+        if left:
+            todo.append((ticket, seed, out, left, budget))
     with (out / ANSWERS).open("a", encoding="utf-8") as file:
-        for row in _mapped(answered, todo, jobs):
-            # dump_json writes no NaN, and lines where json.dumps would not
-            file.write(json.dumps(json.loads(dump_json(row))) + "\n")
-            file.flush()
-            said = (row["answer"] or {}).get("verdict", "")
-            print(
-                f"{row['engine']} {row['case']}: {said or row['broke']}, "
-                f"{row['cpu_seconds']} s of the processor",
-                flush=True,
-            )
+        for rows in _mapped(worked, todo, jobs):
+            for row in rows:
+                # dump_json writes no NaN
+                file.write(json.dumps(json.loads(dump_json(row))) + "\n")
+                file.flush()
+                said = (row["answer"] or {}).get("verdict", "")
+                print(
+                    f"{row['engine']} {row['case']}: {said or row['broke']}, "
+                    f"{row['cpu_seconds']} s of the processor",
+                    flush=True,
+                )
+
+
+def worked(
+    ticket: Ticket, seed: int, out: Path, engines: Sequence[str], budget: float
+) -> list[dict[str, Any]]:
+    """Make a case and answer it; no answers where no motion stays within bounds."""
+    name = made(ticket, seed, out)
+    return [answered(engine, out, name, budget) for engine in engines] if name else []
+
+
+def gathered(out: Path) -> dict[str, Any]:
+    """Write the truths of all cases to one file, as the sealed sets have it; return them."""
+    truths = {p.name: truth_of(out, p.name) for p in sorted((out / "cases").iterdir())}
+    atomic_write_text(out / "truth" / "truth.json", dump_json({"cases": truths}))
+    return truths
 
 
 def _mapped(function: Any, todo: Sequence[tuple], jobs: int) -> Iterable[Any]:
