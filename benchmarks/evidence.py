@@ -25,7 +25,6 @@ import numpy as np
 from benchmarks.concealed.judging import judge
 from benchmarks.provenance import write
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
-from jaxsr.diagnosis.setup import screen_all
 from jaxsr.diagnosis.thinning import prepare_search
 from jaxsr.models import Simulator
 
@@ -38,7 +37,7 @@ def weighed(model: Path, data: list[Path]) -> Posterior | None:
     """Return the posterior of a case; None where nothing can be followed."""
     simulator = Simulator.from_file(model)
     prepared, _ = prepare_search(simulator.model, data, seconds=np.inf)
-    return posterior(simulator.model, prepared, screen_all(simulator, prepared))
+    return posterior(simulator.model, prepared)
 
 
 def document(found: Posterior) -> dict[str, Any]:

@@ -15,6 +15,8 @@ TYPE_CHECKING = False  # for type checkers true: ``typing`` takes longer to load
 if TYPE_CHECKING:
     from typing import Any
 
+    from jaxsr._result import InputError
+    from jaxsr._saved import load
     from jaxsr.diagnosis import diagnose, learn_simulator
     from jaxsr.discovery import SymbolicSparseRegressor, discover
     from jaxsr.evaluation import compile_terms
@@ -32,6 +34,8 @@ __all__ = [
     "discover",
     "SymbolicSparseRegressor",
     "compile_terms",
+    "load",
+    "InputError",
     "__version__",
 ]
 
@@ -44,6 +48,8 @@ _HOMES = {
     "discover": "jaxsr.discovery",
     "SymbolicSparseRegressor": "jaxsr.discovery",
     "compile_terms": "jaxsr.evaluation",
+    "load": "jaxsr._saved",
+    "InputError": "jaxsr._result",
 }
 
 

@@ -38,7 +38,7 @@ class StoppedBy(enum.StrEnum):
 
 
 class Verdict(enum.StrEnum):
-    """The verdicts of a diagnosis (CONTRACT.md, section 4)."""
+    """The verdicts of a diagnosis (docs/files.md)."""
 
     NOTHING = "nothing"
     PARAMETER = "parameter"

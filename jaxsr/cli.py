@@ -27,6 +27,7 @@ from jaxsr._arguments import (
     split_pairs,
     table_of,
 )
+from jaxsr._datasets_app import datasets_app
 from jaxsr._job import RUN, command_budget, loaded, save, session
 from jaxsr._output import close_stdout, print_line
 from jaxsr._process import INTERRUPTED, listen, listening, say
@@ -39,10 +40,8 @@ Job = Callable[[str], None]  # of the command line, for the provenance
 app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
     help="Equations of motion from recordings, and the physics that a simulator left out.",
-)
-datasets_app = typer.Typer(
-    rich_markup_mode=None, help="Real recordings, from their origin, checksummed."
 )
 app.add_typer(datasets_app, name="datasets")
 
@@ -68,6 +67,24 @@ Table = Annotated[
         "file.toml by default.",
     ),
 ]
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        from jaxsr import __version__
+
+        print_line(f"jaxsr {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    """Take the options that stand before a command."""
 
 
 @app.command()
@@ -283,37 +300,6 @@ def demo(out: Out = "jaxsr-demo") -> Job:
     return job
 
 
-@datasets_app.command("list")
-def list_command() -> Job:
-    """List the recordings that can be fetched."""
-
-    def job(command: str) -> None:
-        from jaxsr.datasets import list_datasets
-
-        for dataset in list_datasets():
-            print_line(f"{dataset.name:16} {dataset.title} ({dataset.licence})")
-
-    return job
-
-
-@datasets_app.command("fetch")
-def fetch_command(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A name that `list` shows.")],
-    out: Annotated[
-        str | None, typer.Option(metavar="DIR", help="Directory, ./NAME by default.")
-    ] = None,
-) -> Job:
-    """Write one CSV per experiment, with the model file beside."""
-
-    def job(command: str) -> None:
-        from jaxsr.datasets import fetch
-
-        for path in fetch(name, out):
-            print_line(str(path))
-
-    return job
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit status.
 
@@ -346,7 +332,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _status(given: list[str]) -> int:
     """Run a command and return its exit status, but for interruptions."""
     try:
-        arguments = expand_file_lists(given)
+        asked = given if given not in ([], ["datasets"]) else [*given, "--help"]
+        arguments = expand_file_lists(asked)
         command = typer.main.get_command(app)
         outcome: Any = command.main(args=arguments, prog_name="jaxsr", standalone_mode=False)
         if outcome is None or isinstance(outcome, int):  # --help

@@ -1,4 +1,4 @@
-"""What CONTRACT.md, section 4, promises of ``diagnosis.json``, as a list of what is wrong."""
+"""What docs/files.md promises of ``diagnosis.json``, as a list of what is wrong."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def strict_json(text: str) -> Any:
 
 
 def problems(document: Any, names: Mapping[str, tuple[str, ...]]) -> list[str]:
-    """List what a diagnosis breaks of the contract.
+    """List what a diagnosis breaks of docs/files.md.
 
     Parameters
     ----------

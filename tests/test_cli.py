@@ -118,9 +118,7 @@ def test_discover_passes_its_options(files: Path, library: Recorded) -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        "",
         "nonsense",
-        "datasets",
         "diagnose",
         "diagnose m.toml a.csv",
         "diagnose m.toml --out d",
@@ -279,6 +277,23 @@ def test_help_is_quick_and_loads_no_numerical_library() -> None:
             assert command in done.stdout
     # The best of three: what the machine does besides is not the program's doing.
     assert min(seconds) < 1.0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["-h"], ["--help"], ["datasets"], ["diagnose", "-h"], ["datasets", "list", "-h"]],
+)
+def test_help_is_what_people_type_for_it(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(arguments) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("Usage: jaxsr") and "-h, --help" in shown
+
+
+def test_version_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"jaxsr {jaxsr.__version__}\n"
 
 
 def test_module_runs_as_a_program_and_quiet_pipe_close_is_no_error() -> None:

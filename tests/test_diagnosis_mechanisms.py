@@ -35,8 +35,8 @@ from jaxsr.models.units import check_units, dimension
 
 ARM = read_model(ARM_FILE)
 MASS = parse_model(STIFF)
-# CONTRACT.md, section 4, "mechanisms": family and parameters by name.
-CONTRACT = {
+# Promised to users: family and parameters by name.
+PROMISED = {
     "wrong_value": ("parameter", None),
     "viscous_damping": ("dissipative", {"Fv"}),
     "coulomb_friction": ("dissipative", {"Fc"}),
@@ -131,8 +131,8 @@ def added_force(model: Model, candidate: Candidate, values: dict[str, float]) ->
 
 
 @pytest.mark.parametrize(("model", "candidate"), CASES)
-def test_names_and_families_are_those_of_the_contract(model, candidate):
-    family, parameters = CONTRACT[candidate.mechanism]
+def test_names_and_families_are_those_promised(model, candidate):
+    family, parameters = PROMISED[candidate.mechanism]
     assert candidate.family == family
     if parameters is not None:
         own = {p.name for p in candidate.parameters} | {name for name, _ in candidate.borrowed}
@@ -303,7 +303,7 @@ def test_couplings_push_both_axes_alike():
         ("constant_force", "F0", lambda q, v: 0.7 + 0 * q),
     ],
 )
-def test_force_laws_have_the_contracts_sign_and_form(mechanism, name, law):
+def test_force_laws_have_the_promised_sign_and_form(mechanism, name, law):
     (candidate,) = [c for c in candidates_of(MASS) if c.mechanism == mechanism]
     (q, v), _ = random_states(MASS)
     # sign is run as tanh(v/1e-4).

@@ -1,4 +1,4 @@
-"""Free-run scores against closed forms (CONTRACT.md, section 4, "fit")."""
+"""Free-run scores against closed forms (docs/method.md)."""
 
 from __future__ import annotations
 

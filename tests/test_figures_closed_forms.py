@@ -1,4 +1,4 @@
-"""Figures of a report are those of the contract's definitions, on plants with closed forms."""
+"""Figures of a report are those of docs/files.md, on plants with closed forms."""
 
 from __future__ import annotations
 

@@ -34,6 +34,8 @@ LAYERS = {
     "diagnosis": 7,
     "datasets": 8,
     "_job": 8,
+    "_saved": 8,
+    "_datasets_app": 9,
     "cli": 8,
     "__main__": 9,
     "__init__": 9,

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
 from scipy.stats import multivariate_normal, norm
 
-from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
+from jaxsr.diagnosis.likelihood.evidence import Gram, Prior, _factor
 from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
 
 STEPS, STATES, FORCES, OUTPUTS, CONSTANTS = 9, 2, 1, 2, 2
+NONE = 1e12
 
 
 def drawn(seed: int) -> tuple[LocalModel, Latent, Noise, np.ndarray]:
@@ -76,7 +79,7 @@ def dense(
 @pytest.mark.parametrize("seed", range(5))
 def test_innovations_have_the_likelihood_of_the_dense_covariance(seed: int) -> None:
     local, latent, noise, start = drawn(seed)
-    found = whitened(System.of(local, latent, noise, start))
+    found = whitened(System.of(local, [latent], [noise], start))
     _, _, mean, covariance = dense(local, latent, noise, start)
     y = local.innovation.reshape(-1)
     seen = np.isfinite(y)
@@ -97,24 +100,44 @@ def test_smoothed_states_are_the_conditional_means(seed: int) -> None:
     seen = np.isfinite(y)
     weight = np.linalg.solve(covariance[np.ix_(seen, seen)], y[seen] - read[seen, 0])
     wanted = mean[:, 0] + across[:, seen] @ weight
-    got = smoothed(System.of(local, latent, noise, start), STATES)
+    got = smoothed(System.of(local, [latent], [noise], start), STATES)
     np.testing.assert_allclose(got[:, :, 0].T.reshape(-1), wanted, atol=1e-9)
 
 
 def test_lanes_do_not_touch_each_other() -> None:
-    systems = [System.of(*drawn(seed)) for seed in range(3)]
-    together = whitened(System.joined(systems))
-    for lane, system in enumerate(systems):
-        alone = whitened(system)
-        np.testing.assert_allclose(together.rows[lane], alone.rows[0], atol=1e-12)
-        assert together.log_determinant[lane] == pytest.approx(alone.log_determinant[0])
+    """Three pieces under three choices of latent force and noise: each as if it were alone."""
+    drawings = [drawn(seed) for seed in range(3)]
+    local = LocalModel(
+        *(
+            np.concatenate([getattr(d[0], field.name) for d in drawings], axis=1)
+            for field in fields(LocalModel)
+        )
+    )
+    start = drawings[0][3]
+    entering = np.concatenate([d[1].entering for d in drawings], axis=1)
+    latent = [
+        replace(d[1], entering=entering, scale=d[1].scale * (1 + k)) for k, d in enumerate(drawings)
+    ]
+    noise = [d[2].scaled(1.0 + k) for k, d in enumerate(drawings)]
+    noise[1] = replace(noise[1], correlation=np.array([0.0, 0.3]))
+    noise[2] = replace(noise[2], coloured=np.zeros(2))
+    together = whitened(System.of(local, latent, noise, start))
+    for choice in range(3):
+        for piece in range(3):
+            own = replace(latent[choice], entering=drawings[piece][1].entering)
+            alone = whitened(System.of(drawings[piece][0], [own], [noise[choice]], start))
+            lane = 3 * choice + piece
+            np.testing.assert_allclose(together.rows[lane], alone.rows[0], atol=1e-12)
+            assert together.log_determinant[lane] == pytest.approx(alone.log_determinant[0])
 
 
 def test_evidence_is_the_integral_over_the_constants() -> None:
     rng = np.random.default_rng(3)
     rows = np.column_stack([rng.normal(size=30), rng.normal(size=(30, 2))])
     gram = Gram(rows.T @ rows, 1.7, 30)
-    prior = Prior(np.array([0.3, -0.2]), np.array([0.8, 1.5]), np.array([1.0, 0.0]), np.zeros(2))
+    prior = Prior(
+        np.array([0.3, -0.2]), np.array([0.8, 1.5]), np.array([0.0, -NONE]), NONE * np.ones(2)
+    )
 
     def density(b: float, a: float) -> float:
         left = rows[:, 0] + rows[:, 1:] @ (a, b)
@@ -132,7 +155,7 @@ def test_evidence_of_fewer_constants_is_that_of_certainty_about_the_others() -> 
     rng = np.random.default_rng(4)
     rows = np.column_stack([rng.normal(size=50), rng.normal(size=(50, 2))])
     gram = Gram(rows.T @ rows, 0.0, 50)
-    free = Prior(np.zeros(2), np.array([1.0, 1e-6]), np.zeros(2), np.zeros(2))
+    free = Prior(np.zeros(2), np.array([1.0, 1e-6]), -NONE * np.ones(2), NONE * np.ones(2))
     both = gram.evidence([0, 1], free)
     one = gram.evidence([0], free.of([0]))
     assert both.log_evidence == pytest.approx(one.log_evidence, abs=1e-6)
@@ -142,6 +165,19 @@ def test_evidence_of_fewer_constants_is_that_of_certainty_about_the_others() -> 
 def test_the_noise_that_fits_best_is_found() -> None:
     rng = np.random.default_rng(5)
     rows = np.column_stack([3.0 * rng.normal(size=4000), rng.normal(size=(4000, 1))])
-    prior = Prior(np.zeros(1), np.ones(1), np.zeros(1), np.zeros(1))
+    prior = Prior(np.zeros(1), np.ones(1), -NONE * np.ones(1), NONE * np.ones(1))
     found = Gram(rows.T @ rows, 0.0, 4000).evidence([0], prior)
     assert found.noise == pytest.approx(9.0, rel=0.1)
+
+
+def test_the_factor_of_a_matrix_that_rounding_made_indefinite() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        columns = rng.normal(size=(40, 3)) * 10.0 ** rng.uniform(4.0, 9.0, 3)
+        wide = columns @ rng.normal(size=(3, 6))  # of rank three
+        inner = wide.T @ wide
+        inner = inner - np.eye(6) * 1e-15 * np.trace(inner)  # as far as rounding may go
+        factor = _factor(np.eye(6) + inner)
+        assert np.allclose(factor, np.tril(factor)) and (np.diag(factor) > 0.0).all()
+        error = factor @ factor.T - (np.eye(6) + inner)
+        assert np.abs(error).max() < 1e-13 * np.trace(inner) + 1e-9

@@ -241,7 +241,7 @@ def truth_values(
 
 
 def site_of(effect: Any, disguise: Disguise, system: System, row: int | None = None) -> str:
-    """Return an effect's site as CONTRACT.md writes it."""
+    """Return an effect's site as docs/files.md writes it."""
     names = disguise.names
     index = effect.index if row is None else row
     state = f"{'v' if system.order == 2 else 'q'}{index + 1}"

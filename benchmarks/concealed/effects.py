@@ -58,7 +58,7 @@ VERDICTS = {
 
 
 def verdict_of(mechanism: str) -> str:
-    """Return the verdict that a mechanism stands for (CONTRACT.md, section 4)."""
+    """Return the verdict that a mechanism stands for (docs/mechanisms.md)."""
     own = {"input_gain": "parameter", "input_delay": "measurement"}
     return own.get(mechanism) or VERDICTS.get(FAMILY[mechanism], "structure")
 
@@ -143,7 +143,7 @@ class Effect:
 
     @property
     def family(self) -> str:
-        """Family in CONTRACT.md, section 4."""
+        """Family in docs/mechanisms.md."""
         return FAMILY[self.mechanism]
 
     @property

@@ -1,6 +1,6 @@
 """Which answers count as one: the table, written out.
 
-After CONTRACT.md, section 4. An answer is right if its mechanism and site are those planted, or
+After docs/mechanisms.md. An answer is right if its mechanism and site are those planted, or
 stand with them in a row below under the row's condition.
 
 | planted | also right | where |

@@ -272,7 +272,7 @@ def _solve(jacobian: Array, base: Array, count: int, damping: float) -> tuple[Ar
 def error(
     task: Task, recorded: Recorded, experiments: Sequence[int], theta: Array, samples: int
 ) -> float:
-    """Free-run NRMSE (CONTRACT.md, section 4) over segments of so many samples.
+    """Free-run NRMSE (docs/method.md) over segments of so many samples.
 
     Starts are estimated on the first 5 % of a segment, at least 3 samples, 50 on a whole
     recording; a state of an effect's own, or one that no sensor reads, starts at its true value.

@@ -1,4 +1,4 @@
-"""Fetch recordings: local folder or download, checksum, conversion to the contract's form."""
+"""Fetch recordings: local folder or download, checksum, conversion to columns of a model file."""
 
 from __future__ import annotations
 

@@ -78,46 +78,19 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     """
     sets = leading_sets(case)
     super_model, starts = contenders(case, sets)
-    case.compared.screen(case.screened, super_model)
     promised = {}
     if case.screened is not None:
         null_error = case.screened.screening.empty.error
         promised = {m: s.error / null_error for (m, _), s in zip(starts[1:], sets, strict=True)}
-    simulator = Simulator(super_model.model, case.simulator.function)
-    case.progress.stage("choosing integration steps and the horizon")
-    stepping = choose_stepping(simulator, case.prepared, starts[min(1, len(starts) - 1)][1])
-    base = starts[0][1][: len(case.simulator.model.parameters)]
-    stepping = with_smooth(stepping, case.simulator, case.prepared, base)
-    scale = 0.01 * spread(np.concatenate([p.outputs for p in case.prepared]))
 
     def stop() -> bool:
         return case.search.exhausted
 
-    outlook = Outlook(super_model, case.prepared, stepping, scale, simulator, stop)
-    starts = outlook.usable_starts(starts)
-    if beyond is None:
-        leader = starts[min(1, len(starts) - 1)][0]
-        headline = outlook.headline(starts, promised.get(leader, 0.0))
-    else:
-        longer = outlook.beyond(beyond)
-        if longer is None:
-            return None
-        headline = Headline(longer, [longer])
-    arena = outlook.first_usable(headline, starts[0][1])
-    arena = replace(arena, patience=min(PATIENCE * case.budget.seconds, MOST_PATIENCE))
-    arena = with_rounded_jumps(arena)
-    case.progress.stage("telling sets of mechanisms from the path of the re-calibrated model")
-    arena, null = _recalibrated(arena, headline, starts[0][1], stop)
-    if beyond is None:
-        restarting = case.search.share(RESTARTING)
-
-        def shortest() -> Arena:
-            return with_rounded_jumps(outlook.arena(horizons(case.prepared)[0]))
-
-        restarts = Restarts(arena, shortest, lambda: restarting.exhausted, NULL_ITERATIONS)
-        null = case.failures.attempt("starting anew", lambda: restarts.best(null), null)
-    if null.fit.converged or not stop():
-        case.compared.reach(RECALIBRATION)
+    first = starts[min(1, len(starts) - 1)][0]
+    opened = opening(case, super_model, starts, promised.get(first, 0.0), beyond)
+    if opened is None:
+        return None
+    arena, null, headline, starts = opened
     entries = [null]
     # Where re-calibration is near the noise, larger sets grow from single ones.
     calm = residual_to_noise(arena, entries[0]) <= ABOVE_NOISE
@@ -152,6 +125,56 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
         entries, stopped = _grown(case, arena, entries)
         arena, entries = in_widths_of_best(arena, entries)
     return arena, entries, headline.seconds, stopped
+
+
+def opening(
+    case: Case,
+    super_model: SuperModel,
+    starts: list[Start],
+    promised: float = 0.0,
+    beyond: float | None = None,
+) -> tuple[Arena, Entry, Headline, list[Start]] | None:
+    """Lay out the arena of some candidates and estimate re-calibration in it.
+
+    `promised` is what the leading set, the second of `starts`, leaves in the weak view, relative to
+    re-calibration. None where segments `beyond` a horizon do not exist.
+    """
+    case.compared.screen(case.screened, super_model)
+    simulator = Simulator(super_model.model, case.simulator.function)
+    case.progress.stage("choosing integration steps and the horizon")
+    stepping = choose_stepping(simulator, case.prepared, starts[min(1, len(starts) - 1)][1])
+    base = starts[0][1][: len(case.simulator.model.parameters)]
+    stepping = with_smooth(stepping, case.simulator, case.prepared, base)
+    scale = 0.01 * spread(np.concatenate([p.outputs for p in case.prepared]))
+
+    def stop() -> bool:
+        return case.search.exhausted
+
+    outlook = Outlook(super_model, case.prepared, stepping, scale, simulator, stop)
+    starts = outlook.usable_starts(starts)
+    if beyond is None:
+        headline = outlook.headline(starts, promised)
+    else:
+        longer = outlook.beyond(beyond)
+        if longer is None:
+            return None
+        headline = Headline(longer, [longer])
+    arena = outlook.first_usable(headline, starts[0][1])
+    arena = replace(arena, patience=min(PATIENCE * case.budget.seconds, MOST_PATIENCE))
+    arena = with_rounded_jumps(arena)
+    case.progress.stage("telling sets of mechanisms from the path of the re-calibrated model")
+    arena, null = _recalibrated(arena, headline, starts[0][1], stop)
+    if beyond is None:
+        restarting = case.search.share(RESTARTING)
+
+        def shortest() -> Arena:
+            return with_rounded_jumps(outlook.arena(horizons(case.prepared)[0]))
+
+        restarts = Restarts(arena, shortest, lambda: restarting.exhausted, NULL_ITERATIONS)
+        null = case.failures.attempt("starting anew", lambda: restarts.best(null), null)
+    if null.fit.converged or not stop():
+        case.compared.reach(RECALIBRATION)
+    return arena, null, headline, starts
 
 
 def _recalibrated(

@@ -24,6 +24,7 @@ from jaxsr.diagnosis.failures import Failures, unsimulable
 from jaxsr.diagnosis.input_noise import idle_noise, quieted
 from jaxsr.diagnosis.judging.alternatives import likelier_with, likelier_without
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
+from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
 from jaxsr.diagnosis.laws.renaming import with_names
 from jaxsr.diagnosis.result import Diagnosis
@@ -35,6 +36,7 @@ from jaxsr.diagnosis.search.choice import (
     with_parts,
 )
 from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_equations
+from jaxsr.diagnosis.settled import decided_by_evidence, weighed, weights_of
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.diagnosis.thinning import prepare_search, time_for
 from jaxsr.models import Simulator
@@ -102,7 +104,7 @@ def diagnose(
     -----
     Sets of mechanisms are screened in the weak view together with the free parameters, the
     leading sets are estimated in free run by multiple shooting, and compared on blocks held
-    back in turn. DESIGN.md, sections 1.2 and 1.3, gives the reasons.
+    back in turn. docs/method.md has the formulas.
     """
     progress = progress or Silent()
     budget = as_budget(budget)
@@ -128,7 +130,10 @@ def diagnose(
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress, failures, quiet=quiet)
-    if with_many_equations(case):
+    evidence = None if with_many_equations(case) else decided_clearly(case)
+    if evidence is not None:
+        (decision, headline, grown), weights = evidence
+    elif with_many_equations(case):
         decision, headline, grown = decided_among_many(case, rng)
     else:
         decision, headline, grown = decided_among_few(case, reading, rng)
@@ -136,9 +141,11 @@ def diagnose(
     if not any(e.fit.usable for e in good):
         raise unsimulable(simulator, prepared)
     null = next(e for e in good if not e.members)
-    chosen = likelier_with(arena.super_model, chosen, good, np.random.default_rng(seed))
-    if likelier_without(arena.super_model, chosen, good, np.random.default_rng(seed)):
-        chosen = null
+    if evidence is None:
+        weights = None
+        chosen = likelier_with(arena.super_model, chosen, good, np.random.default_rng(seed))
+        if likelier_without(arena.super_model, chosen, good, np.random.default_rng(seed)):
+            chosen = null
     ingredients = Ingredients(
         case=case,
         arena=in_steps_of(arena, chosen),
@@ -154,8 +161,20 @@ def diagnose(
         command=command,
         stopped=grown,
         whole=whole,
+        weights=weights,
     )
     return assemble(ingredients)
+
+
+def decided_clearly(case: Case) -> tuple[Decided, Weights] | None:
+    """Decide by the evidence of the recordings; None where that leaves doubt."""
+    found = weighed(case)
+    if found is None:
+        return None
+    decision = case.failures.attempt(
+        "estimating what the evidence says", lambda: decided_by_evidence(case, found), None
+    )
+    return None if decision is None else (decision, weights_of(found))
 
 
 def decided_among_few(case: Case, reading: float, rng: np.random.Generator) -> Decided:

@@ -24,7 +24,7 @@ class Diagnosis:
     verdict : str
         nothing, parameter, structure, measurement, external_input or undecided.
     findings : list of dict
-        Sorted by share; the form is that of ``diagnosis.json`` (CONTRACT.md, section 4).
+        Sorted by share; the form is that of ``diagnosis.json`` (docs/files.md).
     model : Model
         The explained model.
     given : Model

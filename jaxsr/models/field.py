@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,6 +46,11 @@ class Field:
         Parameters to differentiate by.
     delayed : sequence of str
         Inputs to differentiate by.
+
+    Notes
+    -----
+    Where a width is 0 the sign is a constant of its own, one of `signs`, and differentiated by:
+    `switching` says when it changes.
     """
 
     def __init__(
@@ -60,7 +65,9 @@ class Field:
         widths = widths or simulator.default_widths
         self._constants = dict(zip(self.model.parameters, theta, strict=True))
         self._constants |= {f"width {i}": w for i, w in enumerate(widths)}
-        self.by = frozenset({*self.model.states, *active, *delayed})
+        self.switched = tuple(i for i, w in enumerate(widths) if np.ndim(w) == 0 and w == 0.0)
+        self.signs = tuple(f"sign {i}" for i in self.switched)
+        self.by = frozenset({*self.model.states, *active, *delayed, *self.signs})
         self._rows = tuple(s for s in self.model.states if s in self.model.inertia)
         self._guesses = tuple(f"rate of {s}" for s in self.model.states)
         known = {
@@ -68,6 +75,7 @@ class Field:
             for n, v in self._constants.items()
             if n not in self.by and np.ndim(v) == 0 and v in (0.0, 1.0)
         }
+        self._constants |= dict.fromkeys(self.signs, 1.0)
         known_values = tuple(sorted(known.items()))
         self._equations, self._mass, self._readings = _without(simulator, known_values)
         self._recordings = _recordings(simulator, known_values, self.by)
@@ -77,6 +85,12 @@ class Field:
         own = copy.copy(self)
         own.by = frozenset(self.model.states)
         own._recordings = _recordings(self.simulator, self._recordings.key, own.by)
+        return own
+
+    def valued(self, constants: Mapping[str, Array]) -> Field:
+        """Return the field with other values of some constants."""
+        own = copy.copy(self)
+        own._constants = {**self._constants, **constants}
         return own
 
     def picked(self, chosen: Array) -> Field:
@@ -288,14 +302,31 @@ def _recordings(simulator: Simulator, known: tuple, by: frozenset[str]) -> _Reco
 def _without(simulator: Simulator, known: tuple[tuple[str, float], ...]) -> tuple[Any, ...]:
     """Equations, mass matrix and readings in which mechanisms that are switched off are gone."""
     values, done = dict(known), dict[Term, Term]()
+    signs = {n.removeprefix("width "): v for n, v in known if n.startswith("width ") and v == 0.0}
+    equations, switched = simulator.smooth_equations, dict[Term, Term]()
+    if signs:
+        equations = {s: _switched(e, signs, switched) for s, e in equations.items()}
     return (
-        {s: folded(e, values, done) for s, e in simulator.smooth_equations.items()},
+        {s: folded(e, values, done) for s, e in equations.items()},
         {
             i: {j: folded(e, values, done) for j, e in row.items()}
             for i, row in simulator.model.inertia_terms.items()
         },
         {y: folded(e, values, done) for y, e in simulator.smooth_readings.items()},
     )
+
+
+def _switched(term: Term, signs: Collection[str], done: dict[Term, Term]) -> Term:
+    """Put the variable ``sign i`` for a rounded sign of width i."""
+    for node in term.upward(done):
+        width = node.args[0].args[1] if node.op == "tanh" and node.args[0].op == "div" else None
+        number = width.name.partition(" ")[2] if width is not None and width.is_variable else ""
+        if number in signs and width is not None and width.name.startswith("width "):
+            done[node] = Term.variable(f"sign {number}")
+            continue
+        args = tuple(done.get(arg, arg) for arg in node.args)
+        done[node] = node if args == node.args else Term(node.op, args)
+    return done.get(term, term)
 
 
 def folded(term: Term, values: Mapping[str, float], done: dict[Term, Term] | None = None) -> Term:

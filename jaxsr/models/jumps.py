@@ -139,7 +139,7 @@ class _Walk:
         """Advance by one substep: from jump to jump, and on to its end."""
         done = np.zeros(self.shape)
         for count in range(MOST_JUMPS):
-            part = _Part(stages, time, h, done, np.ones(self.shape))
+            part = Part(stages, time, h, done, np.ones(self.shape))
             ends, rows = self._stepped(part)
             before, after = part.at(self.x, 0.0), part.at(ends, 1.0)
             hits = self.jumps.crossed(self.field, before, after, part.length)
@@ -151,7 +151,7 @@ class _Walk:
                 self._taken(part, ends, rows)
                 return
             stop = np.where(jumping, done + share * (1.0 - done), 1.0)
-            part = _Part(stages, time, h, done, stop)
+            part = Part(stages, time, h, done, stop)
             self._taken(part, *self._stepped(part))
             for k in range(len(hits)):
                 self._jump(k, part, jumping & (first == k))
@@ -160,11 +160,11 @@ class _Walk:
             if not (done < 1.0).any():
                 return
 
-    def _stepped(self, part: _Part) -> tuple[list[Array], list]:
+    def _stepped(self, part: Part) -> tuple[list[Array], list]:
         _, step = METHODS[self.method]
         return step(self.field, self.x, part.begin, part.length, part.stages, self.to is not None)
 
-    def _taken(self, part: _Part, ends: list[Array], rows: list) -> None:
+    def _taken(self, part: Part, ends: list[Array], rows: list) -> None:
         """Make a step that was taken the state, and carry the derivatives along."""
         if self.to is not None:
             tableau, _ = METHODS[self.method]
@@ -176,7 +176,7 @@ class _Walk:
             self.slopes = moved
         self.x = list(ends)
 
-    def _share(self, number: int, part: _Part, ends: list[Array], hit: Array) -> Array:
+    def _share(self, number: int, part: Part, ends: list[Array], hit: Array) -> Array:
         """Locate a crossing as a share of a step; above 1 where there is none."""
         if not hit.any():
             return np.full(self.shape, 2.0)
@@ -235,7 +235,7 @@ class _Walk:
         return low, high
 
     def _between(
-        self, part: _Part, ends: list[Array], rates: list[list[Array]], share: Array
+        self, part: Part, ends: list[Array], rates: list[list[Array]], share: Array
     ) -> list[Array]:
         """States inside a step, on the cubic through its ends and their rates (Hermite)."""
         s, h = share, part.length
@@ -246,7 +246,7 @@ class _Walk:
             for x0, x1, f0, f1 in zip(self.x, ends, *rates, strict=True)
         ]
 
-    def _polished(self, number: int, part: _Part, share: Array) -> Array:
+    def _polished(self, number: int, part: Part, share: Array) -> Array:
         """Put a crossing on the steps that the method takes, by Newton's method."""
         for _ in range(POLISHED):
             piece = part.upto(share)
@@ -270,7 +270,7 @@ class _Walk:
         env = self.field.environment(at)
         return evaluate_with_slopes(self.jumps.whens[number], env, by)[1]
 
-    def _rate(self, number: int, part: _Part, at: Point, slopes: dict[str, Array]) -> Array:
+    def _rate(self, number: int, part: Part, at: Point, slopes: dict[str, Array]) -> Array:
         """Total derivative of an event expression by time."""
         model = self.jumps.model
         total = slopes.get(model.time, 0.0) + np.zeros(self.shape)
@@ -280,7 +280,7 @@ class _Walk:
             total = total + slopes.get(name, 0.0) * rate
         return total
 
-    def _jump(self, number: int, part: _Part, chosen: Array) -> None:
+    def _jump(self, number: int, part: Part, chosen: Array) -> None:
         """Reset the chosen states, and take their derivatives through the jump."""
         if not chosen.any():
             return
@@ -303,7 +303,7 @@ class _Walk:
     def _saltation(
         self,
         number: int,
-        part: _Part,
+        part: Part,
         at: Point,
         after: list[Array],
         resets: Mapping[str, Mapping[str, Array]],
@@ -339,7 +339,7 @@ class _Walk:
         return result
 
 
-class _Part:
+class Part:
     """A piece of a substep, from one share of it to another."""
 
     def __init__(self, whole: Stages, time: Array, h: Array, first: Array, last: Array) -> None:
@@ -350,10 +350,10 @@ class _Part:
         rates = {k: np.stack([_along(rate, s) for s in shares]) for k, rate in whole.rates.items()}
         self.stages = Stages(values, rates)
 
-    def upto(self, share: Array) -> _Part:
+    def upto(self, share: Array) -> Part:
         """Return the beginning of the piece."""
         last = self.first + share * (self.last - self.first)
-        return _Part(self.whole, self.time, self.h, self.first, last)
+        return Part(self.whole, self.time, self.h, self.first, last)
 
     def at(self, x: Sequence[Array], share: Array | float) -> Point:
         """States at a share of the piece, with time and inputs."""

@@ -34,6 +34,7 @@ from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments, values_over
 from jaxsr.models.sensitivity import advanced, condensed
 from jaxsr.models.simulator import Simulator
+from jaxsr.models.switching import Switches
 
 Array = Any
 CLOSING, CLOSING_LONG, SHORT = 8, 20, 60
@@ -239,6 +240,7 @@ class _Ground:
     to: Directions
     stages: tuple[Array, dict[int, Array]]
     jumps: Jumps | None
+    switches: Switches | None
     own: Array  # 0 where a recording has a value of its own
 
     @staticmethod
@@ -260,7 +262,8 @@ class _Ground:
         own[len(model.states) :] = np.isnan(segments.override[list(active)])
         stages = delayed_stages(model, segments, values, chosen)
         jumps = Jumps.of(field, Point(segments.time, list(segments.course), list(segments.inputs)))
-        return _Ground(stepping, segments, values, field, to, stages, jumps, own)
+        switches = Switches.of(field, segments.course) if field.switched else None
+        return _Ground(stepping, segments, values, field, to, stages, jumps, switches, own)
 
     def step(self, path: Array, first: int = 0, tangents: bool = True) -> tuple[Array, Array]:
         """Integrate from every sample to the next, with derivatives in all directions.
@@ -270,15 +273,18 @@ class _Ground:
         here = slice(first, first + path.shape[1] - 1)
         inputs, rates = self.stages
         stages = inputs[:, :, here], {i: rate[:, here] for i, rate in rates.items()}
+        field, jumps = self.field, self.jumps
+        if self.switches is not None:
+            field, jumps = self.switches.begun(path[:, :-1])
         ends, slopes = advanced(
-            self.field,
+            field,
             self.to if tangents else None,
             self.stepping.method,
             list(path[:, :-1]),
             self.segments.time[here],
             self.segments.length[here],
             functools.partial(stage_of, *stages),
-            self.jumps,
+            jumps,
         )
         return np.stack(ends), slopes
 
@@ -329,7 +335,8 @@ class _Ground:
         """Simulate from the start of a path, one sample after the other; None if it diverges."""
         path = path.copy()
         own = any(np.ndim(value) for value in self.values)
-        plain = self.jumps is None and self.stepping.method == "rk4" and not own
+        smooth = self.jumps is None and self.switches is None
+        plain = smooth and self.stepping.method == "rk4" and not own
         if path.shape[2] == 1 and plain:
             return alone(self.field, self.segments, self.stages[0], path, stop, first)
         for k in range(path.shape[1] - 1):

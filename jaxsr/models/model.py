@@ -58,7 +58,7 @@ def _in_order(error: InputError, later: Mapping[str, str], known: Mapping[str, N
 
 @dataclass(frozen=True)
 class Model:
-    """A model file as a value (CONTRACT.md, section 1).
+    """A model file as a value (docs/model-file.md).
 
     With states x, inputs u, parameters p and time t,
 

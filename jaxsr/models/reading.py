@@ -33,7 +33,7 @@ def read_model(path: str | Path) -> Model:
     Parameters
     ----------
     path : path
-        A TOML file as CONTRACT.md, section 1, describes.
+        A TOML file as docs/model-file.md describes.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def read_model(path: str | Path) -> Model:
     Raises
     ------
     InputError
-        The file is missing, is no TOML, or breaks a rule of the contract.
+        The file is missing, is no TOML, or breaks a rule of docs/model-file.md.
     """
     path = Path(path)
     return build_model(read_document(path), path.name)
@@ -59,7 +59,7 @@ def build_model(document: Mapping[str, Any], source: str = "model") -> Model:
     Raises
     ------
     InputError
-        A table breaks a rule of the contract.
+        A table breaks a rule of docs/model-file.md.
     """
     tables = Tables(document, source)
     tables.known(document, _TABLES)

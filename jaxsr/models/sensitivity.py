@@ -14,6 +14,7 @@ from jaxsr.models.directions import Directions, Stages
 from jaxsr.models.field import Field, Point
 from jaxsr.models.jumps import Jumps
 from jaxsr.models.steps import METHODS
+from jaxsr.models.switching import Crossings
 from jaxsr.models.transitions import Taken, transition
 
 Array = Any
@@ -30,7 +31,7 @@ def advanced(
     time: Array,
     length: Array,
     stages: Callable[[int], Stages],
-    jumps: Jumps | None = None,
+    jumps: Jumps | Crossings | None = None,
 ) -> tuple[list[Array], Array]:
     """Advance by all substeps between neighbouring samples.
 
@@ -44,8 +45,8 @@ def advanced(
     length : ndarray, shape (steps, substeps, segments)
     stages : callable
         Number of a substep to its inputs.
-    jumps : Jumps, optional
-        Of the states, where the model has events.
+    jumps : Jumps or Crossings, optional
+        Of the states, where the model has events, or of the rates, where it has switches.
 
     Returns
     -------

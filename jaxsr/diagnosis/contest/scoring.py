@@ -1,4 +1,4 @@
-"""Free-run scores as CONTRACT.md, section 4, defines them."""
+"""Free-run scores as docs/method.md defines them."""
 
 from __future__ import annotations
 

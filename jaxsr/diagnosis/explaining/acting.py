@@ -156,7 +156,7 @@ class Effect:
 
 
 def where_acting(candidate: Candidate, estimate: Estimate, position: int) -> dict[str, Any]:
-    """Return region, recordings and times of a finding in the form of CONTRACT.md, section 4.
+    """Return region, recordings and times of a finding in the form of docs/files.md.
 
     A region that is all that was recorded of a variable is marked ``everywhere``; a recording in
     which the effect never acts is left out; times are the first and the last at which it acts.

@@ -15,7 +15,7 @@ from jaxsr.models.segments import Prepared
 from jaxsr.recordings.converter import uniform_variance
 
 STATED = 1.0 / 3.0
-"""Share of what is read below which a stated step or noise is another one (CONTRACT.md, 4)."""
+"""Share of what is read below which a stated step or noise is another one (docs/mechanisms.md)."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Causes that no data can split, counted as one (CONTRACT.md, section 4)."""
+"""Causes that no data can split, counted as one (docs/mechanisms.md)."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def finding_row(
     others: list[Alternative],
     weight: Weight,
 ) -> dict[str, Any]:
-    """One finding in the form of CONTRACT.md, section 4."""
+    """One finding in the form of docs/files.md."""
     candidate, names = estimate.named.candidates[position], estimate.named.names[position]
     given = estimate.named.given
     own = {spec: estimate.interval(name)[0] for spec, name in names.items()}

@@ -26,6 +26,7 @@ from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, model_limited, residual_to_noise
 from jaxsr.diagnosis.judging.refine import Estimate, Ground, refine
+from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.judging.whole import over_all
 from jaxsr.diagnosis.open_mass import OpenMass, open_mass
 from jaxsr.diagnosis.thinning import Whole
@@ -67,6 +68,7 @@ class Ingredients:
     command: str | None
     stopped: StoppedBy  # why no more sets were tried
     whole: Whole | None = None  # all recordings, where the search worked on a part of them
+    weights: Weights | None = None  # probabilities of sets, where the evidence decided
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,9 +198,11 @@ def _rows(
     rows, rivals = [], []
     given = _given(parts).fit.cost
     for k, number in enumerate(entry.members):
-        probability, others = alternatives(
-            parts.arena.super_model, entry, number, parts.entries, parts.rng
-        )
+        known = parts.arena.super_model, entry, number, parts.entries
+        if parts.weights is not None:
+            probability, others = parts.weights.alternatives(*known)
+        else:
+            probability, others = alternatives(*known, parts.rng)
         weight = weight_of_member(parts, entry, number, given)
         rows.append(finding_row(parts, estimate, k, number, probability, others, weight))
         rivals.append((number, others))

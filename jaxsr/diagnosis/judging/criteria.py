@@ -63,7 +63,7 @@ def penalties(super_model: SuperModel, entries: Sequence[Entry]) -> np.ndarray:
 
 
 def without_duplicates(super_model: SuperModel, entries: Sequence[Entry]) -> list[Entry]:
-    """Leave out entries whose effect a wrong value reproduces exactly (CONTRACT.md, section 4)."""
+    """Leave out entries whose effect a wrong value reproduces exactly (docs/mechanisms.md)."""
     wrong = [
         e
         for e in entries

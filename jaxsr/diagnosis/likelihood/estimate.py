@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,9 +18,15 @@ SETTLED = 0.3
 """Step of a constant, in its posterior deviation, that ends the iteration."""
 HALVED = (1.0, 0.5, 0.2)
 """Shares of a step that are tried."""
-NEARBY, CALM = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0), 0.5
-"""Sizes of the latent force, in that of the last step, that are tried; change of the log evidence
-that ends the iteration."""
+NEARBY, BARELY, CALM = (0.5, 0.8, 1.0, 1.25, 2.0), (0.5, 1.0, 2.0), 0.5
+"""Sizes of the latent force, in that of the last step, that are tried, and where there was none in
+a quarter of the least; change of the log evidence that ends the iteration, once where the constants
+rest, else twice in a row."""
+BEHIND, CATCHING = 12.0, 0.25
+"""Log evidence behind the best known that leaves a set no say (odds of e^-12), and the share of
+what is missing that a step has to gain where that much is missing."""
+PRESENT = 1.0 / 7.0
+"""Prior odds of one size of the latent force against none: as many sizes share even odds."""
 WORSE, FIRM = 1.0, 4
 """Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
 promise, about paths that are no motion of the model, is not kept."""
@@ -41,11 +48,7 @@ class Belief:
 
     def about(self, theta: np.ndarray) -> Prior:
         """Return the priors of changes from these values."""
-        # A bound that is also where the mechanism vanishes decides about its sign.
-        below, above = np.isclose(self.low, self.mean), np.isclose(self.high, self.mean)
-        side = below.astype(float) - above.astype(float)
-        edge = np.where(below, self.low, np.where(above, self.high, 0.0))
-        return Prior(self.mean - theta, self.deviation, side, edge - theta)
+        return Prior(self.mean - theta, self.deviation, self.low - theta, self.high - theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +65,8 @@ class Scales:
         Of it, in rising order; the first is 0.
     decay : float
         Correlation from sample to sample.
+    decays : tuple of float
+        Others that it may have.
     noise : Noise
     start : ndarray, shape (states,)
         Variances of the states at the start of a piece.
@@ -71,12 +76,16 @@ class Scales:
     size: np.ndarray
     shares: np.ndarray
     decay: float
+    decays: tuple[float, ...]
     noise: Noise
     start: np.ndarray
 
-    def latent(self, local: LocalModel, share: float) -> Latent:
-        """Return the latent force of one size about a linearisation."""
-        return Latent(local.by_constant[..., list(self.forces)], share * self.size, self.decay)
+    def latent(self, local: LocalModel, share: float, decay: float | None = None) -> Latent:
+        """Return the latent force of one size, and one correlation, about a linearisation."""
+        at = list(self.forces)
+        entering, read = local.by_constant[..., at], local.reading_by_constant[..., at]
+        decay = self.decay if decay is None else decay
+        return Latent(entering, share * self.size, decay, read)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +101,12 @@ class Estimate:
     mode : Mode
     settled : bool
         Whether the last step was a small one.
+    local : LocalModel
+        Linearised about the path, at the mode, no constant left to change.
+    latent : Latent
+        Force of that size.
+    decay : float
+        Its correlation from sample to sample.
     """
 
     theta: np.ndarray
@@ -99,19 +114,31 @@ class Estimate:
     share: float
     mode: Mode
     settled: bool
+    local: LocalModel
+    latent: Latent
+    decay: float
+
+    @property
+    def log_evidence(self) -> float:
+        """Of the mode, with the prior odds of its latent force."""
+        return self.mode.log_evidence + np.log(PRESENT) * (self.share > 0.0)
 
 
-def grams(local: LocalModel, scales: Scales, shares: np.ndarray) -> list[Gram]:
-    """Return the Gram matrix of innovations for every size of the latent force."""
+def grams(
+    local: LocalModel, scales: Scales, shares: np.ndarray, decays: Sequence[float] | None = None
+) -> list[Gram]:
+    """Return the Gram matrix of innovations for every size of the latent force.
+
+    Parameters
+    ----------
+    decays : sequence of float, optional
+        Its correlation beside each size; that of `scales` by default.
+    """
     pieces = local.defect.shape[1]
-    systems = [
-        System.of(local, scales.latent(local, share), scales.noise, scales.start)
-        for share in shares
-    ]
-    found = whitened(System.joined(systems))
-    count = found.count // len(systems)
-    lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(systems))]
-    return [replace(Gram.of(found, lane), count=count) for lane in lanes]
+    decays = [scales.decay] * len(shares) if decays is None else decays
+    latent = [scales.latent(local, *choice) for choice in zip(shares, decays, strict=True)]
+    found = whitened(System.of(local, latent, [scales.noise] * len(shares), scales.start))
+    return [Gram.of(found, slice(k * pieces, (k + 1) * pieces)) for k in range(len(shares))]
 
 
 def estimated(
@@ -122,6 +149,7 @@ def estimated(
     helpers: np.ndarray,
     belief: Belief,
     scales: Scales,
+    best: float = -np.inf,
 ) -> Estimate | None:
     """Iterate to the mode of a set; None where its steps are not finite.
 
@@ -136,58 +164,144 @@ def estimated(
         Parameters that stand for a force along an equation and stay where they are.
     belief : Belief
         Of the chosen parameters.
+    best : float
+        Log evidence of the best set known: one that cannot catch up is left as it is.
     """
     size = len(chosen)
     active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
     scales = replace(scales, forces=tuple(active.index(int(j)) for j in helpers))
+    climb = _Climb(problem, chosen, active, belief, best)
+    point = climb.weighed(theta, path, scales, scales.shares)
+    if point is None:
+        return None
+    point, settled = climb.to_the_mode(point, scales)
+    for _ in range(len(scales.decays) - 1):
+        if point.share == 0.0 or left(point.log, 0.0, best):
+            break
+        other = climb.in_other_time(point, scales)
+        if other is None or other[0].log < point.log + CALM:
+            break
+        point, scales = other[0], replace(scales, decay=other[1])
+        point, settled = climb.to_the_mode(point, scales)
+    at_mode = point.local.moved(np.concatenate([point.mode.change, np.zeros(len(active) - size)]))
+    latent = scales.latent(point.local, point.share)
+    known = point.theta, point.path, point.share, point.mode, settled
+    return Estimate(*known, at_mode, latent, scales.decay)
 
-    def weighed(theta: np.ndarray, path: np.ndarray, shares: np.ndarray) -> _Point | None:
+
+@dataclass(frozen=True, eq=False)
+class _Climb:
+    """The way of a set to its mode.
+
+    Attributes
+    ----------
+    problem : Problem
+    chosen : ndarray of int
+        Parameters that are estimated.
+    active : list of int
+        These, and those that stand for latent forces.
+    belief : Belief
+        Of the chosen ones.
+    best : float
+        Log evidence of the best set known.
+    """
+
+    problem: Problem
+    chosen: np.ndarray
+    active: list[int]
+    belief: Belief
+    best: float
+
+    def weighed(
+        self, theta: np.ndarray, path: np.ndarray, scales: Scales, shares: np.ndarray
+    ) -> _Point | None:
+        """Linearise about a path, and weigh sizes of the latent force."""
+        problem = self.problem
         args = problem.simulator, problem.stepping, problem.segments, theta, path
-        local = linearised(*args, active)
+        local = linearised(*args, self.active)
         if not np.isfinite(local.defect).all():
             return None
-        prior = belief.about(theta[chosen])
-        modes = [g.evidence(range(size), prior) for g in grams(local, scales, shares)]
+        return self._judged(theta, path, local, shares, lambda: grams(local, scales, shares))
+
+    def _judged(
+        self,
+        theta: np.ndarray,
+        path: np.ndarray,
+        local: LocalModel,
+        shares: np.ndarray,
+        made: Callable[[], list[Gram]],
+    ) -> _Point | None:
+        prior = self.belief.about(theta[self.chosen])
+        try:
+            modes = [g.evidence(range(len(self.chosen)), prior) for g in made()]
+        except np.linalg.LinAlgError:  # derivatives that are no numbers
+            return None
         logs = np.array([m.log_evidence for m in modes])
         if not np.isfinite(logs).any():
             return None
         logs = np.where(np.isfinite(logs), logs, -np.inf)
+        logs += np.log(PRESENT) * (shares > 0.0)
         return _Point(theta, path, local, shares, modes, logs)
 
-    point = weighed(theta, path, scales.shares)
-    if point is None:
-        return None
-    settled = False
-    for number in range(MOST):
-        change = np.clip(theta[chosen] + point.mode.change, belief.low, belief.high) - theta[chosen]
-        little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
-        local = point.local.moved(np.concatenate([change, np.zeros(len(active) - size)]))
-        latent = scales.latent(point.local, point.share)
-        noise = scales.noise.scaled(point.mode.noise)
-        moved = smoothed(System.of(local, latent, noise, scales.start), len(path))
-        settled = bool(np.all(np.abs(change) <= little))
-        after = None
-        for share in HALVED:
-            nearer = theta.copy()
-            nearer[chosen] += share * change
-            found = weighed(nearer, path + share * moved, _about(point.share, scales.shares))
-            if found is not None and (number < FIRM or found.log > point.log - WORSE):
-                after = found
+    def to_the_mode(self, point: _Point, scales: Scales) -> tuple[_Point, bool]:
+        """Linearise, weigh, smooth, and again; return whether the last step was a small one."""
+        theta, path, belief = point.theta, point.path, self.belief
+        chosen, spare = self.chosen, np.zeros(len(self.active) - len(self.chosen))
+        settled, calm = False, False
+        for number in range(MOST):
+            there = np.clip(theta[chosen] + point.mode.change, belief.low, belief.high)
+            change = there - theta[chosen]
+            little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
+            local = point.local.moved(np.concatenate([change, spare]))
+            latent = scales.latent(point.local, point.share)
+            noise = scales.noise.scaled(point.mode.noise)
+            moved = smoothed(System.of(local, [latent], [noise], scales.start), len(path))
+            settled = bool(np.all(np.abs(change) <= little))
+            shares, after = _about(point.share, scales.shares), None
+            for share in HALVED:
+                nearer = theta.copy()
+                nearer[chosen] += share * change
+                found = self.weighed(nearer, path + share * moved, scales, shares)
+                if found is not None and (number < FIRM or found.log > point.log - WORSE):
+                    after = found
+                    break
+            if after is None:
+                return point, False
+            gain = after.log - point.log
+            point, theta, path = after, after.theta, after.path
+            settled &= abs(gain) < CALM
+            hopeless = number >= FIRM and left(point.log, gain, self.best)
+            if settled or (calm and abs(gain) < CALM) or hopeless:
                 break
-        if after is None:
-            settled = False
-            break
-        settled &= abs(after.log - point.log) < CALM
-        point, theta, path = after, after.theta, after.path
-        if settled:
-            break
-    return Estimate(point.theta, point.path, point.share, point.mode, settled)
+            calm = abs(gain) < CALM
+        return point, settled
+
+    def in_other_time(self, point: _Point, scales: Scales) -> tuple[_Point, float] | None:
+        """Weigh latent forces that keep their sign for longer, or less long, about one path."""
+        others = [d for d in scales.decays if d != scales.decay]
+        sizes = point.share * np.array(NEARBY)
+        shares, decays = np.tile(sizes, len(others)), np.repeat(others, len(sizes))
+        found = self._judged(
+            point.theta,
+            point.path,
+            point.local,
+            shares,
+            lambda: grams(point.local, scales, shares, list(decays)),
+        )
+        return None if found is None else (found, float(decays[found.best]))
+
+
+def left(log: float, gain: float, best: float) -> bool:
+    """Whether a set is so far behind the best, by log evidence, that its last gain is no hope."""
+    return best - log > BEHIND and gain < CATCHING * (best - log)
 
 
 def _about(share: float, shares: np.ndarray) -> np.ndarray:
     """Return sizes of the latent force around one, and none."""
-    least = float(shares[shares > 0.0].min())
-    return np.array([0.0, *(max(share, least / 4.0) * np.array(NEARBY))])
+    least = float(shares[shares > 0.0].min()) / 4.0
+    return np.array(
+        [0.0, *(share * np.array(NEARBY) if share > least else least * np.array(BARELY))]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +313,7 @@ class _Point:
     local: LocalModel
     shares: np.ndarray
     modes: list[Mode]
-    logs: np.ndarray
+    logs: np.ndarray  # log evidence and prior odds
 
     @property
     def best(self) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import log_ndtr
 
 from jaxsr.diagnosis.likelihood.kalman import Whitened
 
@@ -16,26 +16,25 @@ SETTLING = 4
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Independent normal priors of constants, some of them on one side of zero.
+    """Independent normal priors of constants, cut off at their bounds.
 
     Attributes
     ----------
     mean, deviation : ndarray, shape (constants,)
         Of the changes of constants from where the model was linearised.
-    side : ndarray, shape (constants,)
-        1 or -1 where a constant has to stay above or below `edge`, else 0.
-    edge : ndarray, shape (constants,)
+    low, high : ndarray, shape (constants,)
+        Bounds of the changes.
     """
 
     mean: np.ndarray
     deviation: np.ndarray
-    side: np.ndarray
-    edge: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
 
     def of(self, chosen: Sequence[int]) -> Prior:
         """Return the priors of some of the constants."""
         at = list(chosen)
-        return Prior(self.mean[at], self.deviation[at], self.side[at], self.edge[at])
+        return Prior(self.mean[at], self.deviation[at], self.low[at], self.high[at])
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +86,8 @@ class Gram:
         .. math:: \log p = -\tfrac12 \left( N \log 2 \pi k + \log |S| + |v + W c|^2 / k
             + (c - m)' \Lambda (c - m) + \log |W'W/k + \Lambda| - \log |\Lambda| \right)
 
-        at the most probable c; k is the one that fits best. Constants that may not change their
-        sign have the share of the posterior on the right side, over that of the prior.
+        at the most probable c; k is the one that fits best. What lies outside the bounds is no part
+        of the integral: the share of the posterior inside them counts, over that of the prior.
 
         Parameters
         ----------
@@ -107,7 +106,7 @@ class Gram:
             # Scaled by the prior: the identity, and what the data add to it.
             root = prior.deviation / np.sqrt(noise)
             matrix = inner * np.outer(root, root) + np.eye(len(at))
-            factor = np.linalg.cholesky(matrix)
+            factor = _factor(matrix)
             right = -(pull / noise) * prior.deviation + prior.mean / prior.deviation
             change = prior.deviation * _solved(factor, right)
             left = self.products[0, 0] + 2.0 * pull @ change + change @ inner @ change
@@ -123,18 +122,62 @@ class Gram:
         )
         inverse = np.linalg.inv(factor)
         deviation = prior.deviation * np.sqrt((inverse**2).sum(axis=0))
-        log += _on_their_side(change, deviation, prior)
-        return Mode(float(log), change, deviation, noise)
+        log += _inside(change, deviation, prior) - _inside(prior.mean, prior.deviation, prior)
+        root = np.diag(precision) + inner / noise
+        return Mode(float(log), _bounded(change, root, prior), deviation, noise)
+
+
+def _factor(matrix: np.ndarray) -> np.ndarray:
+    """Return the Cholesky factor of the identity and something positive semidefinite.
+
+    Sums over many precise readings are positive up to rounding alone: an eigenvalue below one is
+    one.
+    """
+    try:
+        return np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        if not np.isfinite(matrix).all():
+            raise
+        values, vectors = np.linalg.eigh(matrix)
+        root = np.sqrt(np.maximum(values, 1.0))[:, None] * vectors.T
+        triangle = np.asarray(np.linalg.qr(root, mode="r"))
+        return (triangle * np.sign(np.diag(triangle))[:, None]).T
 
 
 def _solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.linalg.solve(factor.T, np.linalg.solve(factor, right))
 
 
-def _on_their_side(change: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:
-    """Log of the posterior's share on the right side of the edges, over the prior's."""
-    at = prior.side != 0.0
-    side, edge = prior.side[at], prior.edge[at]
-    after = norm.logcdf(side * (change[at] - edge) / deviation[at])
-    before = norm.logcdf(side * (prior.mean[at] - edge) / prior.deviation[at])
-    return float(np.sum(after - before))
+def _inside(mean: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:
+    """Log of the shares of normal distributions that lie inside the bounds."""
+    # By the tails on the side where they are small: a difference of two ones would be noise.
+    low, high = (prior.low - mean) / deviation, (prior.high - mean) / deviation
+    turned = high < -low
+    low, high = np.where(turned, -high, low), np.where(turned, -low, high)
+    above, beyond = log_ndtr(-low), log_ndtr(-high)
+    return float(np.sum(above + np.log1p(-np.exp(np.minimum(beyond - above, -1e-12)))))
+
+
+def _bounded(change: np.ndarray, precision: np.ndarray, prior: Prior) -> np.ndarray:
+    """Return the most probable change inside the bounds: what leaves them is held there.
+
+    Parameters
+    ----------
+    change : ndarray, shape (constants,)
+        The most probable one without bounds.
+    precision : ndarray, shape (constants, constants)
+        Of the posterior.
+    """
+    bounded, held = change, np.zeros(len(change), bool)
+    for _ in range(len(change)):
+        outside = ~held & ((bounded < prior.low) | (bounded > prior.high))
+        if not outside.any():
+            break
+        held |= outside
+        away = np.clip(bounded, prior.low, prior.high)[held] - change[held]
+        free = ~held
+        bounded = change.copy()
+        bounded[held] += away
+        pull = precision[np.ix_(free, held)] @ away
+        bounded[free] -= np.linalg.solve(precision[np.ix_(free, free)], pull)
+    return np.clip(bounded, prior.low, prior.high)

@@ -8,18 +8,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.contest.integration import steady
-from jaxsr.diagnosis.contest.reduced import reduce
-from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated
+from jaxsr.diagnosis.contest.reduced import Reduced, lean
+from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated, left
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
-from jaxsr.diagnosis.likelihood.workspace import Table, Workspace
+from jaxsr.diagnosis.likelihood.switched import switched
+from jaxsr.diagnosis.likelihood.table import Table
+from jaxsr.diagnosis.likelihood.workspace import Workspace, first_noise, start_of
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
+from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.models.least_squares import Problem
+from jaxsr.models.segments import build_segments
 
-WIDEST, SHARPEST, COARSE, FINER = 4.0, 0.015, 4.0, (2.0, 1.4)
-"""Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, by
-a coarse factor, and two finer ones about the best."""
+EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.015, 4.0, (2.0, 1.4)
+"""Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, from
+where the law itself is found; where a rounded one is more probable, by a coarse factor, and two
+finer ones about the best."""
+STANDING = 4.0
+"""Distance from the largest reading, in deviations of the noise, in which a sensor stands at its
+limit."""
 SHARPENED, CLEAR = 0.5, 1.0
 """Log evidence that a sharper jump must gain to be sharpened further, and another noise to be
 taken."""
@@ -45,6 +53,8 @@ class Hypothesis:
     path : ndarray, shape (states of the given model, samples, pieces)
     noise : Noise
         That makes its innovations likeliest.
+    decay : float
+        Correlation of its latent force from sample to sample.
     """
 
     members: tuple[int, ...]
@@ -56,13 +66,15 @@ class Hypothesis:
     path: np.ndarray
     settled: bool
     noise: Noise
+    decay: float
 
 
 def hypothesis(
     work: Workspace,
     table: Table,
     members: Sequence[int],
-    path: np.ndarray | None = None,
+    near: Hypothesis | None = None,
+    best: float = -np.inf,
 ) -> Hypothesis | None:
     """Estimate a set from where the table leads it; None where nothing finite comes of it.
 
@@ -70,54 +82,88 @@ def hypothesis(
     ----------
     members : sequence of int
         Candidates of the super-model.
-    path : ndarray, optional
-        Of the given model's states; what the sensors tell by default.
+    near : Hypothesis, optional
+        Whose constants, path and noise it starts from; what the sensors tell by default.
+    best : float
+        Log evidence that makes a set the best known: one without hope is not followed to its end.
     """
     model = work.super_model
     members = tuple(sorted(members))
     helpers = work.helpers
-    theta = model.switched(members, model.seeded(members, work.theta))
+    fresh = [i for i in members if near is None or i not in near.members]
+    theta = work.theta if near is None else near.theta
+    theta = model.switched(members, model.seeded(fresh, theta))
     chosen = list(model.base_index())
     for i in members:
         chosen += [j for j in model.index(i) if j not in chosen]
-    reduced = reduce(work.problem, model, tuple(sorted({*members, *helpers})))
+    reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
     pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
     belief = _belief(work, table, chosen, theta)
     own = reduced.problem.segments.course.copy()
-    if path is not None:
-        own[: len(path)] = path
-    scales = replace(table.scales, start=work.scales.start[reduced.states])
+    start = start_of(own)
+    start[: len(table.scales.start)] = table.scales.start
+    scales = replace(table.scales, start=start)
+    if near is not None:
+        own[: len(near.path)] = near.path
+        scales = replace(scales, noise=near.noise, decay=near.decay)
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
     sharp = any(model.candidates[i].sharp for i in members)
     values = theta[reduced.parameters]
-    found = _at_its_mode(reduced.problem, sharp, values, own, *places, belief, scales)
+    follow = _Following(*places, belief, best)
+    hidden = beyond_limits(work, members)
+    if hidden.any():
+        values, own = _led_on(reduced.problem, hidden, sharp, values, own, follow, scales)
+    found = _at_its_mode(reduced.problem, sharp, values, own, follow, scales)
     if found is None:
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
-    noise, gain = likeliest(found[0], found[1], places[1], scales)
+    problem, at_mode = found
+    likely, gain = likeliest(at_mode, scales)
     if gain > CLEAR:
-        scales = replace(scales, noise=noise)
-        problem, best = found
-        found = problem, estimated(problem, best.theta, best.path, *places, belief, scales) or best
-    best = found[1]
+        anew = replace(scales, noise=likely, decay=at_mode.decay)
+        after = follow(problem, at_mode.theta, at_mode.path, anew)
+        if after is not None and after.log_evidence > at_mode.log_evidence:
+            at_mode, scales = after, anew
     values = theta.copy()
-    values[reduced.parameters] = best.theta
+    values[reduced.parameters] = at_mode.theta
     names = list(model.model.parameters)
     constants = {
-        names[j]: (float(values[j]), float(best.mode.deviation[k])) for k, j in enumerate(chosen)
+        names[j]: (float(values[j]), float(at_mode.mode.deviation[k])) for k, j in enumerate(chosen)
     }
     known = len(model.given.states)
     return Hypothesis(
         members,
-        best.mode.log_evidence,
-        best.share,
+        at_mode.log_evidence,
+        at_mode.share,
         constants,
         {i: model.names[i] for i in members},
         values,
-        best.path[:known],
-        best.settled,
+        at_mode.path[:known],
+        at_mode.settled,
         scales.noise,
+        at_mode.decay,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Following:
+    """Which parameters are followed to their mode, and with what belief."""
+
+    chosen: np.ndarray
+    helpers: np.ndarray
+    belief: Belief
+    best: float
+
+    def __call__(
+        self, problem: Problem, theta: np.ndarray, path: np.ndarray, scales: Scales
+    ) -> Estimate | None:
+        """Estimate; None where nothing finite comes of it."""
+        with np.errstate(all="ignore"):
+            try:
+                args = self.chosen, self.helpers, self.belief, scales, self.best
+                return estimated(problem, theta, path, *args)
+            except (np.linalg.LinAlgError, FloatingPointError):
+                return None
 
 
 def _at_its_mode(
@@ -125,37 +171,46 @@ def _at_its_mode(
     sharp: bool,
     values: np.ndarray,
     path: np.ndarray,
-    at: np.ndarray,
-    helpers: np.ndarray,
-    belief: Belief,
+    follow: _Following,
     scales: Scales,
 ) -> tuple[Problem, Estimate] | None:
-    """Iterate; jumps from wide to sharp as long as that is more probable, then in finer steps."""
+    """Iterate; jumps rounded first, then exact, then as round as is most probable."""
     tried: dict[float, tuple[Problem, Estimate]] = {}
 
     def better(factor: float, than: float | None) -> bool:
         """Estimate with jumps of some width, from where another one led."""
         begun = (values, path) if than is None else (tried[than][1].theta, tried[than][1].path)
         with np.errstate(all="ignore"):
-            try:
-                stepped = _stepped(problem, factor, *begun, scales)
-                found = estimated(stepped, *begun, at, helpers, belief, scales)
-            except (np.linalg.LinAlgError, FloatingPointError):
-                return False
-        if found is None:
+            stepped = _stepped(problem, factor, *begun, scales)
+        found = None if stepped is None else follow(stepped, *begun, scales)
+        if stepped is None or found is None:
             return False
         tried[factor] = stepped, found
-        before = -np.inf if than is None else tried[than][1].mode.log_evidence
-        return found.mode.log_evidence > before + SHARPENED
+        before = -np.inf if than is None else tried[than][1].log_evidence
+        return found.log_evidence > before + SHARPENED
+
+    def sharpened(at: float) -> bool:
+        """Whether jumps less wide than some are better, and may be sharpened further."""
+        if at <= SHARPEST or not better(at / COARSE, at):
+            return False
+        before, after = (tried[f][1].log_evidence for f in (at, at / COARSE))
+        return not left(after, after - before, follow.best)
 
     if not sharp:
         return tried[1.0] if better(1.0, None) else None
     best = WIDEST
     if not better(best, None):
         return None
-    while best > SHARPEST and better(best / COARSE, best):
+    if better(EXACT, best):
+        exact = tried[EXACT]
+        best = best / COARSE
+        # Where no force is left, none is left of the law's shape.
+        if exact[1].share == 0.0 or not better(best, EXACT):
+            return exact
+    while sharpened(best):
         best /= COARSE
-    for step in FINER:
+    hopeless = left(tried[best][1].log_evidence, 0.0, follow.best)
+    for step in () if hopeless else FINER:
         for factor in (step, 1.0 / step):
             if better(best * factor, best):
                 best *= factor
@@ -165,25 +220,82 @@ def _at_its_mode(
 
 def _stepped(
     problem: Problem, factor: float, theta: np.ndarray, path: np.ndarray, scales: Scales
-) -> Problem:
-    """Widen or sharpen the jumps of a problem, and step it finely enough for that."""
+) -> Problem | None:
+    """Widen or sharpen the jumps of a problem, and step it finely enough for that.
+
+    None where they cannot be switched exactly.
+    """
     stepping = problem.stepping
-    if stepping.widths:
+    if factor == EXACT:
+        exact = switched(problem, theta)
+        if exact is None:
+            return None
+        problem = exact
+    elif stepping.widths:
         widths = tuple(factor * w for w in stepping.widths)
         problem = replace(problem, stepping=replace(stepping, widths=widths))
         problem = steady(problem, theta)
     return resolved(problem, theta, path, scales.noise, scales.start)
 
 
+def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
+    """Return which samples stand at the limit of a sensor that members say it has.
+
+    Returns
+    -------
+    ndarray of bool, shape (outputs, samples, pieces)
+    """
+    outputs = work.narrow.segments.outputs
+    found = np.zeros(outputs.shape, bool)
+    noise = np.sqrt(first_noise(work.prepared).white)
+    for i in members:
+        candidate = work.super_model.candidates[i]
+        for (output, _), spec in zip(candidate.readings, candidate.parameters, strict=False):
+            if isinstance(spec, Threshold):
+                k = work.super_model.given.outputs.index(output)
+                with np.errstate(invalid="ignore"):
+                    found[k] |= np.abs(outputs[k]) > spec.seed - STANDING * noise[k]
+    return found
+
+
+def _led_on(
+    problem: Problem,
+    hidden: np.ndarray,
+    sharp: bool,
+    values: np.ndarray,
+    path: np.ndarray,
+    follow: _Following,
+    scales: Scales,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return constants and the path on which the other samples lead beyond a sensor's limit.
+
+    Along a path that follows a sensor at its limit, one half of the samples would pull it there.
+    """
+    segments = problem.segments
+    outputs = np.where(hidden, np.nan, segments.outputs)
+    blind = replace(problem, segments=replace(segments, outputs=outputs))
+    found = _at_its_mode(blind, sharp, values, path, follow, scales)
+    return (values, path) if found is None else (found[1].theta, found[1].path)
+
+
+def _alone(work: Workspace, members: Sequence[int], theta: np.ndarray) -> Reduced:
+    """Return the problem of the given model with `members` alone; their states run beside."""
+    own = lean(work.super_model, work.narrow.simulator, work.narrow.stepping, members)
+    values, count = theta[own.parameters], own.stepping.substeps
+    model = own.simulator.model
+    segments = build_segments(model, work.prepared, work.rows, count, theta=values)
+    problem = Problem(own.simulator, own.stepping, segments, work.narrow.scale)
+    return Reduced(problem, own.parameters, np.arange(0))
+
+
 def _belief(work: Workspace, table: Table, chosen: Sequence[int], theta: np.ndarray) -> Belief:
     """Beliefs of parameters of the super-model: those of the table, where it has them."""
     names = list(work.super_model.model.parameters)
     parameters = list(work.super_model.model.parameters.values())
-    index = _names_in_table(work, table)
     rows = []
     for j in chosen:
-        if names[j] in index:
-            k, known = index[names[j]], table.belief
+        if names[j] in table.names:
+            k, known = table.names[names[j]], table.belief
             rows.append((known.mean[k], known.deviation[k], known.low[k], known.high[k]))
             continue
         low, high = parameters[j].bounds or (-UNLIMITED, UNLIMITED)
@@ -192,14 +304,3 @@ def _belief(work: Workspace, table: Table, chosen: Sequence[int], theta: np.ndar
         rows.append((value, size, low - 1e-12 * size, high + 1e-12 * size))
     columns = np.array(rows, dtype=float).reshape(-1, 4).T
     return Belief(*columns)
-
-
-def _names_in_table(work: Workspace, table: Table) -> dict[str, int]:
-    """Names of the super-model's parameters to their places among the table's columns."""
-    here = list(work.columns.model.parameters)
-    place = {here[j]: k for k, j in enumerate(table.active)}
-    found = {n: place[n] for n in work.super_model.given.parameters if n in place}
-    for i, there in enumerate(work.place):
-        mine, theirs = work.columns.names[i], work.super_model.names[there]
-        found |= {theirs[own]: place[mine[own]] for own in mine if mine[own] in place}
-    return found

@@ -6,7 +6,8 @@ force and hypotheses are all lanes, so that one pass in time serves all of them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,11 +26,20 @@ class Latent:
         Standard deviations; 0 is a model without error.
     decay : float
         Correlation from one sample to the next.
+    read : ndarray, shape (samples, pieces, outputs, forces), optional
+        How a sensor reads each of them at once, as accelerometers do; not at all by default.
     """
 
     entering: np.ndarray
     scale: np.ndarray
     decay: float
+    read: np.ndarray | None = None
+
+    def of(self, pieces: Sequence[int]) -> Latent:
+        """Return the forces of some of the pieces."""
+        at = list(pieces)
+        read = None if self.read is None else self.read[:, at]
+        return replace(self, entering=self.entering[:, at], read=read)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,36 +84,58 @@ class Whitened:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """State space of one local model with its latent forces; what `whitened` and `smoothed` ask."""
+    """State space of one local model with its latent forces; what `whitened` and `smoothed` ask.
+
+    Lanes are choices of scales and noise times pieces; what no choice changes is kept once.
+
+    Attributes
+    ----------
+    transition : ndarray, shape (steps, pieces, size, size)
+        But for the decay of latent forces and coloured noise.
+    entering : ndarray, shape (steps, pieces, size, 1 + constants)
+    reading : ndarray, shape (samples, pieces, outputs, size)
+    measured : ndarray, shape (samples, pieces, outputs, 1 + constants)
+    seen : ndarray of bool, shape (samples, pieces, outputs)
+    decay : ndarray, shape (choices, 1, size)
+        By which states shrink from sample to sample beside the transition.
+    start, process : ndarray, shape (choices, 1, size)
+        Variances.
+    noise : ndarray, shape (choices, 1, outputs)
+    """
 
     transition: np.ndarray
     entering: np.ndarray
     reading: np.ndarray
     measured: np.ndarray
     seen: np.ndarray
+    decay: np.ndarray
     start: np.ndarray
     process: np.ndarray
     noise: np.ndarray
 
     @staticmethod
-    def of(local: LocalModel, latent: Latent, noise: Noise, start: np.ndarray) -> System:
+    def of(
+        local: LocalModel, latent: Sequence[Latent], noise: Sequence[Noise], start: np.ndarray
+    ) -> System:
         """Join a local model, its latent forces and coloured noise: all are states of one system.
 
         Parameters
         ----------
+        latent : sequence of Latent
+            One a choice; they differ by their scales and decays alone.
+        noise : sequence of Noise
+            One a choice.
         start : ndarray, shape (states,)
             Variances of the states at the start of a piece, about the path.
         """
         steps, pieces, n, p = local.by_constant.shape
-        outputs, m = local.innovation.shape[2], len(latent.scale)
-        coloured = np.flatnonzero(noise.coloured)
+        outputs, m, choices = local.innovation.shape[2], len(latent[0].scale), len(noise)
+        coloured = np.flatnonzero(np.any([v.coloured for v in noise], axis=0))
         known, whole = n + m, n + m + len(coloured)
-        decay = np.concatenate([np.full(m, latent.decay), noise.correlation[coloured]])
-        variance = np.concatenate([latent.scale**2, noise.coloured[coloured]])
         transition = np.zeros((steps, pieces, whole, whole))
         transition[..., :n, :n] = local.by_state
-        transition[..., :n, n:known] = latent.entering
-        transition[..., range(n, whole), range(n, whole)] = decay
+        transition[..., :n, n:known] = latent[0].entering
+        transition[..., range(n, whole), range(n, whole)] = 1.0
         entering = np.zeros((steps, pieces, whole, 1 + p))
         entering[..., :n, 0], entering[..., :n, 1:] = local.defect, local.by_constant
         measured = np.zeros((steps + 1, pieces, outputs, 1 + p))
@@ -112,30 +144,26 @@ class System:
         measured[~seen] = 0.0
         reading = np.zeros((steps + 1, pieces, outputs, whole))
         reading[..., :n] = local.reading
+        if latent[0].read is not None:
+            reading[..., n:known] = latent[0].read
         reading[..., coloured, range(known, whole)] = 1.0
-        process = np.concatenate([np.zeros(n), variance * (1.0 - decay**2)])
+        decay, begun, process = np.ones((choices, whole)), np.zeros((choices, whole)), []
+        for k, (force, sensor) in enumerate(zip(latent, noise, strict=True)):
+            decay[k, n:known], decay[k, known:] = force.decay, sensor.correlation[coloured]
+            variance = np.concatenate([force.scale**2, sensor.coloured[coloured]])
+            begun[k, :n], begun[k, n:] = start, variance
+            kept = np.concatenate([np.full(m, force.decay), sensor.correlation[coloured]])
+            process.append(np.concatenate([np.zeros(n), variance * (1.0 - kept**2)]))
         return System(
             transition,
             entering,
             reading,
             measured,
             seen,
-            np.broadcast_to(np.concatenate([start, variance]), (pieces, whole)),
-            np.broadcast_to(process, (pieces, whole)),
-            np.broadcast_to(noise.white, (pieces, outputs)),
-        )
-
-    @staticmethod
-    def joined(systems: list[System]) -> System:
-        """Put systems of one shape side by side as further lanes."""
-
-        def together(name: str, axis: int) -> np.ndarray:
-            return np.concatenate([getattr(s, name) for s in systems], axis=axis)
-
-        timed = ("transition", "entering", "reading", "measured", "seen")
-        return System(
-            *(together(name, 1) for name in timed),
-            *(together(name, 0) for name in ("start", "process", "noise")),
+            decay[:, None],
+            begun[:, None],
+            np.array(process)[:, None],
+            np.array([v.white for v in noise])[:, None],
         )
 
 
@@ -143,57 +171,73 @@ def whitened(system: System) -> Whitened:
     r"""Turn residuals and derivatives into independent innovations.
 
     The gains of the filter do not depend on the constants, so that innovations are linear in
-    them: v(c) = v(0) + W c. Readings of a sample are taken in one after the other.
+    them: v(c) = v(0) + W c. Readings of a sample are taken in one after the other. Spread and mean
+    lie side by side in one array, `both`: what reads the one reads the other.
 
     References
     ----------
     Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), 3.4.
     """
-    times, lanes, outputs, width = system.measured.shape
-    mean = np.zeros((lanes, system.start.shape[1], width))
-    spread = _diagonal(system.start)
+    times, pieces, outputs, width = system.measured.shape
+    choices, size = len(system.start), system.start.shape[2]
+    both = np.zeros((choices, pieces, size, size + width))
+    both[..., :size] = _diagonal(system.start)
     process = _diagonal(system.process)
-    rows = np.zeros((times, outputs, lanes, width))
-    variances = np.ones((times, outputs, lanes))
+    shrinking = bool((system.decay != 1.0).any())
+    shrunk = np.ones((choices, 1, size, size + width))
+    shrunk[..., :size] = system.decay[..., :, None] * system.decay[..., None, :]
+    shrunk[..., size:] = system.decay[..., :, None]
+    taken = np.zeros((times, pieces, outputs, 1, size + width))
+    taken[..., 0, size:] = system.measured
+    seen = system.seen.astype(float)
+    rows = np.zeros((times, outputs, choices, pieces, width))
+    variances = np.ones((times, outputs, choices, pieces))
     for t in range(times):
         for k in range(outputs):
-            h, seen = system.reading[t, :, k], system.seen[t, :, k]
-            cross = (spread @ h[..., None])[..., 0]
-            variance = (cross * h).sum(-1) + system.noise[:, k]
-            left = system.measured[t, :, k] - (h[:, None] @ mean)[:, 0]
-            rows[t, k] = left * seen[:, None]
-            variances[t, k] = np.where(seen, variance, 1.0)
-            gain = cross * (seen / variance)[:, None]
-            mean = mean + gain[..., None] * left[:, None]
-            spread = spread - gain[..., None] * cross[:, None]
+            h = system.reading[t, :, k]
+            read = h[:, None] @ both
+            cross = read[..., 0, :size]
+            variance = (cross * h).sum(-1) + system.noise[..., k]
+            read = read - taken[t, :, k]
+            rows[t, k] = read[..., 0, size:]
+            variances[t, k] = variance
+            gain = cross * (seen[t, :, k] / variance)[..., None]
+            both -= gain[..., None] * read
         if t + 1 < times:
             move = system.transition[t]
-            mean = move @ mean + system.entering[t]
-            spread = move @ spread @ move.swapaxes(-1, -2) + process
-            spread = 0.5 * (spread + spread.swapaxes(-1, -2))
+            both = move @ both
+            spread = both[..., :size] @ move.swapaxes(-1, -2)
+            if shrinking:
+                both *= shrunk
+                spread *= shrunk[..., :size]
+            both[..., size:] += system.entering[t]
+            both[..., :size] = 0.5 * (spread + spread.swapaxes(-1, -2)) + process
+    shown = system.seen.transpose(0, 2, 1)[:, :, None]
+    variances = np.where(shown, variances, 1.0)
     variances = np.where(variances > 0.0, variances, np.nan)  # digits were lost: no answer
-    rows /= np.sqrt(variances)[..., None]
+    rows *= -(shown / np.sqrt(variances))[..., None]
     return Whitened(
-        rows.transpose(2, 0, 1, 3).reshape(lanes, times * outputs, width),
-        np.log(variances).sum(axis=(0, 1)),
+        rows.transpose(2, 3, 0, 1, 4).reshape(choices * pieces, times * outputs, width),
+        np.log(variances).sum(axis=(0, 1)).reshape(-1),
         int(system.seen.sum()),
     )
 
 
 def smoothed(system: System, states: int) -> np.ndarray:
-    """Return the smoothed deviations from the path, shape (states, samples, lanes).
+    """Return the smoothed deviations from the path, shape (states, samples, pieces).
 
-    The state at every sample given all of a lane's samples, by the backward recursion of the
-    score: d_t|all = d_t|t-1 + P_t|t-1 r_t.
+    Of a system of one choice: the state at every sample given all samples of a piece, by the
+    backward recursion of the score: d_t|all = d_t|t-1 + P_t|t-1 r_t.
 
     References
     ----------
     Durbin and Koopman, Time Series Analysis by State Space Methods (2012), 4.4 and 6.4.
     """
     times, lanes, outputs, _ = system.measured.shape
-    size = system.start.shape[1]
-    mean, spread = np.zeros((lanes, size)), _diagonal(system.start)
-    process = _diagonal(system.process)
+    size = system.start.shape[2]
+    mean, spread = np.zeros((lanes, size)), np.repeat(_diagonal(system.start[0]), lanes, axis=0)
+    process, noise = _diagonal(system.process[0]), system.noise[0]
+    moves = system.transition * system.decay[0, 0][:, None]
     means = np.zeros((times, lanes, size))
     spreads = np.zeros((times, lanes, size, size))
     lefts = np.zeros((times, outputs, lanes))
@@ -203,14 +247,14 @@ def smoothed(system: System, states: int) -> np.ndarray:
         for k in range(outputs):
             h, seen = system.reading[t, :, k], system.seen[t, :, k]
             cross = (spread @ h[..., None])[..., 0]
-            variance = (cross * h).sum(-1) + system.noise[:, k]
+            variance = (cross * h).sum(-1) + noise[:, k]
             left = system.measured[t, :, k, 0] - (h * mean).sum(-1)
             gain = cross * (seen / variance)[:, None]
             lefts[t, k], gains[t, k] = np.where(seen, left / variance, 0.0), gain
             mean = mean + gain * left[:, None]
             spread = spread - gain[..., None] * cross[:, None]
         if t + 1 < times:
-            move = system.transition[t]
+            move = moves[t]
             mean = (move @ mean[..., None])[..., 0] + system.entering[t, ..., 0]
             spread = move @ spread @ move.swapaxes(-1, -2) + process
             spread = 0.5 * (spread + spread.swapaxes(-1, -2))
@@ -218,7 +262,7 @@ def smoothed(system: System, states: int) -> np.ndarray:
     score = np.zeros((lanes, size))
     for t in reversed(range(times)):
         if t + 1 < times:
-            score = (score[:, None] @ system.transition[t])[:, 0]
+            score = (score[:, None] @ moves[t])[:, 0]
         for k in reversed(range(outputs)):
             h = system.reading[t, :, k] * system.seen[t, :, k, None]
             pulled = lefts[t, k] - (gains[t, k] * score).sum(-1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -43,6 +43,11 @@ class LocalModel:
     innovation: np.ndarray
     reading: np.ndarray
     reading_by_constant: np.ndarray
+
+    def of(self, pieces: Sequence[int]) -> LocalModel:
+        """Return the model of some of the pieces."""
+        at = list(pieces)
+        return LocalModel(*(getattr(self, part.name)[:, at] for part in fields(self)))
 
     def moved(self, change: np.ndarray) -> LocalModel:
         """Return the model with its constants changed, and none of them left to change."""

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
-from jaxsr.diagnosis.likelihood.workspace import Table, Workspace, in_columns, tabled
+from jaxsr.diagnosis.likelihood.proposals import exclusive, pairs, swaps
+from jaxsr.diagnosis.likelihood.table import Table, tabled
+from jaxsr.diagnosis.likelihood.workspace import Workspace
 
 TRIED = 6
 """Proposals that are estimated about one leader."""
+MEMORIES = 3
+"""The same of those with states of their own."""
 PROMISING = 2.0
 """Log evidence that a proposal must promise about the leader's path, its prior odds included."""
+SWAPPED, RIVAL, PAIRED = 3, 12.0, 2
+"""Sets with one member exchanged that are estimated about one leader, how far behind it they may
+promise to be, and sets with a pair that shows only together."""
 MOST_MEMBERS = 4
 PEAKED = 2.0
 """Deviations by which static friction may be estimated below sliding friction."""
@@ -49,6 +56,11 @@ class State:
             return -np.inf
         return found.log_evidence - len(found.members) * np.log(self.offered)
 
+    def needed(self, known: dict[Members, Hypothesis | None], members: Members) -> float:
+        """Log evidence that would make a set the most probable of those known."""
+        most = max(self.log_posterior(h) for h in known.values() if h is not None)
+        return most + len(members) * np.log(self.offered)
+
     @property
     def offered(self) -> int:
         """How many mechanisms at how many places there are; variants count as one."""
@@ -77,71 +89,74 @@ def believable(work: Workspace, found: Hypothesis) -> bool:
 
 def begun(work: Workspace) -> tuple[State, Table]:
     """Estimate re-calibration alone."""
-    path = work.narrow.segments.course
-    table = tabled(work, in_columns(work, work.theta), path)
-    null = hypothesis(work, table, ())
-    return State(work, {(): null}), table
+    table = tabled(work, work.theta, work.narrow.segments.course)
+    return State(work, {(): hypothesis(work, table, ())}), table
 
 
-def search(
-    work: Workspace,
-    others: Sequence[int] = (),
-    stop: Callable[[], bool] = lambda: False,
-) -> State:
-    """Grow the leading set until nothing that was offered adds to it.
-
-    Parameters
-    ----------
-    others : sequence of int
-        Candidates with states of their own, the most promising first.
-    """
+def search(work: Workspace, stop: Callable[[], bool] = lambda: False) -> State:
+    """Grow the leading set until nothing that was offered adds to it."""
     state, table = begun(work)
     if state.known[()] is None:
         return state
     while not stop() and state.leader.members not in state.grown:
-        state = step(state, table, others, stop)
+        state = step(state, table, stop)
     return state
 
 
-def step(state: State, table: Table, others: Sequence[int], stop: Callable[[], bool]) -> State:
-    """Estimate what promises most about the leader's path."""
+def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -> State:
+    """Estimate what promises most about the leader's path, beside the leader's noise.
+
+    Parameters
+    ----------
+    table : Table
+        Whose beliefs all hypotheses share: evidences are compared under one prior.
+    """
     work, leader = state.work, state.leader
-    here = (
-        table if not leader.members else tabled(work, in_columns(work, leader.theta), leader.path)
-    )
+    here = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
     known = dict(state.known)
     proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
-    if len(leader.members) <= 1:
-        proposed += [(i,) for i in others]
     proposed += [tuple(m for m in leader.members if m != i) for i in leader.members]
+    every, size = work.super_model, np.log(state.offered)
+    proposed += swaps(every, here, leader.members, SWAPPED, RIVAL)
+    proposed += pairs(every, here, leader.members, PAIRED, PROMISING + size)
     if len(leader.members) >= MOST_MEMBERS:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
     for members in proposed:
         members = tuple(sorted(members))
         if members in known or stop():
             continue
-        known[members] = hypothesis(work, table, members, path=leader.path)
+        known[members] = hypothesis(work, table, members, leader, state.needed(known, members))
     return replace(state, known=known, grown=state.grown | {leader.members})
 
 
 def _additions(state: State, table: Table, leader: Hypothesis) -> list[int]:
-    """Candidates of the super-model by what they promise beside a set, the best first."""
-    work = state.work
-    theta = in_columns(work, leader.theta)
-    own = [i for i, place in enumerate(work.place) if place in leader.members]
-    base = list(range(len(work.columns.base_index())))
-    for i in own:
-        base += [k for k in table.own[i] if k not in base]
-    before = table.best(base, theta)
+    """Candidates by what they promise beside a set, the best first.
+
+    Those with states of their own have turns of their own: at the first values of their inner
+    constants they promise less than they keep.
+    """
+    candidates = state.work.super_model.candidates
+    base = list(table.base)
+    for i in leader.members:
+        base += [k for k in table.own.get(i, ()) if k not in base]
+    before = table.best(base)
     promised = []
     for i, columns in table.own.items():
         further = [k for k in columns if k not in base]
-        if i in own or not further:
+        if i in leader.members or not further:
             continue
-        gain = table.best([*base, *further], theta) - before - np.log(state.offered)
+        if exclusive(state.work.super_model, (*leader.members, i)):
+            continue
+        gain = table.best([*base, *further]) - before - np.log(state.offered)
         if gain > PROMISING or not leader.members:
-            promised.append((gain, work.place[i]))
+            promised.append((gain, i))
     best: dict[str, int] = {}  # variants of a mechanism differ by their start alone
     for _, i in sorted(promised, reverse=True):
-        best.setdefault(work.super_model.candidates[i].label, i)
-    return list(best.values())[:TRIED]
+        best.setdefault(candidates[i].label, i)
+    plain = [i for i in best.values() if not candidates[i].states][:TRIED]
+    memories = [i for i in best.values() if candidates[i].states][:MEMORIES]
+    # Readings that stand still at a limit ask for one: its column is nothing along such readings.
+    clipped = [i for i in table.own if candidates[i].mechanism == "clipping"]
+    return list(
+        dict.fromkeys([*plain, *memories, *(i for i in clipped if i not in leader.members)])
+    )

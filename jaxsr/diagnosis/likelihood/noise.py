@@ -8,55 +8,50 @@ import numpy as np
 
 from jaxsr.diagnosis.likelihood.estimate import Estimate, Scales
 from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
-from jaxsr.diagnosis.likelihood.local import linearised
-from jaxsr.models.least_squares import Problem
 
 CORRELATIONS = (0.0, 0.5, 0.8, 0.95)
 SIZES = (0.5, 1.0, 2.0)
 WHITE = 0.02
 """White part of a coloured noise: no sensor knows its next value."""
-ROUNDS = 2
+ROUNDS, PIECES = 2, 4
 
 
-def likeliest(
-    problem: Problem, found: Estimate, helpers: np.ndarray, scales: Scales
-) -> tuple[Noise, float]:
+def likeliest(found: Estimate, scales: Scales) -> tuple[Noise, float]:
     """Return the noise that makes the innovations of an estimate most likely, and what it gains.
 
     Variances and correlations of one sensor are tried side by side, those of the others held, in
-    `ROUNDS` rounds; once beside the latent force of the estimate and once without any, which slow
-    noise may be taken for. The gain is one of log likelihood.
-
-    Parameters
-    ----------
-    helpers : ndarray of int
-        Parameters of the problem that stand for a force along an equation.
+    at most `ROUNDS` rounds, on some of the pieces; once beside the latent force of the estimate and
+    once without any, which slow noise may be taken for. The gain is one of log likelihood.
     """
-    scales = replace(scales, forces=tuple(range(len(helpers))))
-    args = problem.simulator, problem.stepping, problem.segments, found.theta, found.path
-    local = linearised(*args, list(helpers))
-    local, pieces = local.moved(np.zeros(len(helpers))), local.defect.shape[1]
-    entering = linearised(*args, list(helpers))
+    count = found.local.defect.shape[1]
+    pieces = sorted({int(k) for k in np.linspace(0, count - 1, min(count, PIECES))})
+    part, force = found.local.of(pieces), found.latent.of(pieces)
     before = scales.noise.scaled(found.mode.noise)
 
     def weighed(share: float, every: list[Noise]) -> np.ndarray:
-        latent = scales.latent(entering, share)
-        systems = [System.of(local, latent, _coloured(n), scales.start) for n in every]
-        rows = whitened(System.joined(systems))
+        latent = replace(force, scale=share * scales.size)
+        rows = whitened(System.of(part, [latent] * len(every), every, scales.start))
         score = rows.log_determinant + np.sum(rows.rows[..., 0] ** 2, axis=1)
-        return -0.5 * score.reshape(len(every), pieces).sum(axis=1)
+        return -0.5 * score.reshape(len(every), len(pieces)).sum(axis=1)
 
     best, most = before, float(weighed(found.share, [before])[0])
     start = most
     for share in dict.fromkeys((found.share, 0.0)):
         noise = before
         for _ in range(ROUNDS):
+            begun = noise
             for k in range(len(noise.white)):
-                every = [_with(noise, k, size, rho) for size in SIZES for rho in CORRELATIONS]
-                logs = weighed(share, every)
-                noise = every[int(np.nanargmax(logs))]
+                grid = [(size, rho) for size in SIZES for rho in CORRELATIONS]
+                logs = weighed(share, [_with(noise, k, *choice) for choice in grid])
+                if not np.isfinite(logs).any():
+                    continue
+                size, rho = grid[int(np.nanargmax(logs))]
+                if (size, rho) != (1.0, noise.correlation[k]):
+                    noise = _with(noise, k, size, rho)
                 if np.nanmax(logs) > most:
                     best, most = noise, float(np.nanmax(logs))
+            if noise is begun:
+                break
     return best, most - start
 
 
@@ -68,8 +63,3 @@ def _with(noise: Noise, sensor: int, size: float, correlation: float) -> Noise:
     white[sensor], coloured[sensor] = share * whole, (1.0 - share) * whole
     rho[sensor] = correlation
     return Noise(white, coloured, rho)
-
-
-def _coloured(noise: Noise) -> Noise:
-    """Return the noise with a state for every sensor, so that systems have one shape."""
-    return replace(noise, coloured=np.maximum(noise.coloured, 1e-12 * noise.white))

@@ -2,33 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
+from jaxsr.diagnosis.likelihood.course import Course
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.memory import memory_candidates
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
-from jaxsr.diagnosis.setup import Screened, input_samples, sample_step, state_scale
+from jaxsr.diagnosis.setup import input_samples, sample_step, state_scale
 from jaxsr.models import Model
-from jaxsr.models.segments import Prepared
+
+LOOPS = (0.3, 1.0, 3.0)
+"""First sizes of a hysteresis loop, in units of the first guess."""
 
 
-def offered(
-    model: Model, prepared: Sequence[Prepared], screened: Screened | None
-) -> list[Candidate]:
-    """Return forces, memories and actuators, then faults of sensors and of timing.
+def offered(model: Model, course: Course) -> list[Candidate]:
+    """Return forces, actuators and memories, then faults of sensors and of timing.
 
-    Where the weak view shows no equation, constants that only its residual forces tell have
-    generic values.
+    Ranges and inner constants are those of the motion that re-calibration follows, so that
+    equations of states that no sensor reads are offered as much as others.
     """
-    if screened is not None:
-        forces = list(screened.super_model.candidates)
-    else:
-        forces = force_candidates(
-            model, state_scale(model, prepared), inputs=input_samples(model, prepared)
-        )
+    prepared, step = course.prepared, sample_step(course.prepared)
+    scale = state_scale(model, prepared)
+    forces = force_candidates(model, scale, course.motion, input_samples(model, prepared))
+    memories = [v for c in memory_candidates(model, scale, step) for v in _variants(c)]
     outputs = np.concatenate([p.outputs for p in prepared])
     sensors = sensor_candidates(model, dict(zip(model.outputs, outputs.T, strict=True)))
     duration = max(float(p.time[-1]) for p in prepared)
-    return [*forces, *sensors, *timing_candidates(model, sample_step(prepared), duration)]
+    return [*forces, *memories, *sensors, *timing_candidates(model, step, duration)]
+
+
+def _variants(candidate: Candidate) -> Iterator[Candidate]:
+    """Yield a hysteresis with loops of several first sizes; others as they are."""
+    if candidate.mechanism != "hysteresis":
+        yield candidate
+        return
+    for size in LOOPS:
+        yield replace(
+            candidate,
+            parameters=tuple(
+                replace(p, neutral=size * p.neutral) if p.name in ("b", "g") else p
+                for p in candidate.parameters
+            ),
+        )

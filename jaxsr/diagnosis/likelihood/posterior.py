@@ -8,21 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
+from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.evidence import Mode, Prior
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.loop import State, search
 from jaxsr.diagnosis.likelihood.offered import offered
-from jaxsr.diagnosis.likelihood.workspace import Workspace, in_columns, tabled
+from jaxsr.diagnosis.likelihood.table import tabled
+from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.setup import Screened, sample_step
+from jaxsr.diagnosis.setup import Screened
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 
-FROM_SCREEN = 3
-"""Candidates whose effect is no column, taken from the leading sets of the weak view."""
-UNSEEN = 10.0
-"""Samples for which a force that nobody knows keeps its sign, where no weak view tells better."""
 CERTAIN = 1e-6
 """Deviation of a value held as given, in that of its belief."""
 ODDS = 3.0
@@ -42,12 +40,15 @@ class Posterior:
         Over what was estimated.
     wrong : tuple of WrongValue
         Where nothing is missing.
+    finished : bool
+        Whether everything was looked at that could be added to the leading set.
     """
 
     candidates: tuple[Candidate, ...]
     hypotheses: tuple[Hypothesis, ...]
     probabilities: np.ndarray
     wrong: tuple[WrongValue, ...] = ()
+    finished: bool = False
 
     @staticmethod
     def of(state: State) -> Posterior:
@@ -57,7 +58,10 @@ class Posterior:
         logs = np.array([state.log_posterior(h) for h in found])
         weights = np.exp(logs - logs.max(initial=-np.inf))
         return Posterior(
-            state.work.super_model.candidates, tuple(found), weights / max(weights.sum(), 1e-300)
+            state.work.super_model.candidates,
+            tuple(found),
+            weights / max(weights.sum(), 1e-300),
+            finished=found[0].members in state.grown,
         )
 
     @property
@@ -96,16 +100,15 @@ def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
     One after the other is freed, as long as the evidence gains more than the prior odds of one
     parameter among all; a parameter held as given is one that is known for certain.
     """
-    theta = in_columns(work, null.theta)
-    table = tabled(work, theta, null.path)
-    base = list(range(len(work.columns.base_index())))
-    known = table.prior(base, theta)
-    names = list(work.columns.model.parameters)
+    table = tabled(work, null.theta, null.path, null.noise, null.decay)
+    base = list(table.base)
+    known = table.prior(base)
+    names = [n for n in work.super_model.given.free_parameters]
 
     def weighed(free: Sequence[int]) -> Mode:
         certain = [k not in free for k in base]
         deviation = np.where(certain, CERTAIN * known.deviation, known.deviation)
-        prior = Prior(known.mean, deviation, np.zeros(len(base)), np.zeros(len(base)))
+        prior = Prior(known.mean, deviation, known.low, known.high)
         modes = [g.evidence(base, prior) for g in table.grams]
         return max(modes, key=lambda m: m.log_evidence)
 
@@ -120,8 +123,8 @@ def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
         free[k], best = float(expit(odds)), found[k]
     return tuple(
         WrongValue(
-            names[table.active[k]],
-            float(theta[table.active[k]] + best.change[k]),
+            names[k],
+            float(table.value[k] + best.change[k]),
             float(best.deviation[k]),
             probability,
         )
@@ -132,7 +135,7 @@ def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
 def posterior(
     model: Model,
     prepared: Sequence[Prepared],
-    screened: Screened | None,
+    screened: Screened | None = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> Posterior | None:
     """Search by evidence; None where not even re-calibration can be followed.
@@ -141,17 +144,18 @@ def posterior(
     ----------
     model : Model
         The given one.
-    screened : Screened or None
-        What the weak view offers.
     """
-    super_model = SuperModel.build(model, offered(model, prepared, screened))
-    interval = sample_step(prepared)
-    seconds = UNSEEN * interval if screened is None else 0.5 * screened.half_width
-    work = Workspace.build(super_model, prepared, seconds)
-    sets = () if screened is None else screened.screening.sets
-    asked = dict.fromkeys(i for found in sets for i in found.members)
-    others = [i for i in asked if i not in work.place][:FROM_SCREEN]
-    state = search(work, others, stop)
+    course = followed(model, prepared)
+    return None if course is None else posterior_along(model, course, stop)
+
+
+def posterior_along(
+    model: Model, course: Course, stop: Callable[[], bool] = lambda: False
+) -> Posterior | None:
+    """Search by evidence from what re-calibration follows (`followed`)."""
+    super_model = SuperModel.build(model, offered(model, course))
+    work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise)
+    state = search(work, stop)
     null = state.known[()]
     if null is None:
         return None

@@ -65,5 +65,5 @@ def _loss(
     local = replace(local, defect=apart, innovation=nothing)
     steps, pieces, n = apart.shape
     free = Latent(np.zeros((steps, pieces, n, 0)), np.zeros(0), 0.0)
-    rows = whitened(System.of(local, free, noise, start)).rows[..., 0]
+    rows = whitened(System.of(local, [free], [noise], start)).rows[..., 0]
     return 0.5 * float(np.sum(rows**2))

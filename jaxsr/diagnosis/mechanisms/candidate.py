@@ -29,7 +29,7 @@ class ParameterSpec:
     Attributes
     ----------
     name : str
-        As in CONTRACT.md, section 4.
+        As in docs/mechanisms.md.
     unit : str or None
     low, high : float
         Physical limits (friction dissipates: `low` is 0).

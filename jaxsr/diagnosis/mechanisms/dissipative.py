@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Site, inverse_unit
+from jaxsr.models.units import dimension
 
 _FRICTION = "Armstrong-Helouvry, Dupont & Canudas de Wit, Automatica 30 (1994)"
 _VARIES = "Dry friction along {site} depends on the position."
@@ -17,7 +18,7 @@ _VARIES = "Dry friction along {site} depends on the position."
 def dissipative(site: Site) -> Iterator[Candidate]:
     """Yield friction and drag at an equation of motion."""
     v, f = site.state, site.force_unit
-    if site.position is None and site.others:
+    if site.position is None and site.others and not is_speed(site):
         return
 
     def make(name: str, term: str, *specs: ParameterSpec, sentence: str, source: str = _FRICTION):
@@ -78,6 +79,18 @@ def dissipative(site: Site) -> Iterator[Candidate]:
             source="Nayfeh & Mook, Nonlinear Oscillations (1979), section 3.3",
         )
     yield from position_dependent(site)
+
+
+def is_speed(site: Site) -> bool:
+    """Whether a state without a position is a speed: by its unit, else if it changes its sign.
+
+    A motor whose angle nobody needs is written so. A current changes its sign too, and has a
+    unit of its own; levels and temperatures do not.
+    """
+    unit = site.model.units.get(site.state)
+    if unit is not None:
+        return dimension(unit) in (dimension("m/s"), dimension("rad/s"))
+    return site.scale.get(site.state) is not None and site.reverses
 
 
 def position_dependent(site: Site) -> Iterator[Candidate]:

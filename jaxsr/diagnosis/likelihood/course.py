@@ -1,0 +1,148 @@
+"""The motion that re-calibration follows beside forces that nobody knows.
+
+It tells what candidates are made from, whether or not a sensor reads every state: how far states
+go, and what is missing along every equation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
+from jaxsr.diagnosis.likelihood.kalman import System, smoothed
+from jaxsr.diagnosis.likelihood.local import linearised
+from jaxsr.diagnosis.likelihood.table import tabled
+from jaxsr.diagnosis.likelihood.workspace import Workspace, along, in_columns
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.inertial import inertial
+from jaxsr.diagnosis.mechanisms.motion import Motion
+from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.weak_grid import WeakGrid
+from jaxsr.diagnosis.setup import NARROWEST, half_width_of, sample_step, state_scale
+from jaxsr.models import Model
+from jaxsr.models.segments import Prepared
+
+UNSEEN = 10.0
+"""Samples for which a force that nobody knows keeps its sign, where the sensors do not tell."""
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What re-calibration shows.
+
+    Attributes
+    ----------
+    prepared : tuple of Prepared
+        Recordings with the states that re-calibration follows, hidden ones included.
+    null : Hypothesis
+        Re-calibration alone.
+    motion : Motion
+        Signals, and the force that is missing along every equation.
+    seconds : float
+        How long a force that nobody knows keeps its sign.
+    """
+
+    prepared: tuple[Prepared, ...]
+    null: Hypothesis
+    motion: Motion
+    seconds: float
+
+
+def followed(model: Model, prepared: Sequence[Prepared]) -> Course | None:
+    """Re-calibrate beside unknown forces; None where nothing finite comes of it."""
+    width = half_width_of(prepared)
+    seconds = UNSEEN * sample_step(prepared) if width is None else 0.5 * width
+    work = Workspace.build(SuperModel.build(model, _forces(model, prepared)), prepared, seconds)
+    null = hypothesis(work, tabled(work, work.theta, work.narrow.segments.course), ())
+    if null is None:
+        return None
+    known = along(work, null.path)
+    return Course(known, null, _motion(work, null, known, width or 0.0), seconds)
+
+
+def _forces(model: Model, prepared: Sequence[Prepared]) -> list[Candidate]:
+    """Return a constant force along every equation of motion."""
+    sites = sites_of(model, state_scale(model, prepared))
+    return [c for s in sites for c in inertial(s) if c.mechanism == "constant_force"]
+
+
+def _motion(
+    work: Workspace, null: Hypothesis, prepared: Sequence[Prepared], width: float
+) -> Motion:
+    """Return signals along the course, and the smoothed forces, seen through narrow windows."""
+    model = work.columns.given
+    forces, columns = _missing(work, null)
+    narrow = max(width / 3.0, NARROWEST * max(float(np.median(np.diff(p.time))) for p in prepared))
+    grid = WeakGrid.build(model, prepared, narrow)
+    names = [model.time, *model.states, *model.inputs]
+    rows = [[p.time, *p.states.values.T, *p.inputs.T] for p in prepared]
+    signals = {
+        n: np.concatenate(parts) for n, parts in zip(names, zip(*rows, strict=True), strict=True)
+    }
+    residual, basis = {}, {}
+    for k, index in enumerate(work.force_states):
+        state = model.states[index]
+        residual[state] = grid.integrate(_whole(work, prepared, forces[k]))
+        told = (
+            np.stack([_whole(work, prepared, c) for c in columns[k]], -1)
+            if len(columns[k])
+            else None
+        )
+        left, strength = np.zeros((len(residual[state]), 0)), np.zeros(0)
+        if told is not None and len(residual[state]):
+            left, strength, _ = np.linalg.svd(grid.integrate(told), full_matrices=False)
+        basis[state] = left[:, strength > 1e-9 * strength.max(initial=1e-300)]
+    return Motion(
+        signals={**signals, "t": signals[model.time]},
+        recordings=tuple(p.recording.name for p in prepared),
+        edges=grid.edges,
+        integrate=grid.integrate,
+        centre=grid.centre,
+        spacing=narrow / 4.0,
+        residual=residual,
+        basis=basis,
+        inputs={u: grid.integrate(signals[u]) for u in model.inputs},
+    )
+
+
+def _missing(work: Workspace, null: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
+    """Return the smoothed forces, and what re-calibration can do, in units of the forces.
+
+    Returns
+    -------
+    forces : ndarray, shape (forces, samples, pieces)
+    columns : ndarray, shape (forces, free parameters, samples, pieces)
+    """
+    problem, theta = work.narrow, in_columns(work, null.theta)
+    free = list(work.columns.base_index())
+    active = [*work.scales.forces, *free]
+    args = problem.simulator, problem.stepping, problem.segments, theta, null.path
+    local, m = linearised(*args, active), len(work.scales.forces)
+    table = tabled(work, null.theta, null.path, null.noise, null.decay)
+    scales = replace(table.scales, forces=tuple(range(m)))
+    share = null.share or float(scales.shares[1])
+    latent = scales.latent(local, share)
+    system = System.of(local.moved(np.zeros(len(active))), [latent], [scales.noise], scales.start)
+    n = len(null.path)
+    forces = smoothed(system, n + m)[n:]
+    own = [local.by_constant[:, :, s, k] for k, s in enumerate(work.force_states)]
+    columns = np.zeros((m, len(free), *null.path.shape[1:]))
+    for k, s in enumerate(work.force_states):
+        size = np.where(own[k] == 0.0, np.inf, own[k])
+        columns[k, :, :-1] = np.moveaxis(local.by_constant[:, :, s, m:], -1, 0) / size
+    return forces, columns
+
+
+def _whole(work: Workspace, prepared: Sequence[Prepared], pieces: np.ndarray) -> np.ndarray:
+    """Return a signal of the pieces, shape (samples, pieces), along all recordings; else zero."""
+    found = [np.zeros(p.time.size) for p in prepared]
+    segments = work.narrow.segments
+    for k, (r, start, count) in enumerate(
+        zip(segments.recording, segments.start, segments.count, strict=True)
+    ):
+        found[r][start : start + count] = pieces[:count, k]
+    return np.concatenate(found)

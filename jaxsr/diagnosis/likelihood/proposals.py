@@ -1,0 +1,189 @@
+"""What may stand beside or in the place of what: exclusions, swaps, and pairs that show together.
+
+All of it is read off the table of one path: its Gram matrix answers for every set of columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from jaxsr.diagnosis.likelihood.table import Table
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.screening.screen import CONTAINED
+
+CERTAIN = 1e-6
+"""Deviation of a constant held where its mechanism does nothing, in that of its belief."""
+REPEATED = frozenset({"periodic", "external"})
+"""Families of which one site may have several: lines of a spectrum, pushes."""
+LOOKED_AT = 8
+"""Pairs and single columns whose promise is looked at with bounds in account."""
+Members = tuple[int, ...]
+
+
+def exclusive(super_model: SuperModel, members: Sequence[int]) -> bool:
+    """Whether two members cannot both be meant: forms of one law, or one law inside another."""
+    return any(
+        _excluded(super_model.candidates[i], super_model.candidates[j])
+        for i, j in combinations(members, 2)
+    )
+
+
+def _excluded(first: Candidate, second: Candidate) -> bool:
+    if first.site != second.site:
+        return False
+    if first.mechanism != second.mechanism:
+        pair = {first.mechanism, second.mechanism}
+        return any(pair <= group for group in CONTAINED) and not _facing(first, second)
+    return first.family not in REPEATED and not _facing(first, second)
+
+
+def _facing(first: Candidate, second: Candidate) -> bool:
+    """Whether one acts beyond a place and the other below one, as two stops do."""
+
+    def side(of: Candidate) -> str:
+        text = " ".join(template for _, template in of.terms)
+        return "".join(sorted({ramp for ramp in ("Max(", "Min(") if ramp in text}))
+
+    return {side(first), side(second)} == {"Max(", "Min("}
+
+
+def without(table: Table, chosen: Sequence[int], gone: Sequence[int]) -> float:
+    """Return the log evidence of columns, some of them held where they do nothing.
+
+    Parameters
+    ----------
+    chosen : sequence of int
+        Columns, those that are gone included.
+    gone : sequence of int
+    """
+    held = np.isin(np.arange(len(table.value)), list(gone))
+    deviation = np.where(held, CERTAIN * table.belief.deviation, table.belief.deviation)
+    # Zero is where a bound of the belief may be: certainty needs room on both sides of it.
+    low = np.where(held, -np.inf, table.belief.low)
+    high = np.where(held, np.inf, table.belief.high)
+    belief = replace(table.belief, deviation=deviation, low=low, high=high)
+    return replace(table, belief=belief).best(chosen)
+
+
+def swaps(
+    super_model: SuperModel, table: Table, members: Members, most: int, behind: float
+) -> list[Members]:
+    """Return sets with one member exchanged for another mechanism, the most promising first.
+
+    Parameters
+    ----------
+    table : Table
+        About the path of the set.
+    most : int
+        Of the sets that are returned.
+    behind : float
+        Log evidence by which a set may promise less than the one that stands.
+    """
+    base = [*table.base]
+    for i in members:
+        base += [k for k in table.own.get(i, ()) if k not in base]
+    least = table.best(base) - behind
+    promised: list[tuple[float, Members]] = []
+    for gone in members:
+        rest = tuple(i for i in members if i != gone)
+        removed = [k for k in table.own.get(gone, ()) if k not in table.base]
+        for i, columns in table.own.items():
+            further = [k for k in columns if k not in base]
+            changed = tuple(sorted((*rest, i)))
+            if i in members or not further or exclusive(super_model, changed):
+                continue
+            log = without(table, [*base, *further], removed)
+            if log > least:
+                promised.append((log, changed))
+    best: dict[tuple[str, ...], Members] = {}  # forms of a mechanism differ by their start alone
+    for _, changed in sorted(promised, reverse=True):
+        best.setdefault(tuple(super_model.candidates[i].label for i in changed), changed)
+    return list(best.values())[:most]
+
+
+def pairs(
+    super_model: SuperModel, table: Table, members: Members, most: int, least: float
+) -> list[Members]:
+    """Return sets with two further mechanisms that promise more together than any one alone.
+
+    Parameters
+    ----------
+    most : int
+        Of the sets that are returned.
+    least : float
+        Log evidence that the second must add to what the best single one promises.
+    """
+    base = [*table.base]
+    for i in members:
+        base += [k for k in table.own.get(i, ()) if k not in base]
+    owner = {
+        k: i
+        for i, columns in table.own.items()
+        for k in columns
+        if k not in base and i not in members
+    }
+    columns = sorted(owner)
+    if len(columns) < 2:
+        return []
+    single, double = _gains(table, base, columns)
+    found: dict[tuple[str, ...], Members] = {}
+    for place in np.argsort(-double, axis=None):
+        a, b = np.unravel_index(place, double.shape)
+        if double[a, b] < single.max() + least or len(found) == LOOKED_AT:
+            break
+        first, second = owner[columns[a]], owner[columns[b]]
+        grown = tuple(sorted({*members, first, second}))
+        if first != second and not exclusive(super_model, grown):
+            found.setdefault(tuple(super_model.candidates[i].label for i in grown), grown)
+
+    def promised(further: Sequence[int]) -> float:
+        """Log evidence with bounds and other columns of the same mechanisms in account."""
+        own = [k for i in further for k in table.own[i] if k not in base]
+        return table.best([*base, *own])
+
+    alone = [promised([owner[columns[k]]]) for k in np.argsort(-single)[:LOOKED_AT]]
+    together = {grown: promised([i for i in grown if i not in members]) for grown in found.values()}
+    kept = [g for g in together if together[g] > max(alone) + least]
+    return sorted(kept, key=lambda g: -together[g])[:most]
+
+
+def _gains(
+    table: Table, base: Sequence[int], columns: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""Log evidence that single columns, and pairs of them, add to the base.
+
+    With the base eliminated, S and s the posterior precision (scaled by the prior) and the pull of
+    the columns, \tfrac12 (s' S^{-1} s - \log |S|), the noise of the base held.
+
+    Returns
+    -------
+    single : ndarray, shape (columns,)
+    double : ndarray, shape (columns, columns)
+    """
+    prior = table.prior(base)
+    modes = [g.evidence(base, prior) for g in table.grams]
+    best = int(np.argmax([m.log_evidence for m in modes]))
+    products, noise = table.grams[best].products, modes[best].noise
+    deviation = table.belief.deviation
+    scale = deviation / np.sqrt(noise)
+    mean = table.belief.mean - table.value
+    inner = products[1:, 1:] * np.outer(scale, scale) + np.eye(len(deviation))
+    pull = -products[1:, 0] * deviation / noise + mean / deviation
+    at, of = np.array(base), np.array(columns)
+    across = np.linalg.solve(inner[np.ix_(at, at)], inner[np.ix_(at, of)])
+    matrix = inner[np.ix_(of, of)] - inner[np.ix_(of, at)] @ across
+    left = pull[of] - across.T @ pull[at]
+    own = np.maximum(np.diag(matrix), 1.0)
+    single = 0.5 * (left**2 / own - np.log(own))
+    determinant = np.outer(own, own) - matrix**2
+    alike = determinant <= 1e-9 * np.outer(own, own)  # two columns that are one
+    determinant = np.where(alike, 1.0, determinant)
+    square = np.outer(left**2, own)
+    together = (square + square.T - 2.0 * matrix * np.outer(left, left)) / determinant
+    double = 0.5 * (together - np.log(determinant))
+    return single, np.where(alike | np.tri(len(of), dtype=bool), -np.inf, double)

@@ -1,0 +1,174 @@
+"""The decision by evidence, where the recordings leave no doubt about it.
+
+The posterior (`diagnosis.likelihood`) weighs every mechanism that was offered together with a
+latent force on every equation. Where its search came to an end, one set has nearly all of the
+probability and no latent force is left beside it, that set is the answer. Free runs then estimate
+it, what it competes with and re-calibration, for the report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from jaxsr._result import StoppedBy
+from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION, SEVERAL, UNNAMED
+from jaxsr.diagnosis.comparison import opening
+from jaxsr.diagnosis.contest.arena import Arena, in_widths_of_best, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.output_weights import rescaled
+from jaxsr.diagnosis.judging.alternatives import TIE
+from jaxsr.diagnosis.judging.detection import Detection, detect_in_noise
+from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
+from jaxsr.diagnosis.judging.weights import Weights
+from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
+from jaxsr.diagnosis.likelihood.course import followed
+from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior_along
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
+from jaxsr.diagnosis.thinning import thinned
+from jaxsr.models.segments import Prepared
+
+LEFT = 0.1
+"""Size of the latent force beside the answer, in that beside re-calibration alone, up to which
+nothing else is missing: a hundredth of its power."""
+WEIGHING = 0.4
+"""Share of the time left that the posterior may take."""
+MOST = 12_000
+"""Samples times states that the posterior is asked about."""
+FOLLOWINGS = 12.0
+"""Time that the posterior is expected to take, relative to the first re-calibration beside latent
+forces."""
+RIVALS = 4
+"""Sets beside the leading one that the report compares it with."""
+
+Settled = tuple[tuple[Arena, list[Entry], Entry, Detection], float, StoppedBy]
+
+
+def labels_of(found: Posterior, item: Hypothesis) -> frozenset[str]:
+    """Return the labels of a hypothesis' members."""
+    return frozenset(found.candidates[i].label for i in item.members)
+
+
+def weights_of(found: Posterior) -> Weights:
+    """Sum the probabilities of variants of one set."""
+    mass: dict[frozenset[str], float] = {}
+    for item, p in zip(found.hypotheses, found.probabilities, strict=True):
+        labels = labels_of(found, item)
+        mass[labels] = mass.get(labels, 0.0) + float(p)
+    return Weights(mass)
+
+
+def weighed(case: Case) -> Posterior | None:
+    """Return the posterior where it leaves no doubt, None elsewhere."""
+    model = case.simulator.model
+    if case.simulator.function is not None or model.events:
+        return None
+    patience = case.search.share(WEIGHING)
+    case.progress.stage("weighing mechanisms by the evidence of the recordings")
+    begun = patience.elapsed
+
+    def found_in(prepared: Sequence[Prepared]) -> Posterior | None:
+        course = followed(model, prepared)
+        if course is None or FOLLOWINGS * (patience.elapsed - begun) > patience.seconds:
+            return None
+        return posterior_along(model, course, lambda: patience.exhausted)
+
+    found = case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
+    return found if found is not None and beyond_doubt(found) else None
+
+
+def _enough(case: Case) -> tuple[Prepared, ...]:
+    """Return the recordings, long ones thinned: evidence of much less data decides as well."""
+    samples = sum(p.time.size for p in case.prepared) * len(case.simulator.model.states)
+    if samples <= MOST or case.quiet:
+        return case.prepared
+    return thinned(case.simulator.model, [p.recording for p in case.prepared], MOST)[0]
+
+
+def beyond_doubt(found: Posterior) -> bool:
+    """Whether a search that came to its end has one answer, and leaves no force beside it."""
+    leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
+    of, own = weights_of(found).of, labels_of(found, leader)
+    # One more member beside these does not take them away.
+    present = [sum(p for labels, p in of.items() if label in labels) for label in own]
+    sure = min(present, default=of[own]) >= 1.0 - TIE
+    alone = leader.share <= (LEFT * null.share if leader.members else 0.0)
+    return found.finished and leader.settled and alone and sure
+
+
+def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
+    """Return the decision, its horizon in s, and why the search ended.
+
+    None where free runs do not bear it out: the set then follows the recordings no better than
+    re-calibration, or leaves more than the sensors' noise, which the evidence takes for noise.
+    """
+    leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
+    smaller = [h for h in found.hypotheses if set(h.members) < set(leader.members)]
+    rivals = [h for h in found.hypotheses if h is not leader and h.members][:RIVALS]
+    shown = [h for h in dict.fromkeys([leader, *smaller, *rivals]) if h.members]
+    super_model, starts = _starts(case, found, [null, *shown])
+    opened = opening(case, super_model, starts)
+    assert opened is not None  # a horizon of its own was not asked for
+    arena, entry, headline, starts = opened
+    case.compared.tell(super_model, range(len(super_model.candidates)))
+    case.compared.reach(RECALIBRATION, LOCATED, SEVERAL, UNNAMED)
+    arena, entries = _entered(case, arena, entry, starts[1:])
+    null_entry = next(e for e in entries if not e.members)
+    wanted = starts[1][0] if leader.members else ()
+    chosen = next(e for e in entries if e.members == wanted)
+    count = len({c.label for c in found.candidates})
+    detection = detect_in_noise(null_entry, chosen, count)
+    if chosen is not null_entry and not detection.detected:
+        return None
+    if residual_to_noise(arena, chosen) > ABOVE_NOISE:
+        return None
+    return (arena, entries, chosen, detection), headline.seconds, StoppedBy.CONVERGED
+
+
+def _starts(
+    case: Case, found: Posterior, shown: Sequence[Hypothesis]
+) -> tuple[SuperModel, list[Start]]:
+    """Return a super-model of these hypotheses and all that a report compares, and their values."""
+    others, _ = contenders(case, leading_sets(case))
+    own = [found.candidates[i] for i in dict.fromkeys(i for h in shown for i in h.members)]
+    candidates = own + [c for c in others.candidates if c not in own]
+    super_model = SuperModel.build(case.simulator.model, candidates)
+    order = {name: k for k, name in enumerate(super_model.model.parameters)}
+    starts: list[Start] = []
+    for item in shown:
+        theta = neutral_values(super_model)
+        members = tuple(sorted(own.index(found.candidates[i]) for i in item.members))
+        there = {n: n for n in case.simulator.model.parameters if n in item.constants}
+        for i in item.members:
+            here = super_model.names[own.index(found.candidates[i])]
+            there |= {item.names[i][name]: here[name] for name in here}
+        for name, full in there.items():
+            if name in item.constants:
+                theta[order[full]] = item.constants[name][0]
+        starts.append((members, theta))
+    return super_model, starts
+
+
+def _entered(
+    case: Case, arena: Arena, null: Entry, starts: Sequence[Start]
+) -> tuple[Arena, list[Entry]]:
+    """Estimate the sets in free run, every reading weighed by what the leading one leaves."""
+    entries = [null]
+
+    def stop() -> bool:
+        return case.search.exhausted
+
+    for number, (members, start) in enumerate(starts):
+        if number and stop():
+            break
+        case.progress.update(number / len(starts))
+        entries.append(enter(arena, members, start, None, stop))
+        if number == 0:
+            arena, entries = in_widths_of_best(arena, entries)
+            arena, entries = rescaled(arena, entries, stop)
+    if not starts:
+        arena, entries = rescaled(arena, entries, stop)
+    return in_widths_of_best(arena, entries)

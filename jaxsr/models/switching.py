@@ -1,0 +1,380 @@
+r"""Laws that jump, switched exactly inside a step: dry friction that slips, crosses or sticks.
+
+``sign(g)`` with g affine in the states is a mode of the motion: 1 or -1 on either side of the
+surface g = 0, and on it, where the rates of both sides lead back to it, the value between them that
+keeps the state there (Filippov's sliding). A step is taken in parts, from one change of mode to the
+next; each change is located along the step. With f^- and f^+ the rates before and after, G the
+slope of g, and b the derivative of the rates by the value of the sign,
+
+.. math:: d\tau = -\frac{G dx}{G f^-}, \quad dx^+ = dx^- + (f^- - f^+) d\tau, \qquad
+    \sigma = \sigma_0 - \frac{G f(\sigma_0)}{G b}
+
+are the derivatives through a change and the value on the surface. Letting go is continuous.
+
+References
+----------
+Filippov, Differential Equations with Discontinuous Righthand Sides (1988), section 4; Leine and
+Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), section 7.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jaxsr.expressions import Term, evaluate
+from jaxsr.expressions.affine import affine_slope
+from jaxsr.models.directions import Directions, Stages
+from jaxsr.models.field import Field, Point, Row
+from jaxsr.models.jumps import Part
+from jaxsr.models.simulator import Simulator
+from jaxsr.models.steps import METHODS
+from jaxsr.models.transitions import Taken, transition
+
+Array = Any
+MOST_CHANGES = 24
+"""Changes of mode within a substep; what is left of it is then taken in the last mode."""
+LOCATED, SETTLED = 20, 1e-10
+"""Iterations that locate a change, and the share of a substep up to which they do."""
+RESTING, BESIDE = 1e-9, 1e-3
+"""Distance from a surface, in typical ones, within which a state is on it: rounding; and how far,
+in that, it is put beside it."""
+
+
+def switchable(simulator: Simulator) -> tuple[int, ...]:
+    """Return which of the smoothed arguments can be switched exactly: affine in states alone.
+
+    A reading that jumps shows the jump itself, at a sample; that stays rounded.
+    """
+    model, states = simulator.model, set(simulator.model.states)
+    if simulator.function is not None or model.events:
+        return ()
+    read = {n for term in model.reading_terms.values() for n in term.distinct()}
+    found = []
+    for number, argument in enumerate(simulator.smoothed_arguments):
+        shown = any(n.args and n.args[0] == argument for n in read)
+        if (
+            argument.variables <= states
+            and not shown
+            and _slope(model.states, argument) is not None
+        ):
+            found.append(number)
+    return tuple(found)
+
+
+def _slope(states: Sequence[str], argument: Term) -> list[float] | None:
+    """Derivatives of an argument by the states, where they are numbers."""
+    slopes = [affine_slope(argument, s) for s in states]
+    if any(slope is None or not slope.is_constant for slope in slopes):
+        return None
+    return [slope.value for slope in slopes if slope is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class Switches:
+    """Surfaces on which laws jump; asked as `Jumps` are, by `advanced`.
+
+    Attributes
+    ----------
+    field : Field
+        In which the signs are constants, `names`.
+    names : tuple of str
+    slope : ndarray, shape (switches, states)
+        G; a surface is where G x + offset is zero.
+    offset, rest : ndarray, shape (switches,)
+        `rest` is how near to a surface a state is on it.
+    """
+
+    field: Field
+    names: tuple[str, ...]
+    slope: np.ndarray
+    offset: np.ndarray
+    rest: np.ndarray
+
+    @staticmethod
+    def of(field: Field, typical: Array) -> Switches:
+        """Return the switches of a field in which some widths are 0.
+
+        Parameters
+        ----------
+        typical : ndarray, shape (states, samples, segments)
+            Where the states are.
+        """
+        model = field.model
+        arguments = [field.simulator.smoothed_arguments[i] for i in field.switched]
+        nowhere = dict.fromkeys(model.states, 0.0)
+        slope = np.array([_slope(model.states, a) for a in arguments], dtype=float)
+        offset = np.array([float(evaluate(a, nowhere)) for a in arguments])
+        rms = np.sqrt(np.mean(_heights(slope, offset, typical) ** 2, axis=(1, 2)))
+        return Switches(field, field.signs, slope, offset, RESTING * rms)
+
+    def heights(self, x: Array) -> Array:
+        """Distances G x + offset of states, shape (switches, ...)."""
+        return _heights(self.slope, self.offset, x)
+
+    def begun(self, path: Array) -> tuple[Field, Crossings]:
+        """Return the field in the modes of a path's samples, and what becomes of these modes."""
+        start = self.heights(path)
+        modes = np.where(start < 0.0, -1.0, 1.0)
+        resting = (np.abs(start) <= self.rest.reshape(-1, 1, 1)).any(axis=0)
+        return self.field.valued(dict(zip(self.names, modes, strict=True))), Crossings(
+            self, modes, resting
+        )
+
+
+def _heights(slope: Array, offset: Array, x: Array) -> Array:
+    apart = offset.reshape(-1, *([1] * (np.ndim(x) - 1)))
+    return np.tensordot(slope, np.asarray(x), axes=1) + apart
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """Samples in some modes, and which of them leave these before the next one."""
+
+    switches: Switches
+    modes: np.ndarray
+    resting: np.ndarray
+
+    def crossed(self, field: Field, before: Point, after: Point, length: Array) -> Array:
+        """Return where a mode ends between two points, shape (1, ...)."""
+        del field, before
+        over = self.modes * self.switches.heights(np.stack(after.states)) < 0.0
+        return ((over.any(axis=0) | self.resting) & (length > 0.0))[None]
+
+    def through(
+        self,
+        field: Field,
+        to: Directions | None,
+        method: str,
+        x: list[Array],
+        time: Array,
+        length: Array,
+        stages: Callable[[int], Stages],
+    ) -> tuple[list[Array], Array]:
+        """Advance by all substeps, from mode to mode: as `Jumps.through`."""
+        first = stages(0)
+        walk = _Walk(self.switches, field, to, method, x, Point(time, x, first.at(0.0)))
+        for number in range(length.shape[1]):
+            walk.substep(time, length[:, number], stages(number))
+            time = time + length[:, number]
+        return list(walk.x), walk.slopes
+
+
+class _Walk:
+    """States on their way from mode to mode, one below the other: shape (samples, 1)."""
+
+    def __init__(
+        self,
+        switches: Switches,
+        field: Field,
+        to: Directions | None,
+        method: str,
+        x: list[Array],
+        start: Point,
+    ) -> None:
+        self.switches, self.field, self.to, self.method = switches, field, to, method
+        self.model, self.x, self.shape = field.model, np.stack(x), np.shape(x[0])
+        n, height = len(x), switches.heights(np.stack(x))
+        self.signs = np.where(height < 0.0, -1.0, 1.0)
+        self.stuck = np.zeros(height.shape, dtype=bool)
+        self.fresh = np.zeros(height.shape, dtype=bool)  # has just left its surface
+        self.slopes = np.zeros((n, 0 if to is None else to.count, *self.shape))
+        if to is not None:
+            self.slopes[range(n), range(n)] = 1.0
+        for k in range(len(height)):
+            self._settle(k, start, np.abs(height[k]) <= switches.rest[k], arriving=False)
+
+    # What a field is asked by the methods of `steps`.
+    def rates(self, at: Point) -> list[Array]:
+        if not self.stuck.any():
+            return self._signed().rates(at)
+        return self.slopes_at(at)[0]
+
+    def slopes_at(self, at: Point) -> tuple[list[Array], list[Row], Array]:
+        """Return rates, their derivatives, and the values of the signs with those that stick."""
+        rates, rows = self._signed().slopes(at)
+        if not self.stuck.any():
+            return rates, rows, self.signs
+        by = self._by_sign(rows)  # (states, switches, samples, 1)
+        slope, stuck = self.switches.slope, self.stuck
+        matrix = np.einsum("in,nj...->...ij", slope, by)
+        held = np.moveaxis(stuck, 0, -1)
+        matrix = np.where(held[..., :, None] & held[..., None, :], matrix, 0.0)
+        own = np.arange(len(slope))
+        matrix[..., own, own] += ~held
+        f = np.stack(rates)
+        inverse = np.linalg.inv(matrix)
+
+        def moved(value: Array) -> Array:
+            """How the signs that stick answer to a change of the rates."""
+            pull = np.where(stuck, -np.einsum("in,n...->i...", slope, value), 0.0)
+            return np.einsum("...ij,j...->i...", inverse, pull)
+
+        change = moved(f)
+        f = f + np.einsum("nj...,j...->n...", by, change)
+        projected: list[dict[str, Array]] = [dict(row) for row in rows]
+        for name in dict.fromkeys(key for row in rows for key in row):
+            none = np.zeros(self.shape)
+            column = np.stack([row.get(name, 0.0) + none for row in rows])
+            answer = np.einsum("nj...,j...->n...", by, moved(column))
+            for row, entry, extra in zip(projected, column, answer, strict=True):
+                row[name] = entry + extra
+        return list(f), list(projected), self.signs + change
+
+    def substep(self, time: Array, h: Array, stages: Stages) -> None:
+        """Advance by one substep: from change to change, and on to its end."""
+        done = np.zeros(self.shape)
+        for _ in range(MOST_CHANGES):
+            part = Part(stages, time, h, done, np.ones(self.shape))
+            ends, rows = self._stepped(part)
+            over = (self._held(part, ends, 1.0) < 0.0).any(axis=0) & (part.length > 0.0)
+            if not over.any():
+                self._taken(part, ends, rows)
+                return
+            share = self._located(part, over, ends)
+            stop = np.where(over, done + share * (1.0 - done), 1.0)
+            part = Part(stages, time, h, done, stop)
+            self._taken(part, *self._stepped(part))
+            at = part.at(list(self.x), 1.0)
+            which = np.argmin(self._held(part, list(self.x), 1.0), axis=0)
+            for k in range(len(self.signs)):
+                self._change(k, at, over & (which == k))
+            done = np.where(1.0 - stop < SETTLED, 1.0, stop)
+            if not (done < 1.0).any():
+                return
+        part = Part(stages, time, h, done, np.ones(self.shape))
+        self._taken(part, *self._stepped(part))
+
+    def _signed(self) -> Field:
+        return self.field.valued(dict(zip(self.switches.names, self.signs, strict=True)))
+
+    def _by_sign(self, rows: Sequence[Row]) -> Array:
+        none = np.zeros(self.shape)
+        names = self.switches.names
+        return np.stack([np.stack([row.get(name, 0.0) + none for name in names]) for row in rows])
+
+    def _stepped(self, part: Part, slopes: bool | None = None) -> tuple[list[Array], list]:
+        _, step = METHODS[self.method]
+        wanted = self.to is not None if slopes is None else slopes
+        x = list(self.x)
+        return step(_Asked(self), x, part.begin, part.length, part.stages, wanted)
+
+    def _taken(self, part: Part, ends: list[Array], rows: list) -> None:
+        """Make a step that was taken the state, and carry the derivatives along."""
+        if self.to is not None:
+            tableau, _ = METHODS[self.method]
+            taken = [Taken(part.length, rows, part.stages)]
+            by = transition(tableau, self.to, taken, (self.shape[0], self.shape[1]))
+            n = len(ends)
+            moved = np.einsum("ij...,jk...->ik...", by[:, :n], self.slopes)
+            moved[:, n:] += by[:, n:]
+            self.slopes = moved
+        self.x = np.stack(ends)
+
+    def _held(self, part: Part, x: list[Array], share: Array | float) -> Array:
+        """How far each mode is from its end, shape (switches, samples, 1): below 0 it is over.
+
+        Distances are in those at which a state rests, divided by the share of the step where the
+        state has just left the surface: the end that it began with is none.
+        """
+        height = self.switches.heights(np.stack(x)) / (self.switches.rest[:, None, None] + 1e-300)
+        height = self.signs * height
+        with np.errstate(all="ignore"):
+            height = np.where(self.fresh, height / np.maximum(share, 1e-6), height)
+        if not self.stuck.any():
+            return height
+        value = self.slopes_at(part.at(x, share))[2]
+        return np.where(self.stuck, 1.0 - np.abs(value), height)
+
+    def _located(self, part: Part, over: Array, ends: list[Array]) -> Array:
+        """Return the share of a step at which the first mode ends (Illinois method)."""
+
+        def left(share: Array) -> Array:
+            x, _ = self._stepped(part.upto(share), slopes=False)
+            return self._held(part, x, share).min(axis=0)
+
+        low, high = np.zeros(self.shape), np.ones(self.shape)
+        b = self._held(part, ends, 1.0).min(axis=0)
+        # Of one that has just left its surface the distance at the start says nothing.
+        a = np.maximum(self._held(part, list(self.x), 0.0), 0.0)
+        a = np.where(self.fresh, np.inf, a).min(axis=0)
+        a = np.where(np.isfinite(a), a, np.abs(b))
+        share, side = high, np.zeros(self.shape, dtype=bool)
+        for _ in range(LOCATED):
+            before = share
+            with np.errstate(all="ignore"):
+                share = np.nan_to_num(low + (high - low) * a / (a - b), nan=0.5)
+            share = np.clip(share, low, high)
+            if np.where(over, np.abs(share - before), 0.0).max() < SETTLED:
+                break
+            c = left(share)
+            above = c > 0.0
+            again = np.where(above == side, 0.5, 1.0)  # an end that stays twice counts half
+            b, a = np.where(above, again * b, c), np.where(above, c, again * a)
+            side = above
+            low, high = np.where(above, share, low), np.where(above, high, share)
+        return np.where(over, share, 1.0)
+
+    def _change(self, number: int, at: Point, chosen: Array) -> None:
+        """End the mode of one switch: let go, or arrive at the surface."""
+        if not chosen.any():
+            return
+        letting = chosen & self.stuck[number]
+        if letting.any():
+            value = self.slopes_at(at)[2][number]
+            self.signs[number] = np.where(letting, np.sign(value), self.signs[number])
+            self.stuck[number] &= ~letting
+            self.fresh[number] |= letting
+            self._put_on(number, letting, self.signs[number])
+        self._settle(number, at, chosen & ~letting)
+
+    def _put_on(self, number: int, chosen: Array, side: Array) -> None:
+        """Put states on a surface that they are on but for rounding.
+
+        They lie beside it by far less than that: on it, other laws may have no slope.
+        """
+        slope = self.switches.slope[number][:, None, None]
+        apart = self.switches.heights(self.x)[number] - side * BESIDE * self.switches.rest[number]
+        self.x = np.where(chosen, self.x - slope * apart / np.sum(slope**2), self.x)
+
+    def _settle(self, number: int, at: Point, chosen: Array, arriving: bool = True) -> None:
+        """Choose the mode of states that are on a surface: to either side, or along it.
+
+        Derivatives change where a state has arrived there, or stays.
+        """
+        if not chosen.any():
+            return
+        slope = self.switches.slope[number]
+        before, rows, _ = self.slopes_at(at)
+        f = np.stack(before)
+        by = np.stack([row.get(self.switches.names[number], 0.0) + 0.0 * f[0] for row in rows])
+        rate, own = np.tensordot(slope, f, axes=1), np.tensordot(slope, by, axes=1)
+        sign = self.signs[number].copy()
+        up, down = rate + (1.0 - sign) * own, rate - (1.0 + sign) * own
+        with np.errstate(all="ignore"):
+            value = np.nan_to_num(sign - rate / own)
+        sticks = chosen & (up < 0.0) & (down > 0.0)
+        aside = np.where(up > 0.0, 1.0, np.where(down < 0.0, -1.0, sign))
+        after = np.where(sticks, np.clip(value, -1.0, 1.0), aside)
+        if self.to is not None:
+            past = np.einsum("n,nd...->d...", slope, self.slopes)
+            with np.errstate(all="ignore"):
+                late = np.where(rate != 0.0, -past / rate, 0.0)  # d tau
+            change = (sign - after) * by
+            moved = self.slopes + change[:, None] * late[None]
+            self.slopes = np.where(chosen & (sticks | arriving), moved, self.slopes)
+        self.stuck[number] |= sticks
+        self.signs[number] = np.where(chosen, after, sign)
+        self.fresh[number] = np.where(chosen, ~sticks, self.fresh[number])
+        self._put_on(number, chosen, np.where(sticks, sign, after))
+
+
+class _Asked:
+    """A walk as the field that methods of integration ask."""
+
+    def __init__(self, walk: _Walk) -> None:
+        self.rates = walk.rates
+        self.slopes = lambda at: walk.slopes_at(at)[:2]

@@ -1,0 +1,75 @@
+"""Results read back from the folder that a command or `save` wrote."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jaxsr
+
+FALL = """
+[model]
+name = "fall"
+states = ["x", "v"]
+outputs = ["height"]
+[equations]
+x = "v"
+v = "-9.81 - k*v"
+[readings]
+height = "x"
+[parameters]
+k = { value = 0.5, unit = "1/s", bounds = [0.0, 2.0] }
+"""
+
+
+def diagnosed(folder: Path) -> Path:
+    folder.mkdir()
+    document = {
+        "schema": "jaxsr.diagnosis/1",
+        "verdict": "structure",
+        "findings": [{"mechanism": "viscous_damping", "site": "equation:v"}],
+        "fit": {"headline_s": 1.0},
+        "provenance": {},
+    }
+    (folder / "diagnosis.json").write_text(json.dumps(document))
+    (folder / "explained.toml").write_text(FALL)
+    return folder
+
+
+def test_a_diagnosis_reads_back_and_its_model_runs(tmp_path: Path) -> None:
+    found = jaxsr.load(diagnosed(tmp_path / "results"))
+    assert found.verdict == "structure" and found.fit == {"headline_s": 1.0}
+    assert found.sentence == "Physics is missing: viscous damping at equation:v."
+    assert found.model.parameters["k"].value == 0.5
+    assert jaxsr.Simulator(found.model).model is found.model
+
+
+def test_a_discovery_reads_back(tmp_path: Path) -> None:
+    t = np.linspace(0.0, 3.0, 60)
+    decay = jaxsr.Recording("decay", t, {"x": np.exp(-t), "dx": -np.exp(-t)})
+    options = {"states": ["x"], "derivatives": ["dx"], "autonomous": True, "modes": 1}
+    found = jaxsr.discover([decay], seed=0, budget=10.0, **options)
+    found.save(tmp_path / "equations")
+    again = jaxsr.load(tmp_path / "equations")
+    assert again.verdict == found.verdict and again.reason == found.reason
+    assert again.equations == json.loads(json.dumps(found.to_dict()["equations"]))
+    assert again.model.equations == found.model.equations
+
+
+@pytest.mark.parametrize("damage", ["empty", "both", "cut", "other form", "list"])
+def test_a_folder_of_something_else_is_refused_in_a_line(tmp_path: Path, damage: str) -> None:
+    folder = diagnosed(tmp_path / "results")
+    path = folder / "diagnosis.json"
+    if damage == "empty":
+        path.unlink()
+    elif damage == "both":
+        (folder / "discovery.json").write_text("{}")
+    else:
+        texts = {"cut": '{"schema": ', "other form": '{"schema": "x/2"}', "list": "[]"}
+        path.write_text(texts[damage])
+    with pytest.raises(jaxsr.InputError, match="results") as caught:
+        jaxsr.load(folder)
+    assert "\n" not in str(caught.value)
