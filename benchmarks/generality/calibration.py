@@ -50,9 +50,10 @@ from benchmarks.provenance import write
 from jaxsr._files import dump_json
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
 from jaxsr.diagnosis.likelihood.posterior import posterior
-from jaxsr.diagnosis.likelihood.workspace import Workspace, in_columns, tabled
-from jaxsr.diagnosis.setup import prepare, screen_all
-from jaxsr.models import Model, Simulator
+from jaxsr.diagnosis.likelihood.table import tabled
+from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.setup import prepare
+from jaxsr.models import Model
 from jaxsr.recordings import Recording
 
 DRAWS = 40
@@ -90,8 +91,7 @@ def _weighed(rng: np.random.Generator) -> dict[str, Any]:
     constants: dict[str, float] = {}
     if label:
         values, constants, recording = _edited(rng, before, label, base, signal, plain)
-    prepared = prepare(given, [recording])
-    found = posterior(given, prepared, screen_all(Simulator(given), prepared))
+    found = posterior(given, prepare(given, [recording]))
     if found is None:
         raise ArithmeticError("nothing can be followed")
     empty = float(
@@ -142,8 +142,7 @@ def ranks(
 ) -> dict[str, float]:
     """Return the posterior probability below every true constant, under the edit that was drawn."""
     work = workspace(given, recording)
-    path = work.narrow.segments.course
-    table = tabled(work, in_columns(work, work.theta), path)
+    table = tabled(work, work.theta, work.narrow.segments.course)
     candidates = work.super_model.candidates
     sets = [(i,) for i, c in enumerate(candidates) if c.label == label] if label else [()]
     tried = [hypothesis(work, table, members) for members in sets]

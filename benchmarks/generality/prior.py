@@ -11,18 +11,21 @@ from scipy.stats import norm
 from benchmarks.generality.laws import LAWS
 from benchmarks.generality.plant import LEAD, Plant, Signal, readings
 from benchmarks.generality.system import Array, Axis, Constant, Drive, Gauge, System, Values
+from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.offered import offered
-from jaxsr.diagnosis.likelihood.posterior import UNSEEN
-from jaxsr.diagnosis.likelihood.workspace import Table, Workspace, in_columns, tabled
+from jaxsr.diagnosis.likelihood.table import Table, tabled
+from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.setup import prepare, sample_step, screen_all
-from jaxsr.models import Model, Simulator, parse_model
+from jaxsr.diagnosis.setup import prepare
+from jaxsr.models import Model, parse_model
 from jaxsr.recordings import Recording
 
 SAMPLES = 200
 NOISE = 4e-3
 """Of the reading's deviation."""
+FAR = 1e6
+"""Mean of a constant that stands for no limit."""
 LEFT_OUT = ("position_dependent_friction@", "backlash@", "clipping@", "drift@output")
 
 
@@ -91,16 +94,11 @@ class Prior:
 
     def _belief(self, number: int, own: str, value: float) -> tuple[float, float]:
         """Return mean and deviation: those of the table of columns, else by the value itself."""
-        if number in self.work.place:
-            columns, at = self.work.columns, self.work.place.index(number)
-            full = columns.names[at][own]
-            names = list(columns.model.parameters)
-            if full in names and names.index(full) in self.table.active:
-                k = self.table.active.index(names.index(full))
-                belief = self.table.belief
-                # a limit far away is tried at its seed instead
-                if abs(belief.mean[k]) < 1e6:
-                    return float(belief.mean[k]), float(belief.deviation[k])
+        full, belief = self.work.super_model.names[number][own], self.table.belief
+        k = self.table.names.get(full)
+        # a limit far away is tried at its seed instead
+        if k is not None and abs(belief.mean[k]) < FAR:
+            return float(belief.mean[k]), float(belief.deviation[k])
         return value, abs(value) or 1.0
 
 
@@ -129,16 +127,21 @@ def recorded(
 
 
 def workspace(given: Model, recording: Recording) -> Workspace:
-    """Return what the engine works with on a recording."""
-    prepared = prepare(given, [recording])
-    screened = screen_all(Simulator(given), prepared)
-    super_model = SuperModel.build(given, offered(given, prepared, screened))
-    seconds = UNSEEN * sample_step(prepared) if screened is None else 0.5 * screened.half_width
-    return Workspace.build(super_model, prepared, seconds)
+    """Return what the engine works with on a recording.
+
+    Raises
+    ------
+    ArithmeticError
+        Not even re-calibration can be followed.
+    """
+    course = followed(given, prepare(given, [recording]))
+    if course is None:
+        raise ArithmeticError("nothing can be followed")
+    super_model = SuperModel.build(given, offered(given, course))
+    return Workspace.build(super_model, course.prepared, course.seconds, course.null.noise)
 
 
 def prior(given: Model, recording: Recording) -> Prior:
     """Return the prior that the engine has on a motion without any edit."""
     work = workspace(given, recording)
-    table = tabled(work, in_columns(work, work.theta), work.narrow.segments.course)
-    return Prior(work, table)
+    return Prior(work, tabled(work, work.theta, work.narrow.segments.course))
