@@ -26,6 +26,7 @@ from benchmarks.generality.prior import truncated
 from benchmarks.generality.running import answers
 from benchmarks.generality.scoring import (
     calibration_error,
+    common,
     misses,
     scored,
     settled_on,
@@ -189,6 +190,14 @@ def test_scores_stand_side_by_side() -> None:
     text = side_by_side({"evidence": found})
     assert "| mechanism, first | 100 % (2/2) | 0 % (0/2) | +100 |" in text
     assert "system: linkages" in by_group({"evidence": found})
+
+
+def test_engines_are_compared_on_what_all_of_them_answered() -> None:
+    truths = {n: truth_of("arms", "white") for n in "ab"}
+    rows = [row("a", answer("drift", 0.5)), row("b", answer("drift", 0.5)),
+            row("a", answer("drift", 0.5)) | {"engine": "diagnosis"}]  # fmt: skip
+    items = common(scored(truths, rows, SETTLED))
+    assert [(i.engine, i.mark.case) for i in items] == [("evidence", "a"), ("diagnosis", "a")]
 
 
 def test_below_detection_nothing_is_right() -> None:

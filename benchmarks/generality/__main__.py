@@ -20,7 +20,7 @@ from typing import Any
 from benchmarks.generality.engines import BUDGET, ENGINES
 from benchmarks.generality.plan import Ticket, dealt
 from benchmarks.generality.running import answers, begun, gathered, made, run, truth_of
-from benchmarks.generality.scoring import marks, misses, plain, scored, settled_on, table
+from benchmarks.generality.scoring import common, marks, misses, plain, scored, settled_on, table
 from benchmarks.generality.systems import SYSTEMS
 from benchmarks.generality.tables import by_group, missed, side_by_side
 from benchmarks.provenance import write
@@ -41,9 +41,17 @@ def scores(folders: list[Path]) -> tuple[dict[str, Any], str]:
         rows = answers(folder)
         truths = {r["case"]: truth_of(folder, r["case"]) for r in rows}
         items += scored(truths, rows, settled_on())
-    found, wrong = table(items), misses(items)
-    document = {"settled_on": settled_on(), "table": plain(found), "misses": wrong}
-    text = "\n\n".join([side_by_side(found), by_group(found), "Misses", missed(wrong)])
+    found, both, wrong = table(items), common(items), misses(items)
+    document = {
+        "settled_on": settled_on(),
+        "common": plain(table(both)),
+        "table": plain(found),
+        "misses": wrong,
+    }
+    parts = [f"All answers of each engine\n\n{side_by_side(found)}", by_group(found)]
+    if both and len(found) > 1:
+        parts.insert(0, f"Cases that every engine answered\n\n{side_by_side(table(both))}")
+    text = "\n\n".join([*parts, "Misses", missed(wrong)])
     return {**document, "marks": marks(items)}, text
 
 

@@ -135,6 +135,13 @@ def table(items: Sequence[Scored]) -> dict[str, dict[str, Any]]:
     return found
 
 
+def common(items: Sequence[Scored]) -> list[Scored]:
+    """Return the answers to cases that every engine answered: only those can be compared."""
+    engines = {i.engine for i in items}
+    answered = {(i.engine, i.mark.case) for i in items}
+    return [i for i in items if all((e, i.mark.case) in answered for e in engines)]
+
+
 def misses(items: Sequence[Scored]) -> list[dict[str, Any]]:
     """Return every answer that is wrong, with the truth beside it."""
     return [
