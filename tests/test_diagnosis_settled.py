@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from jaxsr._result import Verdict
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis import settled as module
 from jaxsr.diagnosis.judging.weights import Weights
@@ -19,17 +20,17 @@ from tests.test_likelihood_search import MODEL, recorded
 
 @dataclass(frozen=True)
 class Named:
-    """A candidate of which only the label counts."""
+    """A candidate of which only label and verdict count."""
 
     label: str
+    verdict: Verdict = Verdict.STRUCTURE
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """A hypothesis of which only members, latent force and convergence count."""
+    """A hypothesis of which only members and convergence count."""
 
     members: tuple[int, ...]
-    share: float = 0.0
     settled: bool = True
 
 
@@ -40,7 +41,7 @@ class Estimated:
     members: tuple[int, ...]
 
 
-CANDIDATES = (Named("a@x"), Named("a@x"), Named("b@x"), Named("c@y"))
+CANDIDATES = (Named("a@x"), Named("a@x"), Named("b@x"), Named("c@y", Verdict.MEASUREMENT))
 
 
 def found(hypotheses: list[Weighed], probabilities: list[float], finished: bool = True) -> Any:
@@ -53,18 +54,17 @@ def test_variants_of_one_set_share_their_probability() -> None:
     assert mass == {frozenset({"a@x"}): pytest.approx(0.9), frozenset(): pytest.approx(0.1)}
 
 
-def test_what_leaves_doubt_is_not_decided() -> None:
-    null = Weighed((), share=0.05)
-    clear = found([Weighed((0,)), null], [0.95, 0.05])
+def test_what_leaves_doubt_about_the_verdict_is_not_decided() -> None:
+    clear = found([Weighed((0,)), Weighed(())], [0.95, 0.05])
     assert beyond_doubt(clear)
     assert not beyond_doubt(replace(clear, finished=False))
-    assert not beyond_doubt(found([Weighed((0,)), null], [0.7, 0.3]))
-    assert not beyond_doubt(found([Weighed((0,), settled=False), null], [0.95, 0.05]))
-    # with or without one more member beside it, it is there
-    assert beyond_doubt(found([Weighed((0,)), Weighed((0, 3)), null], [0.6, 0.35, 0.05]))
-    # half of the force that nobody knows is still there
-    assert not beyond_doubt(found([Weighed((0,), share=0.025), null], [0.95, 0.05]))
-    assert not beyond_doubt(found([null, Weighed((0,))], [0.95, 0.05]))
+    assert not beyond_doubt(found([Weighed((0,)), Weighed(())], [0.7, 0.3]))
+    assert not beyond_doubt(found([Weighed((0,)), Weighed((3,))], [0.7, 0.3]))
+    assert not beyond_doubt(found([Weighed((0,), settled=False), Weighed(())], [0.95, 0.05]))
+    # another mechanism, or one more beside it, is the same verdict
+    assert beyond_doubt(found([Weighed((0,)), Weighed((2,)), Weighed(())], [0.5, 0.45, 0.05]))
+    assert beyond_doubt(found([Weighed((0,)), Weighed((0, 2)), Weighed(())], [0.5, 0.45, 0.05]))
+    assert not beyond_doubt(found([Weighed((0,)), Weighed((0, 3))], [0.7, 0.3]))
     assert beyond_doubt(found([Weighed(()), Weighed((0,))], [0.95, 0.05]))
 
 

@@ -138,6 +138,7 @@ DIAGNOSIS = (
     "search",
     "laws",
     "comparison",
+    "settled",
     "result",
     "explaining",
     "diagnose",

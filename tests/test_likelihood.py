@@ -7,8 +7,11 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
+from scipy.signal import lfilter
+from scipy.special import comb
 from scipy.stats import multivariate_normal, norm
 
+from jaxsr.diagnosis.likelihood import kalman
 from jaxsr.diagnosis.likelihood.evidence import Gram, Prior, _factor
 from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
@@ -30,7 +33,12 @@ def drawn(seed: int) -> tuple[LocalModel, Latent, Noise, np.ndarray]:
         rng.normal(size=(STEPS + 1, 1, OUTPUTS, STATES)),
         rng.normal(size=(STEPS + 1, 1, OUTPUTS, CONSTANTS)),
     )
-    latent = Latent(rng.normal(size=(STEPS, 1, STATES, FORCES)), np.array([0.7]), 0.8)
+    latent = Latent(
+        rng.normal(size=(STEPS, 1, STATES, FORCES)),
+        np.array([0.7]),
+        0.8,
+        rng.normal(size=(STEPS + 1, 1, OUTPUTS, FORCES)),
+    )
     noise = Noise(rng.uniform(0.1, 0.5, OUTPUTS), np.array([0.0, 0.4]), np.array([0.0, 0.6]))
     return local, latent, noise, rng.uniform(0.5, 2.0, STATES)
 
@@ -51,9 +59,10 @@ def dense(
     for t in range(STEPS + 1):
         states.append(state[:STATES])
         means.append(mean[:STATES])
-        readings.append(local.reading[t, 0] @ state[:STATES])
+        assert latent.read is not None
+        readings.append(local.reading[t, 0] @ state[:STATES] + latent.read[t, 0] @ state[STATES:])
         by = local.reading_by_constant[t, 0]
-        read_means.append(
+        read_means.append(  # the forces' mean is zero
             local.reading[t, 0] @ mean[:STATES] + np.column_stack([np.zeros(OUTPUTS), by])
         )
         if t == STEPS:
@@ -76,8 +85,13 @@ def dense(
     return np.concatenate(means), x @ z.T, np.concatenate(read_means), covariance
 
 
+@pytest.mark.parametrize("few", [0, 2])
 @pytest.mark.parametrize("seed", range(5))
-def test_innovations_have_the_likelihood_of_the_dense_covariance(seed: int) -> None:
+def test_innovations_have_the_likelihood_of_the_dense_covariance(
+    seed: int, few: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Readings of a sample taken in at once, and one after the other."""
+    monkeypatch.setattr(kalman, "FEW", few)
     local, latent, noise, start = drawn(seed)
     found = whitened(System.of(local, [latent], [noise], start))
     _, _, mean, covariance = dense(local, latent, noise, start)
@@ -115,8 +129,10 @@ def test_lanes_do_not_touch_each_other() -> None:
     )
     start = drawings[0][3]
     entering = np.concatenate([d[1].entering for d in drawings], axis=1)
+    read = np.concatenate([d[1].read for d in drawings], axis=1)
     latent = [
-        replace(d[1], entering=entering, scale=d[1].scale * (1 + k)) for k, d in enumerate(drawings)
+        replace(d[1], entering=entering, read=read, scale=d[1].scale * (1 + k))
+        for k, d in enumerate(drawings)
     ]
     noise = [d[2].scaled(1.0 + k) for k, d in enumerate(drawings)]
     noise[1] = replace(noise[1], correlation=np.array([0.0, 0.3]))
@@ -124,7 +140,8 @@ def test_lanes_do_not_touch_each_other() -> None:
     together = whitened(System.of(local, latent, noise, start))
     for choice in range(3):
         for piece in range(3):
-            own = replace(latent[choice], entering=drawings[piece][1].entering)
+            mine = drawings[piece][1]
+            own = replace(latent[choice], entering=mine.entering, read=mine.read)
             alone = whitened(System.of(drawings[piece][0], [own], [noise[choice]], start))
             lane = 3 * choice + piece
             np.testing.assert_allclose(together.rows[lane], alone.rows[0], atol=1e-12)
@@ -181,3 +198,47 @@ def test_the_factor_of_a_matrix_that_rounding_made_indefinite() -> None:
         assert np.allclose(factor, np.tril(factor)) and (np.diag(factor) > 0.0).all()
         error = factor @ factor.T - (np.eye(6) + inner)
         assert np.abs(error).max() < 1e-13 * np.trace(inner) + 1e-9
+
+
+def test_coloured_noise_is_known_by_its_neighbours() -> None:
+    """High differences see the upper end of the spectrum alone."""
+    rng = np.random.default_rng(3)
+    for rho in (0.5, 0.8, 0.95):
+        shock = rng.normal(size=200_000)
+        walk = lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], shock)
+        differences = np.diff(walk, 12)
+        seen = np.mean(differences**2) / comb(24, 12)
+        noise = Noise(np.zeros(1), np.ones(1), np.full(1, rho))
+        assert abs(seen / noise.between_neighbours[0] - 1.0) < 0.1
+
+
+def test_what_stands_above_the_noise_that_a_sensor_can_have_is_no_noise() -> None:
+    rng = np.random.default_rng(4)
+    rows = 10.0 * rng.normal(size=(500, 2))
+    prior = Prior(np.zeros(1), np.ones(1), -NONE * np.ones(1), NONE * np.ones(1))
+    loud = Gram(rows.T @ rows, 0.0, 500).evidence([0], prior)
+    held = Gram(rows.T @ rows, 0.0, 500, loudest=4.0).evidence([0], prior)
+    assert abs(loud.noise / 100.0 - 1.0) < 0.2 and held.noise == 4.0
+    assert held.log_evidence < loud.log_evidence - 1000.0
+
+
+def test_what_lies_beyond_a_bound_is_no_part_of_the_evidence() -> None:
+    """The data ask for a value outside: the integral is over the inside, the mode on the edge."""
+    rng = np.random.default_rng(6)
+    columns = rng.normal(size=(40, 2)) + rng.normal(size=(40, 1))
+    rows = np.column_stack([-columns @ (1.5, 0.4) + 0.3 * rng.normal(size=40), columns])
+    gram = Gram(rows.T @ rows, 0.0, 40)
+    low, high = np.array([-1.0, -NONE]), np.array([1.0, NONE])
+    prior = Prior(np.zeros(2), np.ones(2), low, high)
+
+    def density(b: float, a: float) -> float:
+        left = rows[:, 0] + rows[:, 1:] @ (a, b)
+        weight = norm.pdf(a) * norm.pdf(b) / (2.0 * norm.cdf(1.0) - 1.0)
+        return float(np.exp(-0.5 * (40 * np.log(2.0 * np.pi) + left @ left) + 50.0) * weight)
+
+    wanted = np.log(dblquad(density, -1.0, 1.0, 0.0, 2.0, epsrel=1e-6)[0]) - 50.0
+    got = gram.evidence([0, 1], prior, scaled=False)
+    assert got.log_evidence == pytest.approx(wanted, abs=2e-3)
+    assert got.change[0] == 1.0
+    inner, pull = columns.T @ columns, columns.T @ rows[:, 0]
+    assert got.change[1] == pytest.approx(-(pull[1] + inner[1, 0]) / (inner[1, 1] + 1.0))

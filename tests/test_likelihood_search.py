@@ -91,3 +91,32 @@ def test_a_wrong_value_is_told_from_a_missing_force() -> None:
     (wrong,) = found.wrong
     assert wrong.name == "k"
     assert abs(wrong.value - 6.6) < 4.0 * wrong.deviation
+
+
+def test_a_model_without_free_parameters_is_searched_too() -> None:
+    text = "\n".join(line.split(", bounds")[0] + " }" if "bounds" in line else line
+                     for line in MODEL.splitlines())  # fmt: skip
+    simulator = Simulator(parse_model(text))
+    assert not simulator.model.free_parameters
+    rng = np.random.default_rng(5)
+    prepared = [
+        Prepared.build(simulator.model, recorded(rng, lambda q, v: -0.5 * v * abs(v)))
+        for _ in range(2)
+    ]
+    found = posterior(simulator.model, prepared)
+    assert found is not None
+    (number,) = found.leader.members
+    assert found.candidates[number].mechanism == "quadratic_drag"
+
+
+def test_what_a_neighbouring_set_has_does_nothing_in_a_set_without_it() -> None:
+    """A constant force stays in every model as what stands for unknown forces: at nothing."""
+    rng = np.random.default_rng(7)
+    simulator = Simulator(parse_model(MODEL))
+    runs = [recorded(rng, lambda q, v: 1.5 - 3.0 * q**3) for _ in range(2)]
+    found = posterior(simulator.model, [Prepared.build(simulator.model, r) for r in runs])
+    assert found is not None
+    labels = {found.candidates[i].mechanism for i in found.leader.members}
+    assert labels == {"constant_force", "cubic_stiffness"}
+    alone = [h for h in found.hypotheses if len(h.members) == 1]
+    assert max(h.log_evidence for h in alone) < found.leader.log_evidence - 20.0

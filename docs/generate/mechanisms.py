@@ -31,6 +31,7 @@ PLACES = {
     "parameter": "a fixed parameter",
     "external": "a body, in one window of time",
 }
+WORDS = {"equation": "axis", "input": "input", "output": "sensor", "external": "body"}
 
 
 @cache
@@ -60,7 +61,7 @@ def section(name: str, many: Sequence[Candidate]) -> str:
     lines = [
         f"### `{name}`",
         f'<img src="{image}" alt="{alt}" align="right" width="220">',
-        f"{capital(mechanism_words(name))}: {_sentence(first, place)} It is looked for at {place}.",
+        f"{capital(mechanism_words(name))}: {_sentence(first)} It is looked for at {place}.",
         "\n".join(f"- `{formula}`" for formula in formulas(many)),
         f"*Constants*: {constants(first)}. *Verdict*: "
         f"{VERDICT_TITLES[first.verdict].lower()} (`{first.verdict}`).",
@@ -70,15 +71,15 @@ def section(name: str, many: Sequence[Candidate]) -> str:
     return "\n\n".join(lines)
 
 
-def _sentence(candidate: Candidate, place: str) -> str:
-    text = candidate.sentence.replace("{site}", "the axis" if "equation" in place else "it")
-    return (
-        text.replace(candidate.site, "it")
-        .replace("equation:vj", "another")
-        .replace("equation:h", "the level")[:1]
-        .lower()
-        + text.replace("equation:vj", "another")[1:]
-    )
+def _sentence(candidate: Candidate) -> str:
+    """Return what a candidate means, its place in words, to follow a colon."""
+    kind, _, name = candidate.site.partition(":")
+    place = "level" if name == "h" else WORDS.get(kind, "model")
+    text = re.sub(r"\b[Ss]ensor \{site\}", "{site}", candidate.sentence)
+    text = text.replace("{site}", f"the {place}").replace("equation:vj", "another axis")
+    if candidate.fixed_parameter is not None:
+        text = "the value of a parameter without bounds is wrong."
+    return text[:1].lower() + text[1:]
 
 
 def formulas(many: Sequence[Candidate]) -> list[str]:

@@ -1,16 +1,16 @@
 """The decision by evidence, where the recordings leave no doubt about it.
 
 The posterior (`diagnosis.likelihood`) weighs every mechanism that was offered together with a
-latent force on every equation. Where its search came to an end, one set has nearly all of the
-probability and no latent force is left beside it, that set is the answer. Free runs then estimate
-it, what it competes with and re-calibration, for the report.
+latent force on every equation. Where its search came to an end and nearly all of the probability is
+on sets of one verdict, the most probable of them is the answer. Free runs then estimate it, what it
+competes with and re-calibration, for the report, and must bear it out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from jaxsr._result import StoppedBy
+from jaxsr._result import StoppedBy, Verdict
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION, SEVERAL, UNNAMED
 from jaxsr.diagnosis.comparison import opening
@@ -31,18 +31,15 @@ from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.thinning import thinned
 from jaxsr.models.segments import Prepared
 
-LEFT = 0.1
-"""Size of the latent force beside the answer, in that beside re-calibration alone, up to which
-nothing else is missing: a hundredth of its power."""
-WEIGHING = 0.4
+WEIGHING = 0.5
 """Share of the time left that the posterior may take."""
 MOST = 12_000
 """Samples times states that the posterior is asked about."""
-FOLLOWINGS = 12.0
+FOLLOWINGS = 20.0
 """Time that the posterior is expected to take, relative to the first re-calibration beside latent
 forces."""
-RIVALS = 4
-"""Sets beside the leading one that the report compares it with."""
+RIVALS, TOLD = 4, 1e-3
+"""Sets beside the leading one that the report compares it with, and from which probability on."""
 
 Settled = tuple[tuple[Arena, list[Entry], Entry, Detection], float, StoppedBy]
 
@@ -74,7 +71,7 @@ def weighed(case: Case) -> Posterior | None:
         course = followed(model, prepared)
         if course is None or FOLLOWINGS * (patience.elapsed - begun) > patience.seconds:
             return None
-        return posterior_along(model, course, lambda: patience.exhausted)
+        return posterior_along(model, course, case.screened, lambda: patience.exhausted)
 
     found = case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
     return found if found is not None and beyond_doubt(found) else None
@@ -89,14 +86,19 @@ def _enough(case: Case) -> tuple[Prepared, ...]:
 
 
 def beyond_doubt(found: Posterior) -> bool:
-    """Whether a search that came to its end has one answer, and leaves no force beside it."""
-    leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
-    of, own = weights_of(found).of, labels_of(found, leader)
-    # One more member beside these does not take them away.
-    present = [sum(p for labels, p in of.items() if label in labels) for label in own]
-    sure = min(present, default=of[own]) >= 1.0 - TIE
-    alone = leader.share <= (LEFT * null.share if leader.members else 0.0)
-    return found.finished and leader.settled and alone and sure
+    """Whether a search that came to its end leaves no doubt about the verdict.
+
+    Which mechanism it is may be in doubt all the same: that is what its probability says.
+    """
+    leader = found.leader
+    every = zip(found.hypotheses, found.probabilities, strict=True)
+    same = sum(float(p) for h, p in every if verdicts_of(found, h) == verdicts_of(found, leader))
+    return found.finished and leader.settled and same >= 1.0 - TIE
+
+
+def verdicts_of(found: Posterior, item: Hypothesis) -> frozenset[Verdict]:
+    """Return the verdicts that the members of a hypothesis stand for."""
+    return frozenset(found.candidates[i].verdict for i in item.members)
 
 
 def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
@@ -107,7 +109,8 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     """
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
     smaller = [h for h in found.hypotheses if set(h.members) < set(leader.members)]
-    rivals = [h for h in found.hypotheses if h is not leader and h.members][:RIVALS]
+    every = zip(found.hypotheses, found.probabilities, strict=True)
+    rivals = [h for h, p in every if h is not leader and h.members and p >= TOLD][:RIVALS]
     shown = [h for h in dict.fromkeys([leader, *smaller, *rivals]) if h.members]
     super_model, starts = _starts(case, found, [null, *shown])
     opened = opening(case, super_model, starts)

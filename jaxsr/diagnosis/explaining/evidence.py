@@ -240,6 +240,9 @@ def _considered(parts: Ingredients) -> list[Any]:
 
 
 def _reason(parts: Ingredients, entry: Entry) -> str:
+    if parts.weights is not None:
+        share = parts.weights.share(parts.arena.super_model, entry)
+        return f"Probability {share:.2g} by the evidence of the recordings."
     if entry is parts.chosen:
         if not entry.members:
             return "Re-calibration alone: nothing beats it on held-back blocks."

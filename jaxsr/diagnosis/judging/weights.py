@@ -21,6 +21,10 @@ class Weights:
 
     of: dict[frozenset[str], float]
 
+    def share(self, super_model: SuperModel, entry: Entry) -> float:
+        """Return the probability of one set."""
+        return self.of.get(frozenset(super_model.candidates[i].label for i in entry.members), 0.0)
+
     def alternatives(
         self, super_model: SuperModel, chosen: Entry, number: int, entries: Sequence[Entry]
     ) -> tuple[float, list[Alternative]]:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
 from jaxsr.diagnosis.likelihood.kalman import System, smoothed
 from jaxsr.diagnosis.likelihood.local import linearised
-from jaxsr.diagnosis.likelihood.table import tabled
+from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace, along, in_columns
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.inertial import inertial
@@ -42,6 +42,8 @@ class Course:
         Re-calibration alone.
     motion : Motion
         Signals, and the force that is missing along every equation.
+    size : dict of str to float
+        State to the rms of its net force.
     seconds : float
         How long a force that nobody knows keeps its sign.
     """
@@ -49,6 +51,7 @@ class Course:
     prepared: tuple[Prepared, ...]
     null: Hypothesis
     motion: Motion
+    size: dict[str, float]
     seconds: float
 
 
@@ -61,7 +64,11 @@ def followed(model: Model, prepared: Sequence[Prepared]) -> Course | None:
     if null is None:
         return None
     known = along(work, null.path)
-    return Course(known, null, _motion(work, null, known, width or 0.0), seconds)
+    table = tabled(work, null.theta, null.path, null.noise, null.decay)
+    motion = _motion(work, null, table, known, width or 0.0)
+    sizes = zip(work.force_states, table.scales.size, strict=True)
+    size = {model.states[s]: max(float(v), 1e-300) for s, v in sizes}
+    return Course(known, null, motion, size, seconds)
 
 
 def _forces(model: Model, prepared: Sequence[Prepared]) -> list[Candidate]:
@@ -71,11 +78,11 @@ def _forces(model: Model, prepared: Sequence[Prepared]) -> list[Candidate]:
 
 
 def _motion(
-    work: Workspace, null: Hypothesis, prepared: Sequence[Prepared], width: float
+    work: Workspace, null: Hypothesis, table: Table, prepared: Sequence[Prepared], width: float
 ) -> Motion:
     """Return signals along the course, and the smoothed forces, seen through narrow windows."""
     model = work.columns.given
-    forces, columns = _missing(work, null)
+    forces, columns = _missing(work, null, table)
     narrow = max(width / 3.0, NARROWEST * max(float(np.median(np.diff(p.time))) for p in prepared))
     grid = WeakGrid.build(model, prepared, narrow)
     names = [model.time, *model.states, *model.inputs]
@@ -109,7 +116,7 @@ def _motion(
     )
 
 
-def _missing(work: Workspace, null: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
+def _missing(work: Workspace, null: Hypothesis, table: Table) -> tuple[np.ndarray, np.ndarray]:
     """Return the smoothed forces, and what re-calibration can do, in units of the forces.
 
     Returns
@@ -122,7 +129,6 @@ def _missing(work: Workspace, null: Hypothesis) -> tuple[np.ndarray, np.ndarray]
     active = [*work.scales.forces, *free]
     args = problem.simulator, problem.stepping, problem.segments, theta, null.path
     local, m = linearised(*args, active), len(work.scales.forces)
-    table = tabled(work, null.theta, null.path, null.noise, null.decay)
     scales = replace(table.scales, forces=tuple(range(m)))
     share = null.share or float(scales.shares[1])
     latent = scales.latent(local, share)

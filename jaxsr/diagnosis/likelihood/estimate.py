@@ -25,8 +25,12 @@ rest, else twice in a row."""
 BEHIND, CATCHING = 12.0, 0.25
 """Log evidence behind the best known that leaves a set no say (odds of e^-12), and the share of
 what is missing that a step has to gain where that much is missing."""
+LOUDEST = 4.0
+"""Variance of a sensor's noise in that which neighbouring samples tell: more is not its noise."""
 PRESENT = 1.0 / 7.0
 """Prior odds of one size of the latent force against none: as many sizes share even odds."""
+ROOM = 2e7
+"""Numbers of innovations and their derivatives that are held at once."""
 WORSE, FIRM = 1.0, 4
 """Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
 promise, about paths that are no motion of the model, is not kept."""
@@ -68,6 +72,8 @@ class Scales:
     decays : tuple of float
         Others that it may have.
     noise : Noise
+    told : ndarray, shape (outputs,)
+        Variances of the noise that neighbouring samples tell.
     start : ndarray, shape (states,)
         Variances of the states at the start of a piece.
     """
@@ -78,7 +84,17 @@ class Scales:
     decay: float
     decays: tuple[float, ...]
     noise: Noise
+    told: np.ndarray
     start: np.ndarray
+
+    def allows(self, noise: Noise) -> bool:
+        """Whether neighbouring samples leave room for some noise."""
+        return bool((noise.between_neighbours <= LOUDEST * self.told).all())
+
+    @property
+    def loudest(self) -> float:
+        """Largest factor on the noise that neighbouring samples leave room for."""
+        return LOUDEST * float(np.min(self.told / self.noise.between_neighbours))
 
     def latent(self, local: LocalModel, share: float, decay: float | None = None) -> Latent:
         """Return the latent force of one size, and one correlation, about a linearisation."""
@@ -134,11 +150,16 @@ def grams(
     decays : sequence of float, optional
         Its correlation beside each size; that of `scales` by default.
     """
-    pieces = local.defect.shape[1]
+    pieces, results = local.defect.shape[1], []
     decays = [scales.decay] * len(shares) if decays is None else decays
-    latent = [scales.latent(local, *choice) for choice in zip(shares, decays, strict=True)]
-    found = whitened(System.of(local, latent, [scales.noise] * len(shares), scales.start))
-    return [Gram.of(found, slice(k * pieces, (k + 1) * pieces)) for k in range(len(shares))]
+    choices = list(zip(shares, decays, strict=True))
+    together = max(int(ROOM / (local.innovation.size * (1 + local.by_constant.shape[3]))), 1)
+    for first in range(0, len(choices), together):
+        latent = [scales.latent(local, *c) for c in choices[first : first + together]]
+        found = whitened(System.of(local, latent, [scales.noise] * len(latent), scales.start))
+        lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(latent))]
+        results += [Gram.of(found, lane, scales.loudest) for lane in lanes]
+    return results
 
 
 def estimated(
@@ -269,9 +290,9 @@ class _Climb:
                 return point, False
             gain = after.log - point.log
             point, theta, path = after, after.theta, after.path
-            settled &= abs(gain) < CALM
-            hopeless = number >= FIRM and left(point.log, gain, self.best)
-            if settled or (calm and abs(gain) < CALM) or hopeless:
+            # Two steps without a gain are at the mode, however short deviations are.
+            settled = abs(gain) < CALM and (settled or calm)
+            if settled or (number >= FIRM and left(point.log, gain, self.best)):
                 break
             calm = abs(gain) < CALM
         return point, settled

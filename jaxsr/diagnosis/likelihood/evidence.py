@@ -10,8 +10,10 @@ from scipy.special import log_ndtr
 
 from jaxsr.diagnosis.likelihood.kalman import Whitened
 
-SETTLING = 4
-"""Fixed-point steps for the scale of the noise, which converge by a factor of samples a step."""
+SETTLING, SCALED = 4, 1e-4
+"""Fixed-point steps for the scale of the noise, which converge by a factor of samples a step, and
+the relative step that ends them: of N samples, its square times N is what the log evidence errs by.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,17 +68,21 @@ class Gram:
     products : ndarray, shape (1 + constants, 1 + constants)
     log_determinant : float
     count : int
+    loudest : float
+        Largest factor on all variances.
     """
 
     products: np.ndarray
     log_determinant: float
     count: int
+    loudest: float = np.inf
 
     @staticmethod
-    def of(found: Whitened, lanes: slice) -> Gram:
+    def of(found: Whitened, lanes: slice, loudest: float = np.inf) -> Gram:
         """Sum over the lanes of one choice."""
         rows = found.rows[lanes].reshape(-1, found.rows.shape[-1])
-        return Gram(rows.T @ rows, float(found.log_determinant[lanes].sum()), found.count)
+        determinant = float(found.log_determinant[lanes].sum())
+        return Gram(rows.T @ rows, determinant, found.count, loudest)
 
     def evidence(self, chosen: Sequence[int], prior: Prior, scaled: bool = True) -> Mode:
         r"""Return the mode and the log evidence of a set of constants.
@@ -101,7 +107,7 @@ class Gram:
         at = 1 + np.asarray(chosen, dtype=int)
         inner, pull = self.products[np.ix_(at, at)], self.products[at, 0]
         precision = 1.0 / prior.deviation**2
-        noise, change, factor = 1.0, prior.mean, np.eye(len(at))
+        noise, change, factor, matrix = 1.0, prior.mean, np.eye(len(at)), np.eye(len(at))
         for _ in range(SETTLING if scaled else 1):
             # Scaled by the prior: the identity, and what the data add to it.
             root = prior.deviation / np.sqrt(noise)
@@ -110,8 +116,13 @@ class Gram:
             right = -(pull / noise) * prior.deviation + prior.mean / prior.deviation
             change = prior.deviation * _solved(factor, right)
             left = self.products[0, 0] + 2.0 * pull @ change + change @ inner @ change
+            if left <= 0.0:  # rounding is all that is left of so large columns: no answer
+                return Mode(-np.inf, prior.mean, prior.deviation, 1.0)
+            before = noise
             if scaled:
-                noise = max(float(left) / self.count, 1e-300)
+                noise = min(max(float(left) / self.count, 1e-300), self.loudest)
+            if abs(noise - before) <= SCALED * noise:
+                break
         away = change - prior.mean
         log = -0.5 * (
             self.count * np.log(2.0 * np.pi * noise)
@@ -123,8 +134,7 @@ class Gram:
         inverse = np.linalg.inv(factor)
         deviation = prior.deviation * np.sqrt((inverse**2).sum(axis=0))
         log += _inside(change, deviation, prior) - _inside(prior.mean, prior.deviation, prior)
-        root = np.diag(precision) + inner / noise
-        return Mode(float(log), _bounded(change, root, prior), deviation, noise)
+        return Mode(float(log), _bounded(change, matrix, prior), deviation, noise)
 
 
 def _factor(matrix: np.ndarray) -> np.ndarray:
@@ -155,7 +165,8 @@ def _inside(mean: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:
     turned = high < -low
     low, high = np.where(turned, -high, low), np.where(turned, -low, high)
     above, beyond = log_ndtr(-low), log_ndtr(-high)
-    return float(np.sum(above + np.log1p(-np.exp(np.minimum(beyond - above, -1e-12)))))
+    share = np.exp(np.minimum(beyond, above - 1e-12) - np.maximum(above, -1e300))
+    return float(np.sum(above + np.log1p(-share)))
 
 
 def _bounded(change: np.ndarray, precision: np.ndarray, prior: Prior) -> np.ndarray:
@@ -166,7 +177,7 @@ def _bounded(change: np.ndarray, precision: np.ndarray, prior: Prior) -> np.ndar
     change : ndarray, shape (constants,)
         The most probable one without bounds.
     precision : ndarray, shape (constants, constants)
-        Of the posterior.
+        Of the posterior, scaled by the prior.
     """
     bounded, held = change, np.zeros(len(change), bool)
     for _ in range(len(change)):
@@ -178,6 +189,7 @@ def _bounded(change: np.ndarray, precision: np.ndarray, prior: Prior) -> np.ndar
         free = ~held
         bounded = change.copy()
         bounded[held] += away
-        pull = precision[np.ix_(free, held)] @ away
-        bounded[free] -= np.linalg.solve(precision[np.ix_(free, free)], pull)
+        pull = precision[np.ix_(free, held)] @ (away / prior.deviation[held])
+        moved = np.linalg.solve(precision[np.ix_(free, free)], pull)
+        bounded[free] -= prior.deviation[free] * moved
     return np.clip(bounded, prior.low, prior.high)

@@ -15,7 +15,7 @@ from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.table import Table
-from jaxsr.diagnosis.likelihood.workspace import Workspace, first_noise, start_of
+from jaxsr.diagnosis.likelihood.workspace import Workspace, start_of
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.models.least_squares import Problem
@@ -55,6 +55,8 @@ class Hypothesis:
         That makes its innovations likeliest.
     decay : float
         Correlation of its latent force from sample to sample.
+    exact : bool
+        Whether its jumps are switched exactly.
     """
 
     members: tuple[int, ...]
@@ -67,6 +69,7 @@ class Hypothesis:
     settled: bool
     noise: Noise
     decay: float
+    exact: bool = False
 
 
 def hypothesis(
@@ -83,7 +86,7 @@ def hypothesis(
     members : sequence of int
         Candidates of the super-model.
     near : Hypothesis, optional
-        Whose constants, path and noise it starts from; what the sensors tell by default.
+        Whose constants, path and noise it starts from; what the recordings have by default.
     best : float
         Log evidence that makes a set the best known: one without hope is not followed to its end.
     """
@@ -91,11 +94,13 @@ def hypothesis(
     members = tuple(sorted(members))
     helpers = work.helpers
     fresh = [i for i in members if near is None or i not in near.members]
-    theta = work.theta if near is None else near.theta
-    theta = model.switched(members, model.seeded(fresh, theta))
     chosen = list(model.base_index())
     for i in members:
         chosen += [j for j in model.index(i) if j not in chosen]
+    theta = work.theta.copy()
+    if near is not None:  # what it has and this set has not does nothing here
+        theta[chosen] = near.theta[chosen]
+    theta = model.switched(members, model.seeded(fresh, theta))
     reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
     pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
     belief = _belief(work, table, chosen, theta)
@@ -110,15 +115,18 @@ def hypothesis(
     sharp = any(model.candidates[i].sharp for i in members)
     values = theta[reduced.parameters]
     follow = _Following(*places, belief, best)
-    hidden = beyond_limits(work, members)
+    hidden = beyond_limits(work, fresh)
     if hidden.any():
         values, own = _led_on(reduced.problem, hidden, sharp, values, own, follow, scales)
+    # Along the path of a set whose jumps are exact no rounding has to lead there.
+    follow = replace(follow, exact=near is not None and near.exact)
     found = _at_its_mode(reduced.problem, sharp, values, own, follow, scales)
     if found is None:
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
     problem, at_mode = found
-    likely, gain = likeliest(at_mode, scales)
+    hopeless = left(at_mode.log_evidence, 0.0, best)
+    likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
         anew = replace(scales, noise=likely, decay=at_mode.decay)
         after = follow(problem, at_mode.theta, at_mode.path, anew)
@@ -142,17 +150,19 @@ def hypothesis(
         at_mode.settled,
         scales.noise,
         at_mode.decay,
+        EXACT in problem.stepping.widths,
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Following:
-    """Which parameters are followed to their mode, and with what belief."""
+    """Which parameters are followed to their mode, with what belief, and from which jumps."""
 
     chosen: np.ndarray
     helpers: np.ndarray
     belief: Belief
     best: float
+    exact: bool = False
 
     def __call__(
         self, problem: Problem, theta: np.ndarray, path: np.ndarray, scales: Scales
@@ -198,9 +208,13 @@ def _at_its_mode(
 
     if not sharp:
         return tried[1.0] if better(1.0, None) else None
+    if follow.exact and better(EXACT, None):
+        found = tried[EXACT][1]
+        if found.share == 0.0 or left(found.log_evidence, 0.0, follow.best):
+            return tried[EXACT]
     best = WIDEST
     if not better(best, None):
-        return None
+        return tried.get(EXACT)
     if better(EXACT, best):
         exact = tried[EXACT]
         best = best / COARSE
@@ -247,7 +261,7 @@ def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
     """
     outputs = work.narrow.segments.outputs
     found = np.zeros(outputs.shape, bool)
-    noise = np.sqrt(first_noise(work.prepared).white)
+    noise = np.sqrt(work.scales.told)
     for i in members:
         candidate = work.super_model.candidates[i]
         for (output, _), spec in zip(candidate.readings, candidate.parameters, strict=False):
@@ -274,6 +288,7 @@ def _led_on(
     segments = problem.segments
     outputs = np.where(hidden, np.nan, segments.outputs)
     blind = replace(problem, segments=replace(segments, outputs=outputs))
+    follow = replace(follow, best=-np.inf)  # fewer samples: another evidence
     found = _at_its_mode(blind, sharp, values, path, follow, scales)
     return (values, path) if found is None else (found[1].theta, found[1].path)
 

@@ -13,6 +13,9 @@ import numpy as np
 
 from jaxsr.diagnosis.likelihood.local import LocalModel
 
+FEW = 2
+"""Readings up to which one after the other is faster than all at once."""
+
 
 @dataclass(frozen=True, eq=False)
 class Latent:
@@ -57,6 +60,12 @@ class Noise:
     white: np.ndarray
     coloured: np.ndarray
     correlation: np.ndarray
+
+    @property
+    def between_neighbours(self) -> np.ndarray:
+        """Variances that differences of neighbouring samples tell: the upper end of a spectrum."""
+        rho = self.correlation
+        return self.white + self.coloured * (1.0 - rho) / (1.0 + rho)
 
     def scaled(self, factor: float) -> Noise:
         """Return the noise with all variances multiplied."""
@@ -171,8 +180,8 @@ def whitened(system: System) -> Whitened:
     r"""Turn residuals and derivatives into independent innovations.
 
     The gains of the filter do not depend on the constants, so that innovations are linear in
-    them: v(c) = v(0) + W c. Readings of a sample are taken in one after the other. Spread and mean
-    lie side by side in one array, `both`: what reads the one reads the other.
+    them: v(c) = v(0) + W c. Few readings of a sample are taken in one after the other, many at
+    once. Spread and mean lie side by side in one array, `both`: what reads the one reads the other.
 
     References
     ----------
@@ -187,22 +196,18 @@ def whitened(system: System) -> Whitened:
     shrunk = np.ones((choices, 1, size, size + width))
     shrunk[..., :size] = system.decay[..., :, None] * system.decay[..., None, :]
     shrunk[..., size:] = system.decay[..., :, None]
-    taken = np.zeros((times, pieces, outputs, 1, size + width))
-    taken[..., 0, size:] = system.measured
+    taken = np.zeros((times, pieces, outputs, size + width))
+    taken[..., size:] = system.measured
     seen = system.seen.astype(float)
     rows = np.zeros((times, outputs, choices, pieces, width))
     variances = np.ones((times, outputs, choices, pieces))
     for t in range(times):
-        for k in range(outputs):
-            h = system.reading[t, :, k]
-            read = h[:, None] @ both
-            cross = read[..., 0, :size]
-            variance = (cross * h).sum(-1) + system.noise[..., k]
-            read = read - taken[t, :, k]
-            rows[t, k] = read[..., 0, size:]
-            variances[t, k] = variance
-            gain = cross * (seen[t, :, k] / variance)[..., None]
-            both -= gain[..., None] * read
+        taken_in = _at_once if outputs > FEW else _one_by_one
+        args = system.reading[t], taken[t], seen[t], system.noise
+        try:
+            rows[t], variances[t] = taken_in(both, *args)
+        except np.linalg.LinAlgError:  # digits were lost in some lane
+            rows[t], variances[t] = _one_by_one(both, *args)
         if t + 1 < times:
             move = system.transition[t]
             both = move @ both
@@ -223,6 +228,56 @@ def whitened(system: System) -> Whitened:
     )
 
 
+def _one_by_one(
+    both: np.ndarray, reading: np.ndarray, taken: np.ndarray, seen: np.ndarray, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Take in the readings of a sample one after the other; changes `both`.
+
+    Returns
+    -------
+    rows : ndarray, shape (outputs, choices, pieces, width)
+        What is read less what was measured.
+    variances : ndarray, shape (outputs, choices, pieces)
+    """
+    size, rows, variances = both.shape[2], [], []
+    for k in range(reading.shape[1]):
+        h = reading[:, k]
+        read = h[:, None] @ both
+        cross = read[..., 0, :size]
+        variance = (cross * h).sum(-1) + noise[..., k]
+        read = read - taken[:, None, k]
+        gain = cross * (seen[:, k] / variance)[..., None]
+        both -= gain[..., None] * read
+        rows.append(read[..., 0, size:])
+        variances.append(variance)
+    return np.stack(rows), np.stack(variances)
+
+
+def _at_once(
+    both: np.ndarray, reading: np.ndarray, taken: np.ndarray, seen: np.ndarray, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Take in all readings of a sample by one Cholesky factor; else as `_one_by_one`.
+
+    The factor of the readings' covariance holds on its diagonal the deviations that they have one
+    after the other.
+
+    Raises
+    ------
+    LinAlgError
+        Where a covariance has lost its digits.
+    """
+    size = both.shape[2]
+    h = reading * seen[..., None]
+    read = h @ both
+    own = np.where(seen > 0.0, noise, 1.0)
+    factor = np.linalg.cholesky(read[..., :size] @ h.swapaxes(-1, -2) + _diagonal(own))
+    white = np.linalg.solve(factor, read - taken)
+    both -= white[..., :size].swapaxes(-1, -2) @ white
+    deviation = np.diagonal(factor, axis1=-2, axis2=-1)
+    rows = white[..., size:] * deviation[..., None]
+    return np.moveaxis(rows, 2, 0), np.moveaxis(deviation**2, 2, 0)
+
+
 def smoothed(system: System, states: int) -> np.ndarray:
     """Return the smoothed deviations from the path, shape (states, samples, pieces).
 
@@ -240,19 +295,21 @@ def smoothed(system: System, states: int) -> np.ndarray:
     moves = system.transition * system.decay[0, 0][:, None]
     means = np.zeros((times, lanes, size))
     spreads = np.zeros((times, lanes, size, size))
-    lefts = np.zeros((times, outputs, lanes))
-    gains = np.zeros((times, outputs, lanes, size))
+    lefts = np.zeros((times, lanes, outputs))
+    gains = np.zeros((times, lanes, outputs, size))
+    seen = system.seen
+    reading = system.reading * seen[..., None]
+    own = _diagonal(np.where(seen, noise, 1.0))
     for t in range(times):
         means[t], spreads[t] = mean, spread
-        for k in range(outputs):
-            h, seen = system.reading[t, :, k], system.seen[t, :, k]
-            cross = (spread @ h[..., None])[..., 0]
-            variance = (cross * h).sum(-1) + noise[:, k]
-            left = system.measured[t, :, k, 0] - (h * mean).sum(-1)
-            gain = cross * (seen / variance)[:, None]
-            lefts[t, k], gains[t, k] = np.where(seen, left / variance, 0.0), gain
-            mean = mean + gain * left[:, None]
-            spread = spread - gain[..., None] * cross[:, None]
+        h = reading[t]
+        cross = h @ spread
+        left = np.where(seen[t], system.measured[t, ..., 0] - (h @ mean[..., None])[..., 0], 0.0)
+        right = np.concatenate([cross, left[..., None]], axis=-1)
+        solved = np.linalg.solve(cross @ h.swapaxes(-1, -2) + own[t], right)
+        gains[t], lefts[t] = solved[..., :-1], solved[..., -1]
+        mean = mean + (left[:, None] @ gains[t])[:, 0]
+        spread = spread - cross.swapaxes(-1, -2) @ gains[t]
         if t + 1 < times:
             move = moves[t]
             mean = (move @ mean[..., None])[..., 0] + system.entering[t, ..., 0]
@@ -263,10 +320,8 @@ def smoothed(system: System, states: int) -> np.ndarray:
     for t in reversed(range(times)):
         if t + 1 < times:
             score = (score[:, None] @ moves[t])[:, 0]
-        for k in reversed(range(outputs)):
-            h = system.reading[t, :, k] * system.seen[t, :, k, None]
-            pulled = lefts[t, k] - (gains[t, k] * score).sum(-1)
-            score = score + h * pulled[:, None]
+        pulled = lefts[t] - (gains[t] @ score[..., None])[..., 0]
+        score = score + (pulled[:, None] @ reading[t])[:, 0]
         result[t] = means[t] + (spreads[t] @ score[..., None])[..., 0]
     return result[..., :states].transpose(2, 0, 1)
 

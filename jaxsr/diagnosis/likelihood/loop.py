@@ -87,15 +87,29 @@ def believable(work: Workspace, found: Hypothesis) -> bool:
     return True
 
 
-def begun(work: Workspace) -> tuple[State, Table]:
-    """Estimate re-calibration alone."""
-    table = tabled(work, work.theta, work.narrow.segments.course)
-    return State(work, {(): hypothesis(work, table, ())}), table
+def begun(work: Workspace, near: Hypothesis | None = None) -> tuple[State, Table]:
+    """Estimate re-calibration alone, from where it led before."""
+    theta, path = work.theta.copy(), work.narrow.segments.course
+    if near is None:
+        table = tabled(work, theta, path)
+    else:
+        base = work.super_model.base_index()
+        theta[base] = near.theta[base]
+        table = tabled(work, theta, near.path, near.noise, near.decay)
+    return State(work, {(): hypothesis(work, table, (), near)}), table
 
 
-def search(work: Workspace, stop: Callable[[], bool] = lambda: False) -> State:
-    """Grow the leading set until nothing that was offered adds to it."""
-    state, table = begun(work)
+def search(
+    work: Workspace, near: Hypothesis | None = None, stop: Callable[[], bool] = lambda: False
+) -> State:
+    """Grow the leading set until nothing that was offered adds to it.
+
+    Parameters
+    ----------
+    near : Hypothesis, optional
+        Re-calibration as it was estimated before.
+    """
+    state, table = begun(work, near)
     if state.known[()] is None:
         return state
     while not stop() and state.leader.members not in state.grown:
@@ -109,24 +123,36 @@ def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -
     Parameters
     ----------
     table : Table
-        Whose beliefs all hypotheses share: evidences are compared under one prior.
+        About re-calibration: its beliefs all hypotheses share, so that evidences are compared
+        under one prior.
     """
     work, leader = state.work, state.leader
-    here = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
+    here = table
+    if leader.members:
+        here = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
     known = dict(state.known)
     proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
-    proposed += [tuple(m for m in leader.members if m != i) for i in leader.members]
+    smaller = [tuple(m for m in leader.members if m != i) for i in leader.members]
     every, size = work.super_model, np.log(state.offered)
-    proposed += swaps(every, here, leader.members, SWAPPED, RIVAL)
-    proposed += pairs(every, here, leader.members, PAIRED, PROMISING + size)
+    rivals = smaller + swaps(every, here, leader.members, SWAPPED, RIVAL)
+    proposed += [*rivals, *pairs(every, here, leader.members, PAIRED, PROMISING + size)]
     if len(leader.members) >= MOST_MEMBERS:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
     for members in proposed:
         members = tuple(sorted(members))
-        if members in known or stop():
+        before = known.get(members)
+        # A rival that is known was estimated beside another noise: the same is due to it.
+        if stop() or (members in known and (before is None or members not in rivals)):
             continue
-        known[members] = hypothesis(work, table, members, leader, state.needed(known, members))
+        found = hypothesis(work, table, members, leader, state.needed(known, members))
+        known[members] = better(before, found)
     return replace(state, known=known, grown=state.grown | {leader.members})
+
+
+def better(before: Hypothesis | None, after: Hypothesis | None) -> Hypothesis | None:
+    """Return the estimate of a set that has more evidence."""
+    both = [h for h in (before, after) if h is not None]
+    return max(both, key=lambda h: h.log_evidence, default=None)
 
 
 def _additions(state: State, table: Table, leader: Hypothesis) -> list[int]:

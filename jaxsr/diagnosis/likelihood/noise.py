@@ -42,6 +42,7 @@ def likeliest(found: Estimate, scales: Scales) -> tuple[Noise, float]:
             begun = noise
             for k in range(len(noise.white)):
                 grid = [(size, rho) for size in SIZES for rho in CORRELATIONS]
+                grid = [c for c in grid if scales.allows(_with(noise, k, *c))]
                 logs = weighed(share, [_with(noise, k, *choice) for choice in grid])
                 if not np.isfinite(logs).any():
                     continue

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.course import Course
+from jaxsr.diagnosis.likelihood.support import supported
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
@@ -19,11 +20,12 @@ LOOPS = (0.3, 1.0, 3.0)
 """First sizes of a hysteresis loop, in units of the first guess."""
 
 
-def offered(model: Model, course: Course) -> list[Candidate]:
+def offered(model: Model, course: Course, seen: Sequence[Candidate] = ()) -> list[Candidate]:
     """Return forces, actuators and memories, then faults of sensors and of timing.
 
     Ranges and inner constants are those of the motion that re-calibration follows, so that
-    equations of states that no sensor reads are offered as much as others.
+    equations of states that no sensor reads are offered as much as others. `seen` are candidates of
+    the weak view, whose inner constants it may have found where smoothed forces do not show them.
     """
     prepared, step = course.prepared, sample_step(course.prepared)
     scale = state_scale(model, prepared)
@@ -31,8 +33,11 @@ def offered(model: Model, course: Course) -> list[Candidate]:
     memories = [v for c in memory_candidates(model, scale, step) for v in _variants(c)]
     outputs = np.concatenate([p.outputs for p in prepared])
     sensors = sensor_candidates(model, dict(zip(model.outputs, outputs.T, strict=True)))
+    known = {c.label for c in [*forces, *memories]}
+    forces += [c for c in seen if c.label not in known]
     duration = max(float(p.time[-1]) for p in prepared)
-    return [*forces, *memories, *sensors, *timing_candidates(model, step, duration)]
+    every = [*forces, *memories, *sensors, *timing_candidates(model, step, duration)]
+    return supported(model, course, every)
 
 
 def _variants(candidate: Candidate) -> Iterator[Candidate]:

@@ -11,7 +11,7 @@ from scipy.special import expit
 from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.evidence import Mode, Prior
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
-from jaxsr.diagnosis.likelihood.loop import State, search
+from jaxsr.diagnosis.likelihood.loop import MOST_MEMBERS, State, search
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.table import tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
@@ -61,7 +61,7 @@ class Posterior:
             state.work.super_model.candidates,
             tuple(found),
             weights / max(weights.sum(), 1e-300),
-            finished=found[0].members in state.grown,
+            finished=found[0].members in state.grown and len(found[0].members) < MOST_MEMBERS,
         )
 
     @property
@@ -144,18 +144,24 @@ def posterior(
     ----------
     model : Model
         The given one.
+    screened : Screened, optional
+        The weak view, where equations can be read off the sensors.
     """
     course = followed(model, prepared)
-    return None if course is None else posterior_along(model, course, stop)
+    return None if course is None else posterior_along(model, course, screened, stop)
 
 
 def posterior_along(
-    model: Model, course: Course, stop: Callable[[], bool] = lambda: False
+    model: Model,
+    course: Course,
+    screened: Screened | None = None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Posterior | None:
     """Search by evidence from what re-calibration follows (`followed`)."""
-    super_model = SuperModel.build(model, offered(model, course))
+    seen = () if screened is None else screened.super_model.candidates
+    super_model = SuperModel.build(model, offered(model, course, seen))
     work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise)
-    state = search(work, stop)
+    state = search(work, course.null, stop)
     null = state.known[()]
     if null is None:
         return None

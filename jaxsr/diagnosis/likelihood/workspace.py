@@ -8,15 +8,18 @@ from itertools import pairwise
 
 import numpy as np
 
+from jaxsr.diagnosis.contest.converters import steps_of
 from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.likelihood.estimate import Scales
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
+from jaxsr.models.model import Model
 from jaxsr.models.segments import Prepared, build_segments, unbroken
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.states import spread
 from jaxsr.recordings import noise_level
+from jaxsr.recordings.converter import uniform_variance
 
 LENGTH = 512
 """Samples of a piece: as many passes in time as that, whatever the length of the recordings."""
@@ -97,6 +100,7 @@ class Workspace:
         forces = [i for i, c in enumerate(columns.candidates) if c.mechanism == "constant_force"]
         places = tuple(columns.index(i, coefficients_only=True)[0] for i in forces)
         states = tuple(given.states.index(columns.candidates[i].terms[0][0]) for i in forces)
+        told = first_noise(given, prepared)
         decays = tuple(float(np.exp(-(BRIEFER**k) * interval / seconds)) for k in range(TIMES))
         scales = Scales(
             places,
@@ -104,7 +108,8 @@ class Workspace:
             np.array(SHARES),
             decays[0],
             decays,
-            first_noise(prepared) if noise is None else noise,
+            told if noise is None else noise,
+            told.between_neighbours,
             start_of(segments.course),
         )
         theta = np.array([p.value for p in super_model.model.parameters.values()])
@@ -114,14 +119,16 @@ class Workspace:
         )
 
 
-def first_noise(prepared: Sequence[Prepared]) -> Noise:
-    """Return white noise of the sizes that neighbouring samples tell."""
+def first_noise(model: Model, prepared: Sequence[Prepared]) -> Noise:
+    """Return white noise of the sizes that neighbouring samples tell, at least a converter's."""
     outputs = np.concatenate([p.outputs for p in prepared])
     levels = [
         np.median([noise_level(p.time, p.outputs[:, k]) for p in prepared])
         for k in range(outputs.shape[1])
     ]
+    steps = [uniform_variance(step) for step in steps_of(model, tuple(prepared))]
     white = np.square(np.maximum(levels, 1e-9 * spread(outputs)))
+    white = np.maximum(white, steps)
     return Noise(white, np.zeros_like(white), np.zeros_like(white))
 
 

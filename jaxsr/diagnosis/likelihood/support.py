@@ -1,0 +1,101 @@
+"""Which candidates of a model with many equations the residual forces speak for at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from jaxsr.diagnosis.likelihood.course import Course
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.site import Threshold
+from jaxsr.expressions import evaluate
+from jaxsr.models import Model
+
+MOST = 120
+"""Candidates up to which all become columns: a table's cost grows with their number."""
+SITES = 3
+"""Equations at which memories are offered where candidates are more than that: those with the
+largest residual forces."""
+
+
+def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return the candidates that remove most of the smoothed forces; all where they are few.
+
+    What is no force along an equation (a sensor, an actuator, a wrong value, a mass) stays, and so
+    does a constant force along each.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Of any number.
+    """
+    if len(candidates) <= MOST:
+        return list(candidates)
+    signals = {**course.motion.signals, **{n: p.value for n, p in model.parameters.items()}}
+    loud = sorted(course.motion.residual, key=lambda s: -_power(course, s))[:SITES]
+    kept, ranked = [], []
+    for number, candidate in enumerate(candidates):
+        forces = bool(candidate.terms) and not candidate.readings and not candidate.inertia
+        if candidate.states and candidate.terms:
+            if candidate.terms[0][0] in loud:
+                kept.append(number)
+        elif not forces or candidate.mechanism == "constant_force":
+            kept.append(number)
+        else:
+            ranked.append((_removed(model, course, candidate, signals), number))
+    ranked.sort(reverse=True)
+    kept += [number for _, number in ranked[: max(MOST - len(kept), 0)]]
+    return [candidates[i] for i in sorted(kept)]
+
+
+def _power(course: Course, state: str) -> float:
+    """Return the mean square of what is missing along an equation, in that of its net force."""
+    missing = course.motion.residual[state]
+    return float(missing @ missing) / max(missing.size, 1) / course.size[state] ** 2
+
+
+def _removed(
+    model: Model,
+    course: Course,
+    candidate: Candidate,
+    signals: Mapping[str, np.ndarray | float],
+) -> float:
+    """Return the power that the best coefficient of a candidate removes from all equations."""
+    names = candidate.names(set(model.symbols), "__0")
+    best = 0.0
+    for spec in candidate.parameters:
+        if not spec.coefficient:
+            continue
+        along, size = 0.0, 1e-300
+        for state, template in candidate.terms:
+            if state not in course.motion.residual:
+                continue
+            basis = course.motion.basis[state]
+            column = course.motion.integrate(
+                _slope(model, candidate, names, spec, template, signals)
+            )
+            column = (column - basis @ (basis.T @ column)) / course.size[state]
+            along += float(column @ course.motion.residual[state]) / course.size[state]
+            size += float(column @ column)
+        best = max(best, along**2 / size)
+    return best if np.isfinite(best) else 0.0
+
+
+def _slope(
+    model: Model,
+    candidate: Candidate,
+    names: Mapping[str, str],
+    spec: ParameterSpec,
+    template: str,
+    signals: Mapping[str, np.ndarray | float],
+) -> np.ndarray:
+    """Return the derivative of a term by a coefficient along the motion, shape (samples,)."""
+    step = spec.seed - spec.neutral if isinstance(spec, Threshold) else 1.0
+    own = {names[s.name]: s.neutral for s in candidate.parameters}
+    moved = {**own, names[spec.name]: spec.neutral + step}
+    term = model.term(template.format(**names).removeprefix("+ "), extra=tuple(own))
+    with np.errstate(all="ignore"):
+        high, low = (np.asarray(evaluate(term, {**signals, **p})) for p in (moved, own))
+        slope = np.broadcast_to((high - low) / step, np.shape(signals["t"]))
+    return np.nan_to_num(slope, posinf=0.0, neginf=0.0)
