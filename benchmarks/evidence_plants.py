@@ -76,23 +76,22 @@ class Plant:
         name: str = "run",
     ) -> Recording:
         """Run it and read every position with white noise, a share of how far it moves."""
-        positions = self.run(drive, interval)
+        positions = self.states(drive, interval)[:, : len(self.start)]
         sigma = noise * positions.std(axis=0)
         read = positions + sigma * rng.normal(size=positions.shape)
         outputs = {f"y{j}": read[:, j] for j in range(positions.shape[1])}
         return Recording(name, interval * np.arange(len(drive)), {"u": drive, **outputs})
 
-    def run(self, drive: np.ndarray, interval: float) -> np.ndarray:
-        """Return the positions, shape (samples, joints)."""
-        count = len(self.start)
-        walk = _Walk(self, np.array([*self.start, *np.zeros(count)]))
-        rows = [walk.x[:count]]
+    def states(self, drive: np.ndarray, interval: float) -> np.ndarray:
+        """Return positions, then speeds, at all samples: shape (samples, states)."""
+        walk = _Walk(self, np.array([*self.start, *np.zeros(len(self.start))]))
+        rows = [walk.x]
         for before, after in pairwise(drive):
             for k in range(SUBSTEPS):
                 shares = k / SUBSTEPS, (k + 1) / SUBSTEPS
                 ends = [before + s * (after - before) for s in shares]
                 walk.advance(interval / SUBSTEPS, *ends)
-            rows.append(walk.x[:count])
+            rows.append(walk.x)
         return np.array(rows)
 
 

@@ -277,10 +277,11 @@ class _Walk:
     def _held(self, part: Part, x: list[Array], share: Array | float) -> Array:
         """How far each mode is from its end, shape (switches, samples, 1): below 0 it is over.
 
-        Distances are in those at which a state rests, divided by the share of the step where the
+        Distances are in typical ones, divided by the share of the step where the
         state has just left the surface: the end that it began with is none.
         """
-        height = self.switches.heights(np.stack(x)) / (self.switches.rest[:, None, None] + 1e-300)
+        typical = self.switches.rest[:, None, None] / RESTING + 1e-300
+        height = self.switches.heights(np.stack(x)) / typical
         height = self.signs * height
         with np.errstate(all="ignore"):
             height = np.where(self.fresh, height / np.maximum(share, 1e-6), height)
@@ -348,7 +349,8 @@ class _Walk:
         if not chosen.any():
             return
         slope = self.switches.slope[number]
-        before, rows, _ = self.slopes_at(at)
+        self._put_on(number, chosen, self.signs[number])
+        before, rows, _ = self.slopes_at(Point(at.time, list(self.x), at.inputs))
         f = np.stack(before)
         by = np.stack([row.get(self.switches.names[number], 0.0) + 0.0 * f[0] for row in rows])
         rate, own = np.tensordot(slope, f, axes=1), np.tensordot(slope, by, axes=1)

@@ -10,8 +10,10 @@ from scipy.special import log_ndtr
 
 from jaxsr.diagnosis.likelihood.kalman import Whitened
 
-SETTLING = 4
-"""Fixed-point steps for the scale of the noise, which converge by a factor of samples a step."""
+SETTLING, SCALED = 4, 1e-4
+"""Fixed-point steps for the scale of the noise, which converge by a factor of samples a step, and
+the relative step that ends them: of N samples, its square times N is what the log evidence errs by.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +118,11 @@ class Gram:
             left = self.products[0, 0] + 2.0 * pull @ change + change @ inner @ change
             if left <= 0.0:  # rounding is all that is left of so large columns: no answer
                 return Mode(-np.inf, prior.mean, prior.deviation, 1.0)
+            before = noise
             if scaled:
                 noise = min(max(float(left) / self.count, 1e-300), self.loudest)
+            if abs(noise - before) <= SCALED * noise:
+                break
         away = change - prior.mean
         log = -0.5 * (
             self.count * np.log(2.0 * np.pi * noise)

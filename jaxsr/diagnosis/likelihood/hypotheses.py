@@ -55,6 +55,8 @@ class Hypothesis:
         That makes its innovations likeliest.
     decay : float
         Correlation of its latent force from sample to sample.
+    exact : bool
+        Whether its jumps are switched exactly.
     """
 
     members: tuple[int, ...]
@@ -67,6 +69,7 @@ class Hypothesis:
     settled: bool
     noise: Noise
     decay: float
+    exact: bool = False
 
 
 def hypothesis(
@@ -115,6 +118,8 @@ def hypothesis(
     hidden = beyond_limits(work, fresh)
     if hidden.any():
         values, own = _led_on(reduced.problem, hidden, sharp, values, own, follow, scales)
+    # Along the path of a set whose jumps are exact no rounding has to lead there.
+    follow = replace(follow, exact=near is not None and near.exact)
     found = _at_its_mode(reduced.problem, sharp, values, own, follow, scales)
     if found is None:
         return None
@@ -145,17 +150,19 @@ def hypothesis(
         at_mode.settled,
         scales.noise,
         at_mode.decay,
+        EXACT in problem.stepping.widths,
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Following:
-    """Which parameters are followed to their mode, and with what belief."""
+    """Which parameters are followed to their mode, with what belief, and from which jumps."""
 
     chosen: np.ndarray
     helpers: np.ndarray
     belief: Belief
     best: float
+    exact: bool = False
 
     def __call__(
         self, problem: Problem, theta: np.ndarray, path: np.ndarray, scales: Scales
@@ -201,9 +208,13 @@ def _at_its_mode(
 
     if not sharp:
         return tried[1.0] if better(1.0, None) else None
+    if follow.exact and better(EXACT, None):
+        found = tried[EXACT][1]
+        if found.share == 0.0 or left(found.log_evidence, 0.0, follow.best):
+            return tried[EXACT]
     best = WIDEST
     if not better(best, None):
-        return None
+        return tried.get(EXACT)
     if better(EXACT, best):
         exact = tried[EXACT]
         best = best / COARSE

@@ -132,18 +132,27 @@ def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -
         here = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
     known = dict(state.known)
     proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
-    proposed += [tuple(m for m in leader.members if m != i) for i in leader.members]
+    smaller = [tuple(m for m in leader.members if m != i) for i in leader.members]
     every, size = work.super_model, np.log(state.offered)
-    proposed += swaps(every, here, leader.members, SWAPPED, RIVAL)
-    proposed += pairs(every, here, leader.members, PAIRED, PROMISING + size)
+    rivals = smaller + swaps(every, here, leader.members, SWAPPED, RIVAL)
+    proposed += [*rivals, *pairs(every, here, leader.members, PAIRED, PROMISING + size)]
     if len(leader.members) >= MOST_MEMBERS:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
     for members in proposed:
         members = tuple(sorted(members))
-        if members in known or stop():
+        before = known.get(members)
+        # A rival that is known was estimated beside another noise: the same is due to it.
+        if stop() or (members in known and (before is None or members not in rivals)):
             continue
-        known[members] = hypothesis(work, table, members, leader, state.needed(known, members))
+        found = hypothesis(work, table, members, leader, state.needed(known, members))
+        known[members] = better(before, found)
     return replace(state, known=known, grown=state.grown | {leader.members})
+
+
+def better(before: Hypothesis | None, after: Hypothesis | None) -> Hypothesis | None:
+    """Return the estimate of a set that has more evidence."""
+    both = [h for h in (before, after) if h is not None]
+    return max(both, key=lambda h: h.log_evidence, default=None)
 
 
 def _additions(state: State, table: Table, leader: Hypothesis) -> list[int]:

@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.table import Table
-from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.screening.screen import CONTAINED
 
@@ -64,8 +64,8 @@ def without(table: Table, chosen: Sequence[int], gone: Sequence[int]) -> float:
     held = np.isin(np.arange(len(table.value)), list(gone))
     deviation = np.where(held, CERTAIN * table.belief.deviation, table.belief.deviation)
     # Zero is where a bound of the belief may be: certainty needs room on both sides of it.
-    low = np.where(held, -np.inf, table.belief.low)
-    high = np.where(held, np.inf, table.belief.high)
+    low = np.where(held, -UNLIMITED, table.belief.low)
+    high = np.where(held, UNLIMITED, table.belief.high)
     belief = replace(table.belief, deviation=deviation, low=low, high=high)
     return replace(table, belief=belief).best(chosen)
 

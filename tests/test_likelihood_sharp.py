@@ -1,0 +1,53 @@
+"""Dry friction with stick-slip at a noise of 1e-6 of the motion: the law itself, nothing beside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.evidence_plants import Dry, cart, drive
+from jaxsr.diagnosis.likelihood.loop import State, search
+from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.setup import state_scale
+from jaxsr.models.segments import Prepared
+
+OFFERED = {"constant_force", "viscous_damping", "coulomb_friction", "stribeck_friction"}
+INTERVAL, SAMPLES, MASS = 0.03, 200, 1.3
+
+
+def searched(dry: Dry, noise: float) -> State:
+    """Search among frictions for what a cart rubs by."""
+    rng = np.random.default_rng(2)
+    force = drive(rng, SAMPLES, INTERVAL, 3.0, (1.1, 2.3, 4.7))
+    plant = cart(dry={0: dry})
+    model = plant.simulator.model
+    prepared = [Prepared.build(model, plant.recorded(rng, force, INTERVAL, noise))]
+    every = force_candidates(model, state_scale(model, prepared))
+    offered = SuperModel.build(model, [c for c in every if c.mechanism in OFFERED])
+    return search(Workspace.build(offered, prepared, 10.0 * INTERVAL))
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-4])
+def test_coulomb_friction_is_named_alone_and_no_force_is_left(noise: float) -> None:
+    state = searched(Dry(2.0 / MASS, 2.0 / MASS), noise)
+    every, leader = state.work.super_model, state.leader
+    assert [every.candidates[i].mechanism for i in leader.members] == ["coulomb_friction"]
+    assert leader.share == 0.0
+    (number,) = leader.members
+    value, deviation = leader.constants[leader.names[number]["Fc"]]
+    assert abs(value - 2.0) < 4.0 * deviation
+    assert deviation < 10.0 * noise
+
+
+@pytest.mark.slow
+def test_a_stribeck_peak_is_told_from_coulomb_friction() -> None:
+    state = searched(Dry(0.8 / MASS, 1.2 / MASS, 0.15), 1e-6)
+    every, leader = state.work.super_model, state.leader
+    assert [every.candidates[i].mechanism for i in leader.members] == ["stribeck_friction"]
+    assert leader.share == 0.0
+    (number,) = leader.members
+    found = {own: leader.constants[name] for own, name in leader.names[number].items()}
+    for own, value in (("Fc", 0.8), ("Fs", 1.2), ("vs", 0.15)):
+        assert abs(found[own][0] - value) < 4.0 * found[own][1]
