@@ -129,7 +129,7 @@ def test_lanes_do_not_touch_each_other() -> None:
     )
     start = drawings[0][3]
     entering = np.concatenate([d[1].entering for d in drawings], axis=1)
-    read = np.concatenate([d[1].read for d in drawings], axis=1)
+    read = np.concatenate([np.asarray(d[1].read) for d in drawings], axis=1)
     latent = [
         replace(d[1], entering=entering, read=read, scale=d[1].scale * (1 + k))
         for k, d in enumerate(drawings)
@@ -159,7 +159,7 @@ def test_evidence_is_the_integral_over_the_constants() -> None:
     def density(b: float, a: float) -> float:
         left = rows[:, 0] + rows[:, 1:] @ (a, b)
         log = -0.5 * (30 * np.log(2.0 * np.pi) + 1.7 + left @ left)
-        weight = norm(0.3, 0.8).pdf(a) / norm(0.3, 0.8).sf(0.0) * norm(-0.2, 1.5).pdf(b)
+        weight = norm.pdf(a, 0.3, 0.8) / norm.sf(0.0, 0.3, 0.8) * norm.pdf(b, -0.2, 1.5)
         return float(np.exp(log + 60.0) * weight)
 
     wanted = np.log(dblquad(density, 0.0, 2.0, -2.0, 2.0, epsrel=1e-5)[0]) - 60.0

@@ -103,7 +103,8 @@ def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
     One after the other is freed, as long as the evidence gains more than the prior odds of one
     parameter among all; a parameter held as given is one that is known for certain.
     """
-    table = tabled(work, null.theta, null.path, null.noise, null.decay)
+    # About the given values: along what no sensor tells, re-calibration may have gone anywhere.
+    table = tabled(work, work.theta, null.path, null.noise, null.decay)
     base = list(table.base)
     known = table.prior(base)
     names = [n for n in work.super_model.given.free_parameters]
