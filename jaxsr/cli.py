@@ -209,7 +209,8 @@ def diagnose(
             else:
                 from jaxsr.models.formats.opening import open_simulator
 
-                opened = open_simulator(model, tables, data, folder)
+                read = jaxsr.Simulator.from_file
+                opened = open_simulator(model, tables, data, folder, read)
                 simulator = opened.simulator
                 if opened.drafted is not None:
                     progress.stage(f"drafted {opened.drafted}: what it assumes stands in it")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -105,6 +105,7 @@ def open_simulator(
     tables: Sequence[str] = (),
     recordings: Sequence[str] = (),
     folder: Path | None = None,
+    read: Callable[..., Simulator] = Simulator.from_file,
 ) -> Opened:
     """Open the simulator that a command names.
 
@@ -118,8 +119,10 @@ def open_simulator(
         Files to learn from.
     folder : Path, optional
         Takes the drafted sidecar of a robot in whose folder nothing can be written.
+    read : callable
+        Reads what is no robot.
     """
     if not is_format(model):
-        return Opened(Simulator.from_file(model, *tables))
+        return Opened(read(model, *tables))
     robot = read_robot(model, next(iter(tables), None), recordings)
     return Opened(Simulator(robot.model), robot, write_draft(robot, folder))
