@@ -223,8 +223,8 @@ def diagnose(
                 progress=progress,
                 command=command,
             )
-            if model is not None:
-                learnt = {"more": opened.written_back(diagnosis, folder)}
+            if model is not None and (texts := opened.written_back(diagnosis, folder)):
+                learnt = {"more": texts}
         save(diagnosis, folder, _verdict(diagnosis), budget=limit, **learnt)
         for error in diagnosis.unread:
             what = f"{error.what}; what was found without it is in {folder}"

@@ -109,3 +109,9 @@ def test_a_pair_of_one_law_is_none() -> None:
     columns = {a: 8.0 * common + apart, b: 8.0 * common - apart}
     y = rng.normal(size=200) + 0.7 * (columns[a] - columns[b])
     assert pairs(every, tabled(every, columns, y), (), 2, 5.0) == []
+
+
+def test_a_power_of_a_rate_does_not_jump_and_dry_friction_does() -> None:
+    every = {c.mechanism: c.jumps for c in offered().candidates}
+    assert not every["power_law_drag"] and not every["quadratic_drag"]
+    assert every["coulomb_friction"] and every["stribeck_friction"]

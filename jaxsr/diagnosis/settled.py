@@ -42,7 +42,8 @@ FOLLOWINGS = 20.0
 """Time that the posterior is expected to take, relative to the first re-calibration beside latent
 forces."""
 RIVALS, TOLD = 4, 1e-3
-"""Sets beside the leading one that the report compares it with, and from which probability on."""
+"""Sets beside the leading one that the report compares it with, and from which probability on; the
+first of them whatever it has."""
 
 Settled = tuple[tuple[Arena, list[Entry], Entry, Detection], float, StoppedBy]
 
@@ -115,7 +116,9 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
     smaller = [h for h in found.hypotheses if set(h.members) < set(leader.members)]
     every = zip(found.hypotheses, found.probabilities, strict=True)
-    rivals = [h for h, p in every if h is not leader and h.members and p >= TOLD][:RIVALS]
+    others = [(h, p) for h, p in every if labels_of(found, h) != labels_of(found, leader)]
+    others = [(h, p) for h, p in others if h.members][:RIVALS]
+    rivals = [h for k, (h, p) in enumerate(others) if k == 0 or p >= TOLD]
     shown = [h for h in dict.fromkeys([leader, *smaller, *rivals]) if h.members]
     super_model, starts = _starts(case, found, [null, *shown])
     opened = opening(case, super_model, starts)

@@ -112,7 +112,7 @@ def hypothesis(
         own[: len(near.path)] = near.path
         scales = replace(scales, noise=near.noise, decay=near.decay)
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
-    sharp = any(model.candidates[i].sharp for i in members)
+    sharp = any(model.candidates[i].jumps for i in members)
     values = theta[reduced.parameters]
     follow = _Following(*places, belief, best)
     hidden = beyond_limits(work, fresh)

@@ -75,6 +75,10 @@ class AddedState:
     initial: float | str = FREE
 
 
+_CONTINUOUS = re.compile(r"sign\(([^()]*)\)\*Abs\(\1\)")
+"""A power of a rate with its sign."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A mechanism at a site.
@@ -139,6 +143,12 @@ class Candidate:
     stiff: bool = False
     source: str = ""
     conflicts: frozenset[str] = field(default_factory=frozenset)
+
+    @property
+    def jumps(self) -> bool:
+        """Whether a law jumps: has a sign that no power of the sign's argument takes to zero."""
+        texts = [_CONTINUOUS.sub("", text) for _, text in self.terms]
+        return any(f"{op}(" in text for text in texts for op in SMOOTHED)
 
     @property
     def sharp(self) -> bool:
