@@ -213,31 +213,35 @@ def _at_its_mode(
 
     if not sharp:
         return (*tried[1.0], 1.0) if better(1.0, None) else None
+
+    def refined(best: float) -> tuple[Problem, Estimate, float]:
+        """Take finer steps about a width, unless the set is far behind, and the best of all."""
+        if best > EXACT and not left(tried[best][1].log_evidence, 0.0, follow.best):
+            for step in FINER:
+                for factor in (step, 1.0 / step):
+                    if better(best * factor, best):
+                        best *= factor
+                        break
+        best = max((EXACT, best), key=lambda w: tried[w][1].log_evidence if w in tried else -np.inf)
+        return *tried[best], best
+
     best = WIDEST
     if follow.width is not None and better(follow.width, None):
         found = tried[follow.width][1]
-        if found.share == 0.0 or left(found.log_evidence, 0.0, follow.best):
-            return *tried[follow.width], follow.width
-        best = follow.width or WIDEST
-    if best not in tried and not better(best, None):
+        # Beside a set whose jumps are rounded, or leave nothing, others are as round.
+        if follow.width > EXACT or found.share == 0.0:
+            return refined(follow.width)
+    if not better(best, None):
         return (*tried[EXACT], EXACT) if EXACT in tried else None
     if EXACT not in tried and better(EXACT, best):
-        exact = tried[EXACT]
-        best = best / COARSE
-        # Where no force is left, none is left of the law's shape.
-        if exact[1].share == 0.0 or not better(best, EXACT):
-            return *exact, EXACT
+        # How round the corner is shows where the law itself leads, if anywhere.
+        rounder = [w for w in (best, best / COARSE) if better(w, EXACT)]
+        if not rounder:
+            return *tried[EXACT], EXACT
+        best = max(rounder, key=lambda w: tried[w][1].log_evidence)
     while sharpened(best):
         best /= COARSE
-    hopeless = left(tried[best][1].log_evidence, 0.0, follow.best)
-    for step in () if hopeless else FINER:
-        for factor in (step, 1.0 / step):
-            if better(best * factor, best):
-                best *= factor
-                break
-    if EXACT in tried and tried[EXACT][1].log_evidence > tried[best][1].log_evidence:
-        best = EXACT
-    return *tried[best], best
+    return refined(best)
 
 
 def _stepped(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
-from jaxsr.diagnosis.likelihood.proposals import exclusive, pairs, swaps
+from jaxsr.diagnosis.likelihood.proposals import exclusive, kin, pairs, swaps
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 
@@ -135,17 +135,19 @@ def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -
     smaller = [tuple(m for m in leader.members if m != i) for i in leader.members]
     every, size = work.super_model, np.log(state.offered)
     rivals = smaller + swaps(every, here, leader.members, SWAPPED, RIVAL)
+    rivals += [r for r in kin(every, leader.members) if r not in rivals]
     proposed += [*rivals, *pairs(every, here, leader.members, PAIRED, PROMISING + size)]
     if len(leader.members) >= MOST_MEMBERS:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
     for members in proposed:
         members = tuple(sorted(members))
         before = known.get(members)
-        # A rival that is known was estimated beside another noise: the same is due to it.
+        # A rival that is known was estimated beside another noise: the same is due to it, and all
+        # the way to its mode.
         if stop() or (members in known and (before is None or members not in rivals)):
             continue
-        found = hypothesis(work, table, members, leader, state.needed(known, members))
-        known[members] = better(before, found)
+        needed = -np.inf if members in rivals else state.needed(known, members)
+        known[members] = better(before, hypothesis(work, table, members, leader, needed))
     return replace(state, known=known, grown=state.grown | {leader.members})
 
 

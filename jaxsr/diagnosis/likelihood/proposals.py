@@ -106,6 +106,24 @@ def swaps(
     return list(best.values())[:most]
 
 
+def kin(super_model: SuperModel, members: Members) -> list[Members]:
+    """Return sets with one law that jumps exchanged for another of which one contains the other.
+
+    How round jumps are is estimated beside each of them: the table, which knows one width, does not
+    tell how they compare.
+    """
+    candidates, best = super_model.candidates, dict[tuple[str, ...], Members]()
+    for gone in (m for m in members if candidates[m].jumps):
+        for i, other in enumerate(candidates):
+            changed = tuple(sorted((*(m for m in members if m != gone), i)))
+            same = other.mechanism == candidates[gone].mechanism
+            if same or not other.jumps or not _excluded(candidates[gone], other):
+                continue
+            if not exclusive(super_model, changed):
+                best.setdefault(tuple(candidates[k].label for k in changed), changed)
+    return list(best.values())
+
+
 def pairs(
     super_model: SuperModel, table: Table, members: Members, most: int, least: float
 ) -> list[Members]:
