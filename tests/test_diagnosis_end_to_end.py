@@ -52,7 +52,7 @@ def rail_recording(name: str, coulomb: float, seed: int, push: float = 0.0) -> R
     return Recording(name, time, {"force": force, "y": y}, sha256="0" * 64)
 
 
-FRICTION = (4.0, 2.0, 2, 0, 15.0)
+FRICTION = (4.0, 2.0, 2, 0, 40.0)
 """Arguments of a rail with friction, in N; the budget in s is several times what finds it."""
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from jaxsr.diagnosis.likelihood.estimate import _about
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.models import Simulator, parse_model
@@ -120,3 +121,9 @@ def test_what_a_neighbouring_set_has_does_nothing_in_a_set_without_it() -> None:
     assert labels == {"constant_force", "cubic_stiffness"}
     alone = [h for h in found.hypotheses if len(h.members) == 1]
     assert max(h.log_evidence for h in alone) < found.leader.log_evidence - 20.0
+
+
+def test_a_latent_force_is_never_far_larger_than_the_net_force() -> None:
+    shares = np.array([0.0, 0.01, 1.0])
+    assert _about(1.9, shares).max() <= 2.0 and _about(1e9, shares).max() <= 2.0
+    assert not _about(0.0, np.zeros(1)).any()

@@ -31,6 +31,8 @@ PRESENT = 1.0 / 7.0
 """Prior odds of one size of the latent force against none: as many sizes share even odds."""
 ROOM = 2e7
 """Numbers of innovations and their derivatives that are held at once."""
+LARGEST = 2.0
+"""Size of the latent force, in the largest that is tried first: more is no force of this motion."""
 WORSE, FIRM = 1.0, 4
 """Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
 promise, about paths that are no motion of the model, is not kept."""
@@ -300,7 +302,7 @@ class _Climb:
     def in_other_time(self, point: _Point, scales: Scales) -> tuple[_Point, float] | None:
         """Weigh latent forces that keep their sign for longer, or less long, about one path."""
         others = [d for d in scales.decays if d != scales.decay]
-        sizes = point.share * np.array(NEARBY)
+        sizes = np.minimum(point.share * np.array(NEARBY), LARGEST * scales.shares.max())
         shares, decays = np.tile(sizes, len(others)), np.repeat(others, len(sizes))
         found = self._judged(
             point.theta,
@@ -322,9 +324,8 @@ def _about(share: float, shares: np.ndarray) -> np.ndarray:
     if not shares.any():
         return shares
     least = float(shares[shares > 0.0].min()) / 4.0
-    return np.array(
-        [0.0, *(share * np.array(NEARBY) if share > least else least * np.array(BARELY))]
-    )
+    sizes = share * np.array(NEARBY) if share > least else least * np.array(BARELY)
+    return np.array([0.0, *np.minimum(sizes, LARGEST * shares.max())])
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,6 +119,11 @@ def tabled(
     args = problem.simulator, problem.stepping, problem.segments, values, path
     local = linearised(*args, active)
     places = tuple(active.index(j) for j in work.scales.forces)
+    if not local.by_constant[..., list(places)].any(axis=(0, 1, 2)).all():
+        # Where a speed is zero at a sample, the switch of a law that is off has no derivative.
+        problem = work.narrow
+        args = problem.simulator, problem.stepping, problem.segments, values, path
+        local = linearised(*args, active)
     usual = _Usual.of(work, local, path, places)
     names = {name: k for name, k in _names(work, active).items()}
     columns = _Columns(
@@ -166,7 +171,9 @@ class _Usual:
         moved = np.sqrt(np.mean(np.diff(path, axis=1)[:, inside] ** 2, axis=1)) + 1e-300
         rows = list(work.force_states)
         effect = np.sqrt(np.mean(local.by_constant[..., list(places)] ** 2, axis=(0, 1)))
-        size = moved[rows] / (effect[rows, range(len(rows))] + 1e-300)
+        own = effect[rows, range(len(rows))]
+        # A force that changes nothing is none.
+        size = np.divide(moved[rows], own, out=np.zeros(len(rows)), where=own > 0.0)
         return _Usual(moved, work.narrow.scale, size, work.force_states)
 
     def deviations(self, step: np.ndarray, reading: np.ndarray) -> np.ndarray:
