@@ -14,7 +14,7 @@ from jaxsr.models.lifting import one_step
 
 TOLERABLE = 0.5
 """Log likelihood that errors of integration may cost."""
-FINEST = 64
+FINEST = 16
 """Steps between two samples."""
 
 
