@@ -1,4 +1,4 @@
-"""Planted cases judged by evidence alone, in shadow of the diagnosis that the commands make.
+"""Planted cases judged by the evidence alone, without the contest and free runs of a diagnosis.
 
     python -m benchmarks.evidence DIR [--only CASE ...] [--jobs N]
     python -m benchmarks.evidence --quick
@@ -85,7 +85,7 @@ def document(found: Posterior) -> dict[str, Any]:
     return {"verdict": verdict, "findings": findings}
 
 
-def shadow(folder: Path, name: str) -> dict[str, Any]:
+def answered(folder: Path, name: str) -> dict[str, Any]:
     """Weigh one sealed case; what breaks is its answer."""
     case = json.loads((folder / "cases" / name / "case.json").read_text())
     here = folder / "cases" / name
@@ -114,7 +114,7 @@ def judged(folder: Path, names: list[str], jobs: int) -> list[dict[str, Any]]:
     names = names or sorted(truth)
     rows = []
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        for row in pool.map(shadow, [folder] * len(names), names):
+        for row in pool.map(answered, [folder] * len(names), names):
             mark = judge(row["case"], truth[row["case"]], row["answer"] or None)
             kept = ("kind", "detectable", "verdict", "verdict_right", "false_discovery", "site_1")
             kept += ("mechanism_1", "mechanism_3", "covered", "probability", "leading_right")
@@ -176,7 +176,7 @@ def main() -> int:
         seed = json.loads((options.folder / "sealed.json").read_text()).get("seed", 0)
         write(
             "evidence",
-            "sealed cases by evidence, in shadow",
+            "sealed cases by evidence alone",
             [seed],
             {"rates": rates(rows), "cases": rows},
         )

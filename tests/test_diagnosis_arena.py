@@ -81,9 +81,7 @@ def test_a_given_start_is_kept() -> None:
     assert not np.isfinite(segments.outputs[:, :MARGIN, 0]).any()
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 8))]
-)
+@pytest.mark.parametrize("seed", range(8))
 def test_a_body_that_stuck_before_it_is_judged_is_estimated_to_the_noise(seed: int) -> None:
     """chi^2 per reading is 1 +- 5 standard deviations, one in a million draws beyond."""
     model, recording = recorded(seed)

@@ -56,7 +56,7 @@ def recording(name: str, rng: np.random.Generator, force: Force) -> Recording:
             -4 * b - 0.3 * vb + 6 * (a - b) + fb,
         ]
 
-    x = solve_ivp(rates, TIME[[0, -1]], np.zeros(4), t_eval=TIME, rtol=1e-7, atol=1e-9).y
+    x = solve_ivp(rates, TIME[[0, -1]], np.zeros(4), t_eval=TIME, rtol=1e-9, atol=1e-11).y
     y, z = x[:2] + NOISE * rng.normal(size=(2, TIME.size))
     return Recording(name, TIME, {"u": drive, "y": y, "z": z})
 

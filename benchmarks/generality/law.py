@@ -166,12 +166,12 @@ class Law:
             tried = {**constants, self.master[0]: float(np.exp(logarithm))}
             return self.size(scene, tried) - share
 
-        ends = np.log(low), np.log(high)
-        values = left(ends[0]), left(ends[1])
+        lower, upper = float(np.log(low)), float(np.log(high))
+        values = left(lower), left(upper)
         if values[0] * values[1] > 0.0:
-            best = ends[int(np.argmin(np.abs(values)))]
+            best = (lower, upper)[int(np.argmin(np.abs(values)))]
         else:
-            best = float(brentq(left, *ends, xtol=1e-4))  # type: ignore[arg-type]
+            best = float(np.asarray(brentq(left, lower, upper, xtol=1e-4)))
         return {**constants, self.master[0]: float(np.exp(best))}
 
     def followed(self, scene: Scene, constants: Values) -> Any:

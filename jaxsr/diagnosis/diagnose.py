@@ -1,4 +1,4 @@
-"""The diagnosis: calibrate, screen, contest, decide, refine, report."""
+"""The diagnosis: calibrate, screen, weigh, contest where doubt is left, refine, report."""
 
 from __future__ import annotations
 
@@ -102,9 +102,10 @@ def diagnose(
 
     Notes
     -----
-    Sets of mechanisms are screened in the weak view together with the free parameters, the
-    leading sets are estimated in free run by multiple shooting, and compared on blocks held
-    back in turn. docs/method.md has the formulas.
+    Mechanisms are weighed by their evidence first (`diagnosis.settled`). Where that leaves doubt,
+    sets of them are screened in the weak view together with the free parameters, the leading sets
+    are estimated in free run by multiple shooting, and compared on blocks held back in turn.
+    docs/method.md has the formulas.
     """
     progress = progress or Silent()
     budget = as_budget(budget)
