@@ -10,6 +10,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
+from jaxsr import _clock
 from jaxsr._output import print_line, save_results
 from jaxsr._process import Run
 from jaxsr._progress import Budget, Progress, progress_on
@@ -27,7 +28,8 @@ def command_budget(seconds: float | None) -> Budget:
         Unlimited by default.
     """
     run = RUN.get()
-    return Budget(math.inf if seconds is None else float(seconds), run.began, run.asked)
+    began = 0.0 if _clock.processor() else run.began
+    return Budget(math.inf if seconds is None else float(seconds), began, run.asked)
 
 
 @contextlib.contextmanager

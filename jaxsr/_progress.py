@@ -7,10 +7,10 @@ import dataclasses
 import math
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from typing import Protocol, TextIO
 
+from jaxsr import _clock
 from jaxsr._result import InputError, StoppedBy
 
 
@@ -103,9 +103,9 @@ class Budget:
     Parameters
     ----------
     seconds : float, optional
-        Wall-clock time, positive; unlimited by default.
+        Wall-clock time (`_clock`), positive; unlimited by default.
     _start : float, optional
-        When the time began, on the clock of ``time.monotonic``; now by default.
+        When the time began, by ``_clock.now``; now by default.
     _interrupt : threading.Event, optional
         Set by whoever asks for an early end.
 
@@ -116,7 +116,7 @@ class Budget:
     """
 
     seconds: float = math.inf
-    _start: float = dataclasses.field(default_factory=time.monotonic)
+    _start: float = dataclasses.field(default_factory=_clock.now)
     _interrupt: threading.Event = dataclasses.field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
@@ -126,7 +126,7 @@ class Budget:
     @property
     def elapsed(self) -> float:
         """Seconds since the budget began."""
-        return time.monotonic() - self._start
+        return _clock.now() - self._start
 
     @property
     def remaining(self) -> float:
@@ -157,7 +157,7 @@ class Budget:
     def share(self, fraction: float) -> Budget:
         """Return a budget of `fraction` of the time left that hears the same interrupt."""
         left = max(self.remaining * fraction, sys.float_info.min)
-        return Budget(left, time.monotonic(), self._interrupt)
+        return Budget(left, _clock.now(), self._interrupt)
 
     def keeping(self, seconds: float) -> Budget:
         """Return a budget that ends so many seconds earlier and hears the same interrupt."""

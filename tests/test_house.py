@@ -16,6 +16,7 @@ LAYERS = {
     "_process": 0,
     "_output": 0,
     "_staging": 0,
+    "_clock": 0,
     "_deadline": 0,
     "_files": 0,
     "_progress": 0,

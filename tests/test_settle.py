@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxsr
-from jaxsr import _progress
+from jaxsr import _clock
 from jaxsr._progress import Budget, Silent
 from jaxsr._result import StoppedBy
 from jaxsr.discovery.choose import Candidate
@@ -55,7 +55,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     made = Clock()
-    monkeypatch.setattr(_progress, "time", SimpleNamespace(monotonic=made.monotonic))
+    monkeypatch.setattr(_clock, "time", SimpleNamespace(monotonic=made.monotonic))
     return made
 
 

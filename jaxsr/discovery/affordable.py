@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import time as clock
 from collections.abc import Sequence
 
 import numpy as np
 
+from jaxsr._clock import now
 from jaxsr._progress import Budget
 from jaxsr.discovery.samples import Roles
 from jaxsr.discovery.thinning import Thinned, thin
@@ -58,8 +58,8 @@ def _pace() -> float:
     """Return how many times longer than at rest the treatment of a signal takes, one at least."""
     t = np.linspace(0.0, 20.0, _PROBE)
     x = np.sin(t) + 0.05 * np.cos(1e4 * t**2)
-    began = clock.monotonic()
+    began = now()
     signal = treat(t, x)
     if signal.weak:
         weak_rows(t, signal.recorded, signal.noise)
-    return max((clock.monotonic() - began) / _TRIAL, 1.0)
+    return max((now() - began) / _TRIAL, 1.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr._clock import now
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import InputError, StoppedBy
 from jaxsr.discovery.affordable import affordable
@@ -155,7 +155,7 @@ def discover(
     count = number_of_modes(modes)
     if not recordings:
         raise InputError("no recordings given", "discover")
-    began, whole, show = clock.monotonic(), as_budget(budget), progress or Silent()
+    began, whole, show = now(), as_budget(budget), progress or Silent()
     limit = time_to_judge(whole, len(states))
     config = config or SearchConfig()
     naming = Naming.of([*states, *inputs], columns)
@@ -228,7 +228,7 @@ def discover(
     provenance: dict[str, Any] = {
         "seed": seed,
         "command": command,
-        "seconds": clock.monotonic() - began,
+        "seconds": now() - began,
         "stopped_by": reason or StoppedBy.CONVERGED,
         "estimated_derivatives": sorted(experiments.rows.estimated),
         "data_sha256": {r.name: r.sha256 for r in read if r.sha256},

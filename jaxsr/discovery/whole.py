@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from jaxsr._clock import now
 from jaxsr._progress import Budget
 from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation, FittedTerm
@@ -105,7 +105,7 @@ def _treated(
     """
     longest, error, some = 0.0, None, 0
     for place in _spread(len(pieces)):
-        began = clock.monotonic()
+        began = now()
         if some >= least and limit.remaining <= _AHEAD * longest:
             return
         try:
@@ -115,7 +115,7 @@ def _treated(
             continue
         some += 1
         yield rows
-        longest = max(longest, clock.monotonic() - began)
+        longest = max(longest, now() - began)
     if error is not None and not some:
         raise error
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from jaxsr._clock import now
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import held_back
 from jaxsr.diagnosis.contest.carried import carried_on, starts_told
@@ -46,7 +46,7 @@ def enter(
     """
     super_model = arena.super_model
     problem = arena.problem
-    begun = time.monotonic()
+    begun = now()
     end = begun + arena.patience
     late = arena.wide is not None and late_members(super_model, members)
     if late and arena.wide is not None:
@@ -62,7 +62,7 @@ def enter(
     given = own.problem.stepping
 
     def stopped() -> bool:
-        return stop() or time.monotonic() > end
+        return stop() or now() > end
 
     if careful and near and course is not None:
         own = replace(own, problem=accurate(steady(own.problem, inner), inner, course))
@@ -86,7 +86,7 @@ def enter(
     errors = held_back(arena.pieces, arena.problem.segments, result)
     changed = own.problem.stepping != given
     stepping = _everywhere(arena, own.problem) if changed else None
-    took, steps = time.monotonic() - begun, converters_in(arena)
+    took, steps = now() - begun, converters_in(arena)
     return Entry(members, result, errors, stepping, share, took, steps, told_starts(result))
 
 
