@@ -18,6 +18,7 @@ from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace, start_of
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.diagnosis.mechanisms.site import Threshold
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.segments import build_segments
 
@@ -330,4 +331,18 @@ def _belief(work: Workspace, table: Table, chosen: Sequence[int], theta: np.ndar
         size = abs(value) if value else min(high - low, 1.0)
         rows.append((value, size, low - 1e-12 * size, high + 1e-12 * size))
     columns = np.array(rows, dtype=float).reshape(-1, 4).T
-    return Belief(*columns)
+    mean, deviation, low, high = columns
+    floors = _floors(work.super_model, chosen)
+    return Belief(mean, deviation, low, high, floors)
+
+
+def _floors(model: SuperModel, chosen: Sequence[int]) -> tuple[tuple[int, int], ...]:
+    """Return which chosen constants are never below which other ones, by their places."""
+    names, at = list(model.model.parameters), {j: k for k, j in enumerate(chosen)}
+    place = {name: at[j] for j, name in enumerate(names) if j in at}
+    return tuple(
+        (place[own[spec.name]], place[own[spec.floor]])
+        for candidate, own in zip(model.candidates, model.names, strict=True)
+        for spec in candidate.parameters
+        if spec.floor in own and {own[spec.name], own[spec.floor]} <= place.keys()
+    )

@@ -22,8 +22,6 @@ SWAPPED, RIVAL, PAIRED = 3, 12.0, 2
 """Sets with one member exchanged that are estimated about one leader, how far behind it they may
 promise to be, and sets with a pair that shows only together."""
 MOST_MEMBERS = 4
-PEAKED = 2.0
-"""Deviations by which static friction may be estimated below sliding friction."""
 Members = tuple[int, ...]
 
 
@@ -68,7 +66,7 @@ class State:
 
 
 def believable(work: Workspace, found: Hypothesis) -> bool:
-    """Whether every member is what its name says: friction dissipates, a Stribeck peak is one."""
+    """Whether every member is what its name says: friction dissipates."""
     for number in found.members:
         candidate = work.super_model.candidates[number]
         of = {
@@ -80,10 +78,6 @@ def believable(work: Workspace, found: Hypothesis) -> bool:
             {name: value for name, (value, _) in of.items()}
         ):
             return False
-        if {"Fc", "Fs"} <= of.keys():
-            (fc, fc_error), (fs, fs_error) = of["Fc"], of["Fs"]
-            if fs + PEAKED * (fc_error + fs_error) < fc:
-                return False
     return True
 
 

@@ -64,7 +64,7 @@ def dissipative(site: Site) -> Iterator[Candidate]:
                 "stribeck_friction",
                 f"- ({{Fc}} + ({{Fs}} - {{Fc}})*exp(-(Abs({v})/{{vs}}){power}))*sign({v})",
                 ParameterSpec("Fc", f, low=0.0),
-                ParameterSpec("Fs", f, low=0.0),
+                ParameterSpec("Fs", f, low=0.0, floor="Fc"),
                 ParameterSpec("vs", vs_unit, 1e-3 * top, top, share * top, False),
                 sentence="Dry friction along {site} is higher near standstill (Stribeck effect).",
             )
