@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -115,7 +115,7 @@ def hypothesis(
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
     sharp = any(model.candidates[i].jumps for i in members)
     values = theta[reduced.parameters]
-    follow = _Following(*places, belief, best)
+    follow = _Following(*places, belief, best, work.stop)
     hidden = beyond_limits(work, fresh)
     if hidden.any():
         values, own = _led_on(reduced.problem, hidden, sharp, values, own, follow, scales)
@@ -126,7 +126,7 @@ def hypothesis(
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
     problem, at_mode, width = found
-    hopeless = left(at_mode.log_evidence, 0.0, best)
+    hopeless = work.stop() or left(at_mode.log_evidence, 0.0, best)
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
         anew = replace(scales, noise=likely, decay=at_mode.decay)
@@ -163,6 +163,7 @@ class _Following:
     helpers: np.ndarray
     belief: Belief
     best: float
+    stop: Callable[[], bool]
     width: float | None = None
 
     def __call__(
@@ -171,7 +172,7 @@ class _Following:
         """Estimate; None where nothing finite comes of it."""
         with np.errstate(all="ignore"):
             try:
-                args = self.chosen, self.helpers, self.belief, scales, self.best
+                args = self.chosen, self.helpers, self.belief, scales, self.best, self.stop
                 return estimated(problem, theta, path, *args)
             except (np.linalg.LinAlgError, FloatingPointError):
                 return None
@@ -192,7 +193,9 @@ def _at_its_mode(
     tried: dict[float, tuple[Problem, Estimate]] = {}
 
     def better(factor: float, than: float | None) -> bool:
-        """Estimate with jumps of some width, from where another one led."""
+        """Estimate with jumps of some width, from where another one led, if there is time."""
+        if tried and follow.stop():
+            return False
         begun = (values, path) if than is None else (tried[than][1].theta, tried[than][1].path)
         with np.errstate(all="ignore"):
             stepped = _stepped(problem, factor, *begun, scales)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -93,10 +92,8 @@ def begun(work: Workspace, near: Hypothesis | None = None) -> tuple[State, Table
     return State(work, {(): hypothesis(work, table, (), near)}), table
 
 
-def search(
-    work: Workspace, near: Hypothesis | None = None, stop: Callable[[], bool] = lambda: False
-) -> State:
-    """Grow the leading set until nothing that was offered adds to it.
+def search(work: Workspace, near: Hypothesis | None = None) -> State:
+    """Grow the leading set until nothing that was offered adds to it, or time is over.
 
     Parameters
     ----------
@@ -106,12 +103,12 @@ def search(
     state, table = begun(work, near)
     if state.known[()] is None:
         return state
-    while not stop() and state.leader.members not in state.grown:
-        state = step(state, table, stop)
+    while not work.stop() and state.leader.members not in state.grown:
+        state = step(state, table)
     return state
 
 
-def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -> State:
+def step(state: State, table: Table) -> State:
     """Estimate what promises most about the leader's path, beside the leader's noise.
 
     Parameters
@@ -138,10 +135,12 @@ def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -
         before = known.get(members)
         # A rival that is known was estimated beside another noise: the same is due to it, and all
         # the way to its mode.
-        if stop() or (members in known and (before is None or members not in rivals)):
+        if work.stop() or (members in known and (before is None or members not in rivals)):
             continue
         needed = -np.inf if members in rivals else state.needed(known, members)
         known[members] = better(before, hypothesis(work, table, members, leader, needed))
+    if work.stop():  # the rest was not looked at
+        return replace(state, known=known)
     return replace(state, known=known, grown=state.grown | {leader.members})
 
 
