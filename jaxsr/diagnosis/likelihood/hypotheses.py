@@ -165,6 +165,10 @@ class _Following:
     best: float
     width: float | None = None
 
+    def lost(self, found: Estimate) -> bool:
+        """Whether an estimate is too far behind the best to be followed."""
+        return left(found.log_evidence, 0.0, self.best)
+
     def __call__(
         self, problem: Problem, theta: np.ndarray, path: np.ndarray, scales: Scales
     ) -> Estimate | None:
@@ -199,6 +203,14 @@ def _at_its_mode(
         # Round jumps leave more than sharp ones: what is behind with them may yet be ahead.
         hopeful = follow if factor <= 1.0 else replace(follow, best=-np.inf)
         found = None if stepped is None else hopeful(stepped, *begun, scales)
+        while stepped is not None and found is not None and not hopeful.lost(found):
+            # Steps that do for a law that is off may be too long once it acts.
+            with np.errstate(all="ignore"):
+                here = found.theta, found.path, scales.noise, scales.start
+                finer = resolved(stepped, *here)
+            if finer.stepping.substeps == stepped.stepping.substeps:
+                break
+            stepped, found = finer, hopeful(finer, found.theta, found.path, scales)
         if stepped is None or found is None:
             return False
         tried[factor] = stepped, found
