@@ -208,7 +208,7 @@ def _at_its_mode(
             with np.errstate(all="ignore"):
                 here = found.theta, found.path, scales.noise, scales.start
                 finer = resolved(stepped, *here)
-            if finer.stepping.substeps == stepped.stepping.substeps:
+            if finer.stepping == stepped.stepping:
                 break
             stepped, found = finer, hopeful(finer, found.theta, found.path, scales)
         if stepped is None or found is None:
