@@ -102,6 +102,8 @@ def hypothesis(
     if near is not None:  # what it has and this set has not does nothing here
         theta[chosen] = near.theta[chosen]
     theta = model.switched(members, model.seeded(fresh, theta))
+    if near is not None:
+        theta = _inherited(model, members, near, theta)
     reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
     pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
     belief = _belief(work, table, chosen, theta)
@@ -153,6 +155,31 @@ def hypothesis(
         at_mode.decay,
         width if sharp else None,
     )
+
+
+def _inherited(
+    model: SuperModel, members: Sequence[int], near: Hypothesis, theta: np.ndarray
+) -> np.ndarray:
+    """Return values in which laws begin with coefficients of those that they stand for.
+
+    A coefficient is taken over by its name, from a law at the same place; one that is never below
+    another begins there.
+    """
+    theta, order = theta.copy(), list(model.model.parameters)
+    for gone in set(near.members) - set(members):
+        known = {
+            own: near.constants[full][0]
+            for own, full in near.names[gone].items()
+            if full in near.constants
+        }
+        for i in set(members) - set(near.members):
+            if model.candidates[i].site != model.candidates[gone].site:
+                continue
+            for spec in model.candidates[i].parameters:
+                source = spec.name if spec.name in known else spec.floor
+                if spec.coefficient and source in known:
+                    theta[order.index(model.names[i][spec.name])] = known[source]
+    return theta
 
 
 @dataclass(frozen=True, eq=False)
