@@ -102,6 +102,8 @@ def hypothesis(
     if near is not None:  # what it has and this set has not does nothing here
         theta[chosen] = near.theta[chosen]
     theta = model.switched(members, model.seeded(fresh, theta))
+    if near is not None:
+        theta = _inherited(model, members, near, theta)
     reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
     pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
     belief = _belief(work, table, chosen, theta)
@@ -155,6 +157,31 @@ def hypothesis(
     )
 
 
+def _inherited(
+    model: SuperModel, members: Sequence[int], near: Hypothesis, theta: np.ndarray
+) -> np.ndarray:
+    """Return values in which laws begin with coefficients of those that they stand for.
+
+    A coefficient is taken over by its name, from a law at the same place; one that is never below
+    another begins there.
+    """
+    theta, order = theta.copy(), list(model.model.parameters)
+    for gone in set(near.members) - set(members):
+        known = {
+            own: near.constants[full][0]
+            for own, full in near.names[gone].items()
+            if full in near.constants
+        }
+        for i in set(members) - set(near.members):
+            if model.candidates[i].site != model.candidates[gone].site:
+                continue
+            for spec in model.candidates[i].parameters:
+                source = spec.name if spec.name in known else spec.floor
+                if spec.coefficient and source in known:
+                    theta[order.index(model.names[i][spec.name])] = known[source]
+    return theta
+
+
 @dataclass(frozen=True, eq=False)
 class _Following:
     """Which parameters are followed to their mode, with what belief, and from which jumps."""
@@ -165,6 +192,10 @@ class _Following:
     best: float
     stop: Callable[[], bool]
     width: float | None = None
+
+    def lost(self, found: Estimate) -> bool:
+        """Whether an estimate is too far behind the best to be followed."""
+        return left(found.log_evidence, 0.0, self.best)
 
     def __call__(
         self, problem: Problem, theta: np.ndarray, path: np.ndarray, scales: Scales
@@ -202,6 +233,14 @@ def _at_its_mode(
         # Round jumps leave more than sharp ones: what is behind with them may yet be ahead.
         hopeful = follow if factor <= 1.0 else replace(follow, best=-np.inf)
         found = None if stepped is None else hopeful(stepped, *begun, scales)
+        while stepped is not None and found is not None and not hopeful.lost(found):
+            # Steps that do for a law that is off may be too long once it acts.
+            with np.errstate(all="ignore"):
+                here = found.theta, found.path, scales.noise, scales.start
+                finer = resolved(stepped, *here)
+            if finer.stepping == stepped.stepping:
+                break
+            stepped, found = finer, hopeful(finer, found.theta, found.path, scales)
         if stepped is None or found is None:
             return False
         tried[factor] = stepped, found
