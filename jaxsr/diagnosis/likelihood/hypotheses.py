@@ -22,10 +22,10 @@ from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.segments import build_segments
 
-EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.015, 4.0, (2.0, 1.4)
+EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.015, 4.0, (2.0, 1.4, 1.2, 1.1)
 """Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, from
-where the law itself is found; where a rounded one is more probable, by a coarse factor, and two
-finer ones about the best."""
+where the law itself is found; where a rounded one is more probable, by a coarse factor, and finer
+ones about the best, the last two as long as they show."""
 STANDING = 4.0
 """Distance from the largest reading, in deviations of the noise, in which a sensor stands at its
 limit."""
@@ -132,9 +132,15 @@ def hypothesis(
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
         anew = replace(scales, noise=likely, decay=at_mode.decay)
-        after = follow(problem, at_mode.theta, at_mode.path, anew)
-        if after is not None and after.log_evidence > at_mode.log_evidence:
-            at_mode, scales = after, anew
+        here = at_mode.theta, at_mode.path
+        if sharp and width > EXACT:  # less noise tells more of how round the corner is
+            follow = replace(follow, width=width)
+            after = _at_its_mode(reduced.problem, sharp, *here, follow, anew)
+        else:
+            again = follow(problem, *here, anew)
+            after = None if again is None else (problem, again, width)
+        if after is not None and after[1].log_evidence > at_mode.log_evidence:
+            (_, at_mode, width), scales = after, anew
     values = theta.copy()
     values[reduced.parameters] = at_mode.theta
     names = list(model.model.parameters)
@@ -261,10 +267,13 @@ def _at_its_mode(
         """Take finer steps about a width, unless the set is far behind, and the best of all."""
         if best > EXACT and not left(tried[best][1].log_evidence, 0.0, follow.best):
             for step in FINER:
+                before = best
                 for factor in (step, 1.0 / step):
                     if better(best * factor, best):
                         best *= factor
                         break
+                if step not in FINER[:1] and best == before:
+                    break
         best = max((EXACT, best), key=lambda w: tried[w][1].log_evidence if w in tried else -np.inf)
         return *tried[best], best
 
