@@ -52,7 +52,7 @@ def test_a_mass_below_its_friction_stays_put() -> None:
     width = 1e-4
     # The smoothed sign holds 0.8 Fc at v = w*atanh(0.8): the creep can be no faster.
     bound = width * np.arctanh(0.8)
-    run = free_run(friction(), recording, np.zeros(2), widths=(width,))
+    run = free_run(friction(), recording, np.zeros(2), method="stiff", widths=(width,))
     assert run.success, run.message
     assert np.abs(run.states[:, 1]).max() <= bound * 1.001
     assert np.abs(run.states[:, 0]).max() <= bound * 10.0
