@@ -138,7 +138,8 @@ def tabled(
         by_constant=np.stack(columns.steps, -1),
         reading_by_constant=np.stack(columns.readings, -1),
     )
-    value, *belief = np.array(columns.rows, dtype=float).reshape(-1, 5).T
+    value, mean, deviation, low, high = np.array(columns.rows, dtype=float).reshape(-1, 5).T
+    belief = Belief(mean, deviation, low, high)
     scales = replace(
         work.scales,
         forces=places,
@@ -149,7 +150,7 @@ def tabled(
     )
     base = tuple(range(len(model.base_index())))
     table = grams(local, scales, scales.shares)
-    return Table(table, base, value, Belief(*belief), own, names, scales)
+    return Table(table, base, value, belief, own, names, scales)
 
 
 @dataclass(frozen=True, eq=False)
