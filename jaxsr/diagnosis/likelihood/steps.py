@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.integration import stable_substeps, with_steps
 from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, whitened
-from jaxsr.diagnosis.likelihood.local import linearised
+from jaxsr.diagnosis.likelihood.local import defects, linearised
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.lifting import one_step
 
@@ -90,13 +90,10 @@ def _loss(
 ) -> float:
     """Half the squared innovations that the difference of two ways to integrate causes."""
     with np.errstate(all="ignore"):
-        args = coarse.simulator, coarse.stepping, coarse.segments, theta, path
-        local = linearised(*args, ())
-        ends = [
-            one_step(p.simulator, p.stepping, p.segments, theta, path, (), tangents=False)[0]
-            for p in (coarse, fine)
-        ]
-    apart = (ends[1] - ends[0]).transpose(1, 2, 0)
+        local = linearised(coarse.simulator, coarse.stepping, coarse.segments, theta, path, ())
+        args = fine.simulator, fine.stepping, fine.segments, theta, path
+        defect = defects(one_step(*args, tangents=False)[0], path, fine.segments)
+    apart = defect.transpose(1, 2, 0) - local.defect
     if not np.isfinite(apart).all():
         return np.inf
     nothing = np.where(np.isfinite(local.innovation), 0.0, np.nan)
