@@ -237,7 +237,7 @@ def _at_its_mode(
         """Estimate with jumps of some width, from where another one led."""
         begun = (values, path) if than is None else (tried[than][1].theta, tried[than][1].path)
         with np.errstate(all="ignore"):
-            stepped = _stepped(problem, factor, *begun, scales, follow.active)
+            stepped = _stepped(problem, factor, begun, scales, follow.active)
         # Round jumps leave more than sharp ones: what is behind with them may yet be ahead.
         hopeful = follow if factor <= 1.0 else replace(follow, best=-np.inf)
         found = None if stepped is None else hopeful(stepped, *begun, scales)
@@ -299,28 +299,23 @@ def _at_its_mode(
 
 
 def _stepped(
-    problem: Problem,
-    factor: float,
-    theta: np.ndarray,
-    path: np.ndarray,
-    scales: Scales,
-    active: Sequence[int],
+    problem: Problem, factor: float, begun: tuple, scales: Scales, active: Sequence[int]
 ) -> Problem | None:
     """Widen or sharpen the jumps of a problem, and step it finely enough for that.
 
-    None where they cannot be switched exactly.
+    None where they cannot be switched exactly. It begins with some constants and a path.
     """
     stepping = problem.stepping
     if factor == EXACT:
-        exact = switched(problem, theta)
+        exact = switched(problem, begun[0])
         if exact is None:
             return None
         problem = exact
     elif stepping.widths:
         widths = tuple(factor * w for w in stepping.widths)
         problem = replace(problem, stepping=replace(stepping, widths=widths))
-        problem = steady(problem, theta)
-    return resolved(problem, theta, path, scales.noise, scales.start, active)
+        problem = steady(problem, begun[0])
+    return resolved(problem, *begun, scales.noise, scales.start, active)
 
 
 def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
