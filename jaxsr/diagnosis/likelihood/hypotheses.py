@@ -243,9 +243,8 @@ def _at_its_mode(
         found = None if stepped is None else hopeful(stepped, *begun, scales)
         while stepped is not None and found is not None and not hopeful.lost(found):
             # Steps that do for a law that is off may be too long once it acts.
-            with np.errstate(all="ignore"):
-                here = found.theta, found.path, scales.noise, scales.start
-                finer = resolved(stepped, *here, follow.active)
+            here = found.theta, found.path, scales.noise, scales.start
+            finer = resolved(stepped, *here, follow.active)
             if finer.stepping == stepped.stepping:
                 break
             stepped, found = finer, hopeful(finer, found.theta, found.path, scales)

@@ -112,5 +112,6 @@ def _loss(
     local = replace(coarse.moved(np.zeros(coarse.by_constant.shape[3])), defect=apart)
     local = replace(local, innovation=nothing)
     free = Latent(np.zeros((steps, pieces, n, 0)), np.zeros(0), 0.0)
-    rows = whitened(System.of(local, [free], [noise], start)).rows[..., 0]
-    return 0.5 * float(np.sum(rows**2))
+    with np.errstate(all="ignore"):
+        rows = whitened(System.of(local, [free], [noise], start)).rows[..., 0]
+        return 0.5 * float(np.sum(rows**2))
