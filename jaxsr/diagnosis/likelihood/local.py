@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -77,7 +78,70 @@ def linearised(
     active : sequence of int
         Constants to differentiate by. Derivatives that are not finite become zero: along such a
         direction nothing is known.
+
+    Notes
+    -----
+    The last few results are kept: what ends an estimate, or tells how fine steps have to be, is
+    where the next estimate begins.
     """
+    place = simulator, stepping, segments, theta, path
+    for known in tuple(_RECENT):
+        found = known.asked(*place, active)
+        if found is not None:
+            return found
+    local = _linearised(*place, active)
+    _RECENT.append(
+        _Known(simulator, stepping, segments, theta.copy(), path.copy(), (*active,), local)
+    )
+    return local
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """A linearisation, and of what."""
+
+    simulator: Simulator
+    stepping: Stepping
+    segments: Segments
+    theta: np.ndarray
+    path: np.ndarray
+    active: tuple[int, ...]
+    local: LocalModel
+
+    def asked(
+        self,
+        simulator: Simulator,
+        stepping: Stepping,
+        segments: Segments,
+        theta: np.ndarray,
+        path: np.ndarray,
+        active: Sequence[int],
+    ) -> LocalModel | None:
+        """Return the part of it that is asked for; None where it is another one."""
+        same = simulator is self.simulator and segments is self.segments
+        if not same or stepping != self.stepping or not set(active) <= set(self.active):
+            return None
+        if not np.array_equal(theta, self.theta) or not np.array_equal(path, self.path):
+            return None
+        if tuple(active) == self.active:
+            return self.local
+        at = [self.active.index(j) for j in active]
+        by, read = self.local.by_constant[..., at], self.local.reading_by_constant[..., at]
+        return replace(self.local, by_constant=by, reading_by_constant=read)
+
+
+_RECENT: deque[_Known] = deque(maxlen=2)
+
+
+def _linearised(
+    simulator: Simulator,
+    stepping: Stepping,
+    segments: Segments,
+    theta: np.ndarray,
+    path: np.ndarray,
+    active: Sequence[int],
+) -> LocalModel:
+    """Return what `linearised` does, calculated."""
     with np.errstate(all="ignore"):
         args = simulator, stepping, segments, theta, path, active
         (ends, slopes), (y, by) = one_step_and_readings(*args)

@@ -33,8 +33,12 @@ def compiled() -> Recursions | None:
         from numba import njit
     except ImportError:
         return None
-    compiling = njit(cache=True, error_model="numpy")
-    return Recursions(compiling(filtered), compiling(returned))
+    try:
+        compiling = njit(cache=True, error_model="numpy")
+        return Recursions(compiling(filtered), compiling(returned))
+    except RuntimeError:  # no folder to keep it in
+        compiling = njit(error_model="numpy")
+        return Recursions(compiling(filtered), compiling(returned))
 
 
 def filtered(
