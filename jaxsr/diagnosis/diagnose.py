@@ -132,7 +132,7 @@ def diagnose(
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress, failures, quiet=quiet)
-    evidence = None if with_many_equations(case) else decided_clearly(case)
+    evidence = decided_clearly(case)
     if evidence is not None:
         (decision, headline, grown), weights = evidence
     elif with_many_equations(case):

@@ -78,7 +78,7 @@ def weighed(case: Case) -> Posterior | None:
 
     def found_in(prepared: Sequence[Prepared]) -> Posterior | None:
         course = followed(model, prepared, slow)
-        if course is None:
+        if course is None or slow():
             return None
         return posterior_along(model, course, case.screened, lambda: patience.exhausted)
 

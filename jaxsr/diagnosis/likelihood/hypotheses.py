@@ -199,6 +199,11 @@ class _Following:
     stop: Callable[[], bool]
     width: float | None = None
 
+    @property
+    def active(self) -> list[int]:
+        """Parameters that steps are differentiated by."""
+        return list(dict.fromkeys([*map(int, self.chosen), *map(int, self.helpers)]))
+
     def lost(self, found: Estimate) -> bool:
         """Whether an estimate is too far behind the best to be followed."""
         return left(found.log_evidence, 0.0, self.best)
@@ -235,15 +240,14 @@ def _at_its_mode(
             return False
         begun = (values, path) if than is None else (tried[than][1].theta, tried[than][1].path)
         with np.errstate(all="ignore"):
-            stepped = _stepped(problem, factor, *begun, scales)
+            stepped = _stepped(problem, factor, begun, scales, follow.active)
         # Round jumps leave more than sharp ones: what is behind with them may yet be ahead.
         hopeful = follow if factor <= 1.0 else replace(follow, best=-np.inf)
         found = None if stepped is None else hopeful(stepped, *begun, scales)
         while stepped is not None and found is not None and not hopeful.lost(found):
             # Steps that do for a law that is off may be too long once it acts.
-            with np.errstate(all="ignore"):
-                here = found.theta, found.path, scales.noise, scales.start
-                finer = resolved(stepped, *here)
+            here = found.theta, found.path, scales.noise, scales.start
+            finer = resolved(stepped, *here, follow.active)
             if finer.stepping == stepped.stepping:
                 break
             stepped, found = finer, hopeful(finer, found.theta, found.path, scales)
@@ -297,23 +301,23 @@ def _at_its_mode(
 
 
 def _stepped(
-    problem: Problem, factor: float, theta: np.ndarray, path: np.ndarray, scales: Scales
+    problem: Problem, factor: float, begun: tuple, scales: Scales, active: Sequence[int]
 ) -> Problem | None:
     """Widen or sharpen the jumps of a problem, and step it finely enough for that.
 
-    None where they cannot be switched exactly.
+    None where they cannot be switched exactly. It begins with some constants and a path.
     """
     stepping = problem.stepping
     if factor == EXACT:
-        exact = switched(problem, theta)
+        exact = switched(problem, begun[0])
         if exact is None:
             return None
         problem = exact
     elif stepping.widths:
         widths = tuple(factor * w for w in stepping.widths)
         problem = replace(problem, stepping=replace(stepping, widths=widths))
-        problem = steady(problem, theta)
-    return resolved(problem, theta, path, scales.noise, scales.start)
+        problem = steady(problem, begun[0])
+    return resolved(problem, *begun, scales.noise, scales.start, active)
 
 
 def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +22,8 @@ SWAPPED, RIVAL, PAIRED = 3, 12.0, 2
 """Sets with one member exchanged that are estimated about one leader, how far behind it they may
 promise to be, and sets with a pair that shows only together."""
 MOST_MEMBERS = 4
+RENEWED = 1.0
+"""Log evidence by which a set must have gained for its rivals to be estimated again."""
 Members = tuple[int, ...]
 
 
@@ -36,14 +38,14 @@ class State:
         Estimated sets; None where nothing finite came of one.
     grown : frozenset of tuple
         Sets about whose path all additions were looked at.
-    rivalled : frozenset of tuple
-        Sets beside which their rivals were estimated.
+    rivalled : dict of tuple to float
+        Sets beside which their rivals were estimated, and their log evidence then.
     """
 
     work: Workspace
     known: dict[Members, Hypothesis | None]
     grown: frozenset[Members] = field(default_factory=frozenset)
-    rivalled: frozenset[Members] = field(default_factory=frozenset)
+    rivalled: Mapping[Members, float] = field(default_factory=dict)
 
     @property
     def leader(self) -> Hypothesis:
@@ -126,7 +128,7 @@ def step(state: State, table: Table) -> State:
     if leader.members:
         here = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
     every, size = work.super_model, np.log(state.offered)
-    if leader.members not in state.rivalled:
+    if leader.log_evidence > state.rivalled.get(leader.members, -np.inf) + RENEWED:
         rivals = [tuple(m for m in leader.members if m != i) for i in leader.members]
         rivals += swaps(every, here, leader.members, SWAPPED, RIVAL)
         rivals += [r for r in kin(every, leader.members) if r not in rivals]
@@ -135,7 +137,8 @@ def step(state: State, table: Table) -> State:
         known = _estimated(state, table, leader, rivals, again=True)
         if work.stop():  # the rest was not looked at
             return replace(state, known=known)
-        state = replace(state, known=known, rivalled=state.rivalled | {leader.members})
+        rivalled = {**state.rivalled, leader.members: leader.log_evidence}
+        state = replace(state, known=known, rivalled=rivalled)
         if state.leader.members != leader.members:
             return state  # nothing is added to what is not the best of its kind
     proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
