@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr._result import InputError
-from jaxsr.evaluation.cache import ColumnCache
+from jaxsr.evaluation.evaluator import Evaluator
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
 
@@ -92,8 +92,8 @@ class Judge:
             self._columns.clear()
             fresh = list(dict.fromkeys(terms))
         when = time if self.instants is None else self.instants
-        cache = ColumnCache(self.variables, time=when, group=self.group)
-        samples = np.column_stack([cache.column(term, keep=False) for term in fresh])
+        evaluator = Evaluator(self.variables, time=when, group=self.group)
+        samples = evaluator.columns(fresh, keep=False)
         if self.view is not None:
             finite = np.all(np.isfinite(samples), axis=0)
             with np.errstate(over="ignore", invalid="ignore"):

@@ -171,7 +171,7 @@ def prepare(
         basis,
         target,
         usable,
-        problem.cache.column,
+        problem.evaluator.column,
         problem.seen,
         problem.samples,
     )
@@ -184,8 +184,7 @@ def _still(
     count, rows = len(sets), problem.rows
     still = [[t for k, t in enumerate(s) if k not in m] for s, m in zip(sets, moving, strict=True)]
     flat = list(dict.fromkeys(term for terms in still for term in terms))
-    samples = np.array([problem.cache.column(term) for term in flat])
-    columns = problem.seen(samples.T).T if flat else np.zeros((0, rows))
+    columns = problem.seen(problem.evaluator.columns(flat)).T if flat else np.zeros((0, rows))
     place = {term: k for k, term in enumerate(flat)}
     width = max(map(len, still), default=0)
     stacked, present = np.zeros((count, width, rows)), np.zeros((count, width), dtype=bool)
