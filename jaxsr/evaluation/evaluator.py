@@ -55,6 +55,12 @@ class Evaluator:
         As for :class:`jaxsr.evaluation.ColumnCache`.
     config : EngineConfig, optional
         Threads, device; samples at a time are :data:`PIECE`.
+
+    Attributes
+    ----------
+    variables : dict of str to ndarray, (samples,)
+    cache : ColumnCache
+        Of NumPy's columns, and of those of the machine that are kept.
     """
 
     def __init__(
@@ -67,15 +73,15 @@ class Evaluator:
         config: EngineConfig | None = None,
     ) -> None:
         self.cache = ColumnCache(variables, limit_bytes, time=time, group=group)
-        self._variables = {n: np.asarray(v, np.float64) for n, v in variables.items()}
-        self._names = tuple(self._variables)
-        self._samples = next((len(v) for v in self._variables.values()), 1)
+        self.variables = {n: np.asarray(v, np.float64) for n, v in variables.items()}
+        self._names = tuple(self.variables)
+        self._samples = next((len(v) for v in self.variables.values()), 1)
         self._config = config or EngineConfig(chunk=PIECE, window=TOGETHER)
         self._data: Array | None = None
         self._compiled = False
 
-    def _serves(self, terms: int) -> bool:
-        """Tell whether the compiled machine evaluates so many new terms."""
+    def serves(self, terms: int) -> bool:
+        """Tell whether the compiled machine evaluates so many new terms, and those to come."""
         if not self._compiled and self._names:
             self._compiled = is_compiled(self._samples, terms)
         return self._compiled
@@ -96,7 +102,7 @@ class Evaluator:
         """
         out = np.empty((len(terms), self._samples))
         new: dict[Term, list[int]] = {}
-        if self._serves(len(terms)):
+        if self.serves(len(terms)):
             for place, term in enumerate(terms):
                 if term.args and term not in self.cache and _is_coded(term):
                     new.setdefault(term, []).append(place)
@@ -123,7 +129,7 @@ class Evaluator:
         samples : int, optional
             How many there are, for terms without variables.
         """
-        served = self._serves(len(terms))
+        served = self.serves(len(terms))
         fits = _is_coded if served else is_pointwise
         whole = {k: self.cache.column(t, keep=False) for k, t in enumerate(terms) if not fits(t)}
         plain = [k for k in range(len(terms)) if k not in whole]
@@ -150,7 +156,7 @@ class Evaluator:
         for first in range(0, rows, PIECE):
             part = slice(first, min(first + PIECE, rows))
             here = columns[:, : part.stop - first]
-            samples_of = {name: values[part] for name, values in self._variables.items()}
+            samples_of = {name: values[part] for name, values in self.variables.items()}
             cache = ColumnCache(samples_of, 8 * PIECE * max(64, len(plain)))
             for slot, k in enumerate(plain):
                 here[slot] = cache.column(terms[k])
@@ -159,12 +165,16 @@ class Evaluator:
 
     def _fill(self, out: Array, new: Mapping[Term, Sequence[int]]) -> None:
         """Evaluate distinct terms in one batch, each into its rows of ``out``."""
+        engine = self._engine(list(new))
+        if len(new) == len(out):
+            engine.columns(self._matrix(), out)
+            return
         places = np.array([places[0] for places in new.values()])
 
         def keep(block: Array, own: slice, samples: slice) -> None:
             out[places[own], samples] = block
 
-        self._engine(list(new)).each(self._matrix(), keep)
+        engine.each(self._matrix(), keep)
         for first, *others in new.values():
             out[others] = out[first]
 
@@ -174,8 +184,16 @@ class Evaluator:
     def _matrix(self) -> Array:
         """Return the variables (variables, samples), made once."""
         if self._data is None:
-            self._data = np.array([self._variables[name] for name in self._names])
+            self._data = np.array([self.variables[name] for name in self._names])
         return self._data
+
+
+class Reference(Evaluator):
+    """The same by NumPy at any number of samples: what the machine is tested against."""
+
+    def serves(self, terms: int) -> bool:
+        """Tell that the machine evaluates nothing."""
+        return False
 
 
 def is_pointwise(term: Term) -> bool:

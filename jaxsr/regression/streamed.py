@@ -77,8 +77,10 @@ class StreamedStore:
     def _add(self, terms: Sequence[Term]) -> None:
         def sizes(columns: Array, part: slice) -> tuple[Array, Array, Array]:
             with np.errstate(all="ignore"):
-                largest = largest_of(columns)
                 square = np.vecdot(columns, columns)
+                largest = np.sqrt(square)  # as good where both lie far inside the limits
+                rest = ~((square < 1e190) & (square > 1e-190))
+                largest[rest] = largest_of(columns[rest])
                 return largest, square, np.vecdot(columns, self._target[part])
 
         largest, square, moment = np.zeros((3, len(terms)))
