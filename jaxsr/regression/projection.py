@@ -223,11 +223,11 @@ def orthonormal(columns: Array, used: Mask, beside: Array) -> tuple[Array, Array
         Where every column is finite and depends on no other.
     """
     count, width, rows = columns.shape
-    size = np.max(np.abs(columns), axis=2, initial=0.0)
+    size = np.maximum(columns.max(axis=2, initial=0.0), -columns.min(axis=2, initial=0.0))
     good = ~used | ((size < 1e100) & (size > 1e-100))
-    norms = np.ones((count, width))
-    safe = np.where((used & good)[:, :, None], columns, 0.0)
-    norms = np.linalg.norm(safe, axis=2)
+    asked = used & good
+    safe = columns if np.all(asked) else np.where(asked[:, :, None], columns, 0.0)
+    norms = np.sqrt(np.vecdot(safe, safe))
     norms = np.where(norms > 0.0, norms, 1.0)
     left = _without(safe / norms[:, :, None], beside)
     basis, upper = np.zeros((count, width, rows)), np.zeros((count, width, width))
@@ -255,13 +255,13 @@ def evaluate(batch: Sets, constants: Array, rows: Places) -> Point:
     slopes = np.zeros((count, most, batch.samples))
     for group in batch.groups:
         asked = here[group.sets] >= 0
-        if not np.any(asked):
-            continue
-        at, places = here[group.sets[asked]], group.constants[asked]
-        value, tangents = group.form.columns(constants[at[:, None], places], batch.column_of)
-        columns[at, group.terms[asked]] = value
-        for place, slope in tangents.items():
-            slopes[at, places[:, place]] = slope
+        if np.any(asked):
+            at, places = here[group.sets[asked]], group.constants[asked]
+            form, own = group.form, constants[at[:, None], places]
+            for part, value, tangents in form.pieces(own, batch.column_of, batch.samples):
+                columns[at, group.terms[asked], part] = value
+                for place, slope in tangents.items():
+                    slopes[at, places[:, place], part] = slope
     seen = batch.seen(columns)
     basis, upper, usable = orthonormal(seen, batch.used[rows], batch.basis[rows])
     target = batch.target[rows]
