@@ -1,6 +1,6 @@
 """Time of a generation and time to the exact structure, against NumPy and an earlier commit.
 
-``python -m benchmarks.generation [--commit HASH] [--rows 200 1000 10000 100000] [--turns 2]``
+``python -m benchmarks.generation [--commit HASH] [--rows 200 1000 10000 100000] [--turns N]``
 checks the commit out beside and searches for the acceleration of the first mass (section 7.1) on
 that many rows, in turns and a process each: the commit, this code with every column by NumPy,
 this code. A generation is all of ``evolution.loop.step`` at the default settings, on a target with
@@ -33,8 +33,8 @@ from jaxsr.evolution.library import small_terms
 ROOT = Path(__file__).resolve().parents[1]
 BEFORE = "48e8622"
 """The last commit whose search evaluated term by term in NumPy."""
-ROWS = (200, 1_000, 10_000, 100_000)
-ENGINES = ("before", "numpy", "now")
+TURNS = {200: 3, 1_000: 3, 10_000: 2, 100_000: 1}
+"""Searches of each engine, by rows."""
 GENERATIONS, EXACT = 4, 12  # timed of a search; at most until the law is found
 NEW = (30, 100, 400)  # terms in a batch
 CODE = """
@@ -150,6 +150,10 @@ def _spent(work: Callable[[], Any]) -> float:
     return time.process_time() - began
 
 
+def _processor(body: dict[str, Any]) -> list[dict[str, Any]]:
+    return [clocks["processor"] for clocks in body["rows"].values()]
+
+
 def _told(rows: int, results: dict[str, dict[str, Any]]) -> None:
     for engine, row in results.items():
         print(
@@ -171,13 +175,13 @@ def main() -> None:
     """Run in turns, print, and write the file."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.generation", description=__doc__)
     parser.add_argument("--commit", default=BEFORE)
-    parser.add_argument("--rows", type=int, nargs="+", default=list(ROWS))
-    parser.add_argument("--turns", type=int, default=2)
+    parser.add_argument("--rows", type=int, nargs="+", default=list(TURNS))
+    parser.add_argument("--turns", type=int, help="searches of each engine; fewer of long ones")
     parser.add_argument("--quick", action="store_true")
     options = parser.parse_args()
-    rows, turns, sizes = options.rows, options.turns, (GENERATIONS, EXACT, 200)
+    rows, sizes = options.rows, (GENERATIONS, EXACT, 200)
     if options.quick:
-        rows, turns, sizes = [200], 1, (2, 4, 40)
+        rows, sizes, options.turns = [200], (2, 4, 40), 1
     body: dict[str, Any] = {"commit_before": options.commit, "new_terms": {}, "rows": {}}
     with tempfile.TemporaryDirectory() as place:
         keep_compiled(Path(place) / "programs")
@@ -195,6 +199,7 @@ def main() -> None:
                     f"{row['machine']:8.2f} ms, NumPy {row['numpy']:8.2f} ms"
                 )
             runs: dict[str, list[Any]] = {engine: [] for engine in folders}
+            turns = options.turns or TURNS.get(count, 1)
             for seed in range(turns):
                 for engine, folder in folders.items():
                     cache = str(Path(place) / "programs")
@@ -204,8 +209,9 @@ def main() -> None:
                 for k, clock in enumerate(("processor", "wall"))
             }
             _told(count, body["rows"][count]["processor"])
-    if not options.quick:
-        write("generation", "Time of a generation", range(turns), body)
+            if not options.quick:
+                seeds = range(max(row["now"]["of"] for row in _processor(body)))
+                write("generation", "Time of a generation", seeds, body)
 
 
 if __name__ == "__main__":

@@ -191,9 +191,11 @@ class Engine:
         return list(each(one, pieces))
 
 
-def side_by_side(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """Return what ``work`` makes of each item, on all cores this process may use."""
-    workers = EngineConfig().workers
+def side_by_side(
+    work: Callable[[Any], Any], items: Sequence[Any], threads: int | None = None
+) -> list[Any]:
+    """Return what ``work`` makes of each item, by default on all cores this process may use."""
+    workers = EngineConfig(threads).workers
     if workers == 1 or len(items) == 1:
         return [work(item) for item in items]
     return list(_pool(workers).map(work, items))

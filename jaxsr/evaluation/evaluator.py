@@ -53,12 +53,13 @@ class Evaluator:
         Memory for columns that are kept.
     time, group
         As for :class:`jaxsr.evaluation.ColumnCache`.
-    config : EngineConfig, optional
-        Threads, device; samples at a time are :data:`PIECE`.
+    threads : int, optional
+        By default one for each core this process may use.
 
     Attributes
     ----------
     variables : dict of str to ndarray, (samples,)
+    threads : int or None
     cache : ColumnCache
         Of NumPy's columns, and of those of the machine that are kept.
     """
@@ -70,13 +71,14 @@ class Evaluator:
         *,
         time: str | Array = "t",
         group: Array | None = None,
-        config: EngineConfig | None = None,
+        threads: int | None = None,
     ) -> None:
         self.cache = ColumnCache(variables, limit_bytes, time=time, group=group)
         self.variables = {n: np.asarray(v, np.float64) for n, v in variables.items()}
         self._names = tuple(self.variables)
         self._samples = next((len(v) for v in self.variables.values()), 1)
-        self._config = config or EngineConfig(chunk=PIECE, window=TOGETHER)
+        self.threads = threads
+        self._config = EngineConfig(threads, chunk=PIECE, window=TOGETHER)
         self._data: Array | None = None
         self._compiled = False
 

@@ -80,9 +80,8 @@ class RegressionProblem:
         Whether a term may be used, e.g. :class:`jaxsr.regression.InUnits`; all may when None.
     instants : ndarray, (samples,), optional
         Time of each sample for integrals, where it is not among the variables.
-    evaluator : type, optional
-        What evaluates terms in place of :class:`jaxsr.evaluation.Evaluator`, made as that is:
-        to measure one against another.
+    evaluator : callable, optional
+        What makes the evaluator of the terms, called as :class:`jaxsr.evaluation.Evaluator`.
 
     Attributes
     ----------
@@ -109,7 +108,7 @@ class RegressionProblem:
         group: NDArray[np.intp] | None = None,
         admits: Callable[[Term], bool] | None = None,
         instants: Array | None = None,
-        evaluator: type[Evaluator] = Evaluator,
+        evaluator: Callable[..., Evaluator] = Evaluator,
     ) -> None:
         self.y = np.asarray(y, dtype=np.float64)
         if self.y.ndim != 1 or not len(self.y):

@@ -70,6 +70,7 @@ class Sets:
     column_of: ColumnOf
     view: View
     samples: int
+    threads: int | None
 
     def seen(self, columns: Array) -> Array:
         """Return columns (..., samples) in the view, without the fixed ones: (..., rows)."""
@@ -174,6 +175,7 @@ def prepare(
         problem.evaluator.column,
         problem.seen,
         problem.samples,
+        problem.evaluator.threads,
     )
 
 
@@ -258,7 +260,8 @@ def evaluate(batch: Sets, constants: Array, rows: Places) -> Point:
         if np.any(asked):
             at, places = here[group.sets[asked]], group.constants[asked]
             form, own = group.form, constants[at[:, None], places]
-            for part, value, tangents in form.pieces(own, batch.column_of, batch.samples):
+            pieces = form.pieces(own, batch.column_of, batch.samples, batch.threads)
+            for part, value, tangents in pieces:
                 columns[at, group.terms[asked], part] = value
                 for place, slope in tangents.items():
                     slopes[at, places[:, place], part] = slope

@@ -166,11 +166,12 @@ class Form:
         return values[-1], slopes[-1]
 
     def pieces(
-        self, constants: Array, column_of: ColumnOf, samples: int
+        self, constants: Array, column_of: ColumnOf, samples: int, threads: int | None = None
     ) -> list[tuple[slice, Any, Tangents]]:
         """Return (rows, values, tangents) as :meth:`columns`, long columns piece by piece.
 
-        What lies between two steps of a piece stays in a core's cache, and all cores take pieces.
+        What lies between two steps of a piece stays in a core's cache; threads, one for each core
+        when None, take pieces.
         """
         if self.template is not None or samples <= 2 * PIECE:
             return [(slice(None), *self.columns(constants, column_of))]
@@ -184,7 +185,7 @@ class Form:
 
             return part, *self.columns(constants, column)
 
-        return side_by_side(piece, range(0, samples, PIECE))
+        return side_by_side(piece, range(0, samples, PIECE), threads)
 
 
 def _opaque(template: Term, constants: Array, column_of: ColumnOf) -> tuple[Any, Tangents]:
