@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -78,7 +79,6 @@ class Evaluator:
         self._names = tuple(self.variables)
         self._samples = next((len(v) for v in self.variables.values()), 1)
         self.threads = threads
-        self._config = EngineConfig(threads, chunk=PIECE, window=TOGETHER)
         self._data: Array | None = None
         self._compiled = False
 
@@ -181,7 +181,10 @@ class Evaluator:
             out[others] = out[first]
 
     def _engine(self, terms: Sequence[Term]) -> Engine:
-        return Engine(compile_postfix(terms, self._names), self._config)
+        config = EngineConfig(self.threads, chunk=PIECE, window=TOGETHER)
+        if config.platform != "cpu":  # a device has no such cache, and wants long rows
+            config = replace(config, chunk=None)
+        return Engine(compile_postfix(terms, self._names), config)
 
     def _matrix(self) -> Array:
         """Return the variables (variables, samples), made once."""
