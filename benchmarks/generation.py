@@ -191,6 +191,7 @@ def main() -> None:
             subprocess.run(["git", "clone", "-q", str(ROOT), str(old)], check=True)
             subprocess.run(["git", "-C", str(old), "checkout", "-q", options.commit], check=True)
             folders = {"before": old, **folders}
+            turn(old, str(Path(place) / "programs"), "before", 200, 0, (1, 1, 20))  # compiles
         for count in rows:
             body["new_terms"][count] = evaluation(count, 2 if options.quick else 5)
             for row in body["new_terms"][count]:

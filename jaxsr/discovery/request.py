@@ -155,4 +155,4 @@ def asked(
     return roles or Roles(**own["roles"]), prior or Prior(**own["prior"]), run or Run(**own["run"])
 
 
-_KINDS: dict[str, type] = {"roles": Roles, "prior": Prior, "run": Run}
+_KINDS: dict[str, Any] = {"roles": Roles, "prior": Prior, "run": Run}

@@ -175,7 +175,8 @@ class Form:
         """
         if self.template is not None or samples <= 2 * PIECE:
             return [(slice(None), *self.columns(constants, column_of))]
-        held = {node.column: column_of(node.column) for node in self.nodes if node.column}
+        still = dict.fromkeys(node.column for node in self.nodes if node.column is not None)
+        held = {term: column_of(term) for term in still}
 
         def piece(first: int) -> tuple[slice, Any, Tangents]:
             part = slice(first, min(first + PIECE, samples))
