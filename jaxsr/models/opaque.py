@@ -10,7 +10,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -25,11 +25,32 @@ LEAST = 8
 _NUMBERS = itertools.count()
 
 
+class Opaque(Protocol):
+    """A scalar function of `arity` scalars that is no formula, with its derivatives."""
+
+    @property
+    def name(self) -> str:
+        """Of its primitive."""
+        ...
+
+    def slopes(self, args: Sequence[Array]) -> tuple[Array, ...]:
+        """Return the derivatives by every argument."""
+        ...
+
+    def derivative(self, position: int) -> str:
+        """Register the derivative by an argument, and return its name."""
+        ...
+
+    def gain(self, position: int, names: Sequence[str]) -> Term:
+        """Return the derivative by an argument where that is zero; `names` are those of all."""
+        ...
+
+
 @dataclass(frozen=True)
 class OpaquePrimitive(Primitive):
     """A scalar JAX function of scalars as a primitive, with its derivatives."""
 
-    called: Called | None = None
+    called: Opaque | None = None
 
     def partial(self, position: int) -> str:
         """Return the name of the primitive that is the derivative by an argument."""
@@ -87,6 +108,19 @@ class Called:
             self._derivatives[position] = Called(name, by, self.arity)
             self._derivatives[position].primitive()
         return self._derivatives[position].name
+
+    def gain(self, position: int, names: Sequence[str]) -> Term:
+        """Return the derivative by an argument where that is zero; `names` are those of all."""
+        others = [n for k, n in enumerate(names) if k != position]
+
+        def at_zero(*values: Array) -> Array:
+            zero = jnp.zeros_like(values[0] if values else 0.0)
+            every = [*values[:position], zero, *values[position:]]
+            return jax.jacfwd(self.function, argnums=position)(*every)
+
+        if not others:
+            return Term.constant(float(self.slopes([np.zeros(1)])[0][0]))
+        return opaque(f"{self.name}_by_{names[position]}", at_zero, others)
 
     @cached_property
     def _derivatives(self) -> dict[int, Called]:

@@ -1,0 +1,2 @@
+def edited_unit(unit, given, model):
+    return {}, []
