@@ -44,7 +44,7 @@ DRAFT = """\
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """An FMU read into a model.
+    """An FMU or a step function, read into a model.
 
     Attributes
     ----------
@@ -57,6 +57,8 @@ class Unit:
         What was assumed, in the form of ``data_checks``.
     drafted : str
         Text of the sidecar that was drafted, empty where there was one.
+    step : float
+        Of a simulator that takes steps, in s; 0 where it has rates.
     """
 
     path: Path
@@ -65,6 +67,7 @@ class Unit:
     variables: Mapping[str, str]
     checks: list[dict[str, Any]] = field(default_factory=list)
     drafted: str = ""
+    step: float = 0.0
 
 
 def read_fmu(
@@ -115,7 +118,7 @@ def read_fmu(
     step = float(native.about.get("step") or 0.0)
     asked = native_field(given, native, told.variables(given), opened, step)
     model = replace(given, vector_field=asked)
-    return Unit(path, Simulator(model), native, told.variables(given), checks, drafted)
+    return Unit(path, Simulator(model), native, told.variables(given), checks, drafted, step)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from jaxsr._arguments import is_format
 from jaxsr.models.formats.fmu import Unit, read_fmu, write_sidecar
 from jaxsr.models.formats.mjcf import Robot, read_mjcf, read_plant, write_draft
 from jaxsr.models.formats.running import robot_to_csv
+from jaxsr.models.formats.step_map import is_step, read_steps
 from jaxsr.models.formats.time_step import step_rows
 from jaxsr.models.formats.unit_edits import edited_unit
 from jaxsr.models.formats.urdf import read_urdf, repair_rows
@@ -139,9 +140,12 @@ def open_simulator(
     read : callable
         Reads what is no robot.
     """
+    table = next(iter(tables), None)
+    if is_step(model):
+        unit = read_steps(model, table, recordings)
+        return Opened(unit.simulator, unit=unit)
     if not is_format(model):
         return Opened(read(model, *tables))
-    table = next(iter(tables), None)
     if model.lower().endswith(".fmu"):
         unit = read_fmu(model, table, recordings)
         drafted = write_sidecar(unit.path.with_suffix(".toml"), unit.drafted, folder)

@@ -1,1 +1,1 @@
-"""Simulators that are no formulas: native or foreign code in a process of its own, asked by rows."""
+"""Simulators that are no formulas: foreign code in a process of its own, asked by rows."""
