@@ -59,6 +59,8 @@ class Unit:
         Text of the sidecar that was drafted, empty where there was one.
     step : float
         Of a simulator that takes steps, in s; 0 where it has rates.
+    arguments : int
+        Of a step function; 0 for an FMU.
     """
 
     path: Path
@@ -68,6 +70,12 @@ class Unit:
     checks: list[dict[str, Any]] = field(default_factory=list)
     drafted: str = ""
     step: float = 0.0
+    arguments: int = 0
+
+    @property
+    def step_function(self) -> bool:
+        """Whether it is a Python step function."""
+        return self.arguments > 0
 
 
 def read_fmu(

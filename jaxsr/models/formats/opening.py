@@ -89,6 +89,11 @@ class Opened:
         diagnosis.document["data_checks"] += rows
         return back.files
 
+    def close(self) -> None:
+        """End the process of a simulator that has one."""
+        if self.unit is not None:
+            self.unit.native.close()
+
     def _edited(self, diagnosis: Any, unit: Unit) -> dict[str, str]:
         files, said = edited_unit(unit, diagnosis.given, diagnosis.model)
         rows = list(self.checks)

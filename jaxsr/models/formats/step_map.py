@@ -96,9 +96,10 @@ def read_steps(
         for r in recordings
     ]
     states = [s for s in model.states if s not in model.equations]
+    count = arguments_of(text) or 3
     options = {
         "function": name,
-        "arguments": arguments_of(text) or 3,
+        "arguments": count,
         "step": _step(model, opened, table),
         "states": states,
         "inputs": list(model.inputs),
@@ -113,7 +114,7 @@ def read_steps(
     variables = {n: n for n in (*states, *model.inputs, *model.parameters)}
     field = native_field(model, native, variables, opened, float(options["step"]))
     made = Simulator(replace(model, vector_field=field))
-    return Unit(path, made, native, variables, step=float(options["step"]))
+    return Unit(path, made, native, variables, step=float(options["step"]), arguments=count)
 
 
 def _number(value: Any) -> float:

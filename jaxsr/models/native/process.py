@@ -14,6 +14,7 @@ import threading
 import time
 import weakref
 from collections import OrderedDict
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -23,7 +24,9 @@ from jaxsr._result import InputError
 
 SCRIPT = Path(__file__).with_name("worker.py")
 SECONDS = 20.0
-"""Time on the clock in which a simulator must open, and a thousand rows must be answered."""
+"""Processor time in which a simulator must open, and a thousand rows must be answered."""
+PATIENCE = 6.0
+"""Times as much may pass on the clock of a loaded machine; one that sleeps is ended by it."""
 ROWS = 20_000
 """Rows that are asked at once."""
 KEPT = 12
@@ -43,7 +46,7 @@ class Native:
     options : dict
         What else the backend needs to open it.
     seconds : float, optional
-        Time that it may take to open or to answer a thousand rows, `SECONDS` by default.
+        Processor time that it may take to open or to answer a thousand rows, `SECONDS` by default.
 
     Attributes
     ----------
@@ -61,7 +64,7 @@ class Native:
     ) -> None:
         self.path, self._seconds = path, SECONDS if seconds is None else seconds
         self._folder = tempfile.mkdtemp(prefix="jaxsr-native-")
-        self._deadline: float | None = None
+        self._limit: _Limit | None = None
         self._late, self._gone = False, ""
         self._lock = threading.RLock()
         self._known: OrderedDict[tuple[str, bytes], np.ndarray] = OrderedDict()
@@ -130,7 +133,7 @@ class Native:
                 raise self._lost()
             stdin, stdout = self._process.stdin, self._process.stdout
             assert stdin is not None and stdout is not None
-            self._deadline = time.monotonic() + limit
+            self._limit = _Limit(limit, time.monotonic() + PATIENCE * limit)
             try:
                 stdin.write(json.dumps(head).encode() + b"\n" + body)
                 stdin.flush()
@@ -149,7 +152,7 @@ class Native:
                 self.close()
                 raise
             finally:
-                self._deadline = None
+                self._limit = None
         if "refused" in found:
             raise InputError(str(found["refused"]), self.path.name, str(found.get("remedy", "")))
         return found, data
@@ -160,11 +163,37 @@ class Native:
 
     def check_time(self) -> bool:
         """End the process if its time is up; tell whether there is anything left to watch."""
-        deadline = self._deadline
-        if deadline is not None and time.monotonic() > deadline:
+        limit = self._limit
+        if limit is not None and limit.passed(self._process.pid):
             self._late = True
             self._process.kill()
         return self._process.poll() is None
+
+
+@dataclass
+class _Limit:
+    """When a request has taken too long: by processor time in s, or by the clock."""
+
+    seconds: float
+    until: float
+    began: float | None = None
+
+    def passed(self, pid: int) -> bool:
+        used = _processor_time(pid)
+        if self.began is None:
+            self.began = used
+        late = used is not None and self.began is not None and used - self.began > self.seconds
+        return late or time.monotonic() > self.until
+
+
+def _processor_time(pid: int) -> float | None:
+    """Return the processor time in s that a process has used (proc(5)); None where that is hid."""
+    try:
+        with open(f"/proc/{pid}/stat", "rb") as stream:
+            parts = stream.read().rpartition(b")")[2].split()
+        return (int(parts[11]) + int(parts[12])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, IndexError, AttributeError):
+        return None
 
 
 def _watch(owner: weakref.ref[Native]) -> None:
