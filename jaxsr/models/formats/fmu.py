@@ -26,7 +26,7 @@ from jaxsr.models.simulator import Simulator
 from jaxsr.models.writing import model_text
 from jaxsr.recordings import Recording, read_recording
 
-BACKEND = Path(__file__).parents[1] / "native" / "fmu_backend.py"
+BACKEND = Path(__file__).parents[1] / "native" / "backends" / "fmi.py"
 NEAR = 10.0
 """Factor by which a parameter may differ from its value, where the FMU states no range."""
 MOST_FREE = 12

@@ -23,7 +23,7 @@ from jaxsr.models.reading import read_model
 from jaxsr.models.simulator import Simulator
 from jaxsr.recordings import Recording, read_recording
 
-BACKEND = Path(__file__).parents[1] / "native" / "step_backend.py"
+BACKEND = Path(__file__).parents[1] / "native" / "backends" / "python_steps.py"
 
 
 def arguments_of(text: str) -> int | None:

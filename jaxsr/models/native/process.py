@@ -14,6 +14,7 @@ import threading
 import time
 import weakref
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -67,7 +68,7 @@ class Native:
         self._limit: _Limit | None = None
         self._late, self._gone = False, ""
         self._lock = threading.RLock()
-        self._known: OrderedDict[tuple[str, bytes], np.ndarray] = OrderedDict()
+        self._known: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
         quiet = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         self._process = subprocess.Popen(
             [sys.executable, "-P", str(SCRIPT), self._folder],
@@ -94,20 +95,21 @@ class Native:
 
     def rates(self, rows: np.ndarray) -> np.ndarray:
         """Return rates and readings, shape (rows, results)."""
-        return self._many("rates", rows, (self.results,))
+        return self._many("rates", rows, ())
 
-    def slopes(self, rows: np.ndarray) -> np.ndarray:
-        """Return their derivatives by the columns of the rows, shape (rows, results, columns)."""
-        return self._many("slopes", rows, (self.results, rows.shape[1]))
+    def slopes(self, rows: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """Return derivatives by some columns of the rows, shape (rows, results, columns)."""
+        return self._many("slopes", rows, tuple(columns))
 
     def close(self) -> None:
         """End the process."""
         _ended(self._process, self._folder)
 
-    def _many(self, op: str, rows: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    def _many(self, op: str, rows: np.ndarray, columns: tuple[int, ...]) -> np.ndarray:
         rows = np.ascontiguousarray(rows, dtype=float)
+        shape = (self.results, len(columns)) if op == "slopes" else (self.results,)
         with self._lock:
-            key = op, rows.tobytes()
+            key = op, columns, rows.tobytes()
             if key in self._known:
                 self._known.move_to_end(key)
                 return self._known[key]
@@ -115,8 +117,8 @@ class Native:
             for first in range(0, len(rows), ROWS):
                 part = rows[first : first + ROWS]
                 body = part.tobytes()
-                head = {"op": op, "rows": len(part), "size": len(body)}
-                calls = 1 if op == "rates" else 2 * rows.shape[1]
+                head = {"op": op, "rows": len(part), "size": len(body), "columns": columns}
+                calls = 1 + 2 * len(columns)
                 limit = self._seconds * (1.0 + 1e-3 * calls * len(part))
                 _, data = self._asked(head, body, limit)
                 parts.append(np.frombuffer(data, dtype=float).reshape(len(part), *shape))

@@ -111,8 +111,9 @@ class Asked:
         wide = np.broadcast_arrays(*args)
         shape = wide[0].shape
         if self.by is None:
-            found = self.rows.native.slopes(self.rows.filled(self.columns, wide))[:, self.result]
-            return tuple(found[:, k].reshape(shape) for k in self.columns)
+            rows = self.rows.filled(self.columns, wide)
+            found = self.rows.native.slopes(rows, self.columns)[:, self.result]
+            return tuple(column.reshape(shape) for column in found.T)
         parts = []
         for place, k in enumerate(self.columns):
             step = APART * self.rows.scales[k]
@@ -190,7 +191,7 @@ class Asked:
         rows = self.rows.filled(self.columns, args)
         if self.by is None:
             return self.rows.rates(rows)[:, self.result]
-        return self.rows.native.slopes(rows)[:, self.result, self.by]
+        return self.rows.native.slopes(rows, (self.by,))[:, self.result, 0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,7 +62,7 @@ class Steps:
     def choose(self, chosen: dict[str, Any]) -> None:
         """Take what the request said."""
 
-    def exact(self, rows: np.ndarray) -> dict[int, np.ndarray]:
+    def exact(self, rows: np.ndarray, columns: list[int]) -> dict[int, np.ndarray]:
         """Return no derivatives."""
         return {}
 
