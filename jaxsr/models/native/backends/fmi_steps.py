@@ -7,6 +7,10 @@ from typing import Any
 import numpy as np
 from fmi_unit import Refused, Unit, number
 
+REMEDY = "Export it for model exchange"
+STEPS = 12
+"""Of the run with which single steps are compared."""
+
 
 class Stepped(Unit):
     """Co-simulation: steps of one length, from states that can be set.
@@ -22,24 +26,28 @@ class Stepped(Unit):
         self.period = step or own
         if not self.period:
             raise Refused("does not say its step", "Write sample_time under [model] of the sidecar")
-        self._states = self.states()
-        self.count = len(self._states)
-        self.described = super().describe()
-        self._check_memory()
-
-    def states(self) -> list[str]:
-        """Return the states: those whose derivative there is, else what is shown and may be set."""
         told = [v.derivative.name for v in self.variables.values() if v.derivative is not None]
-        if told:
-            return list(dict.fromkeys(told))
         shown = [
             n
             for n, v in self.variables.items()
-            if v.causality in ("output", "local")
-            and v.variability in (None, "continuous")
-            and v.initial != "calculated"
+            if v.causality in ("output", "local") and v.variability in (None, "continuous")
         ]
-        return shown
+        self._states = list(dict.fromkeys(told)) or shown
+        self.inputs = [n for n, v in self.variables.items() if v.causality == "input"]
+        self.count = len(self._states)
+        try:
+            self._keep_states()
+            self.described = super().describe()
+            self._check_memory()
+        except self.failure as error:
+            what = " ".join(str(error).split())[:80]
+            raise Refused(f"cannot be stepped by {self.period:g} s: {what}", REMEDY) from None
+        if not self.inputs and not self._states:
+            raise Refused("has neither inputs nor states", REMEDY)
+
+    def states(self) -> list[str]:
+        """Return the states that are set before a step."""
+        return self._states
 
     def describe(self) -> dict[str, Any]:
         """Say what there is."""
@@ -61,45 +69,57 @@ class Stepped(Unit):
         return found
 
     def _enter(self, row: np.ndarray) -> None:
-        from fmpy import fmi2, fmi3
-
         n, m = len(self._states), len(self.inputs)
         x, u, p = row[1 : 1 + n], row[1 + n : 1 + n + m], row[1 + n + m :]
         states = dict(zip(self._states, x, strict=True))
         given = dict(zip(self.parameters, p, strict=True))
-        exact = {s: v for s, v in states.items() if self.variables[s].initial is not None}
-        kind = fmi2.FMU2Slave if self.two else fmi3.FMU3Slave
-        own = self.about.coSimulation
-        self.begin(kind, own, float(row[0]), {**given, **exact})
+        exact = {s: v for s, v in states.items() if self.variables[s].initial == "exact"}
+        self.begin(self._kind(), self.about.coSimulation, float(row[0]), {**given, **exact})
         if not np.allclose(self.get(self._states), x, rtol=1e-9, atol=0.0):
             self.put(self._states, x)
         self.put(self.inputs, u)
 
+    def _kind(self) -> Any:
+        from fmpy import fmi2, fmi3
+
+        return fmi2.FMU2Slave if self.two else fmi3.FMU3Slave
+
+    def _begun(self) -> np.ndarray:
+        """Start anew, and return the row at which it does."""
+        self.begin(self._kind(), self.about.coSimulation, 0.0, {})
+        values = [*self.get(self._states), *self.get(self.inputs)]
+        return np.array([0.0, *values])
+
+    def _keep_states(self) -> None:
+        """Leave out what is shown and no state: setting it changes no step."""
+        first = self._begun()
+        first[1 + self.count :] += 0.7
+        own = self.advance(first[None])[0]
+        kept = []
+        for k, name in enumerate(self._states):
+            moved = first.copy()
+            moved[1 + k] += 0.1 * abs(moved[1 + k]) + 0.1
+            change = np.abs(self.advance(moved[None])[0] - own)
+            if np.isfinite(change).all() and change.max() > 1e-9 * (np.abs(own).max() + 1e-300):
+                kept.append(name)
+        self._states, self.count = kept, len(kept)
+        if not kept:
+            raise Refused("has no states that can be set", REMEDY)
+
     def _check_memory(self) -> None:
-        remedy = "Export it for model exchange"
-        if not self._states:
-            raise Refused("has no states that can be set", remedy)
-        told = self.described
-        self.inputs = [v["name"] for v in told["inputs"]]
-        self.parameters = []
-        rng, time, h = np.random.default_rng(0), 0.0, float(self.period or 0.0)
-        start = [v["start"] or 0.0 for v in told["states"]]
-        first = np.array([time, *start, *rng.normal(size=len(self.inputs))])
-        rows, after = [first], []
-        try:
-            self._enter(first)
-            for _ in range(12):
-                self.fmu.doStep(time, h)
-                time += h
-                after.append(self.get(self._states))
-                inputs = rng.normal(size=len(self.inputs))
-                self.put(self.inputs, inputs)
-                rows.append(np.array([time, *after[-1], *inputs]))
-        except Exception as error:
-            what = " ".join(str(error).split())[:80]
-            raise Refused(f"cannot be stepped by {h:g} s: {what}", remedy) from None
-        again = self.advance(np.array(rows[:-1]))
+        """Raise unless single steps from the states of a run are those of the run."""
+        rng, h = np.random.default_rng(0), float(self.period or 0.0)
+        now, rows, after = self._begun(), [], []
+        for _ in range(STEPS):
+            inputs = rng.normal(size=len(self.inputs))
+            self.put(self.inputs, inputs)
+            now[1 + self.count :] = inputs
+            rows.append(now)
+            self.fmu.doStep(float(now[0]), h)
+            after.append(self.get(self._states))
+            now = np.array([now[0] + h, *after[-1], *inputs])
+        again = self.advance(np.array(rows))
         size = np.abs(after).max() + 1e-300
         if not np.nan_to_num(np.abs(again - after) / size, nan=1.0).max() < 1e-9:
             names = ", ".join(self._states)
-            raise Refused(f"has states beside {names} that cannot be set"[:120], remedy)
+            raise Refused(f"has states beside {names} that cannot be set"[:120], REMEDY)
