@@ -33,8 +33,10 @@ class Opaque(Protocol):
         """Of its primitive."""
         ...
 
-    def slopes(self, args: Sequence[Array]) -> tuple[Array, ...]:
-        """Return the derivatives by every argument."""
+    def slopes(
+        self, args: Sequence[Array], wanted: Sequence[bool] | None = None
+    ) -> tuple[Array, ...]:
+        """Return the derivatives by every argument, anything for those that are not wanted."""
         ...
 
     def derivative(self, position: int) -> str:
@@ -57,10 +59,10 @@ class OpaquePrimitive(Primitive):
         assert self.called is not None
         return self.called.derivative(position)
 
-    def partials(self, *args: Array) -> tuple[Array, ...]:
-        """Return the derivatives by all arguments, the value coming last among `args`."""
+    def partials(self, args: Sequence[Array], wanted: Sequence[bool]) -> tuple[Array, ...]:
+        """Return the derivatives by the arguments, anything for those that are not wanted."""
         assert self.called is not None
-        return self.called.slopes(args[:-1])
+        return self.called.slopes(args, wanted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +91,10 @@ class Called:
         """Return the function at NumPy arrays or numbers."""
         return self._many(self._compiled, args)
 
-    def slopes(self, args: Sequence[Array]) -> tuple[Array, ...]:
-        """Return the derivatives by every argument."""
+    def slopes(
+        self, args: Sequence[Array], wanted: Sequence[bool] | None = None
+    ) -> tuple[Array, ...]:
+        """Return the derivatives by every argument: together they cost hardly more than one."""
         found = self._many(self._differentiated, args)
         return tuple(np.moveaxis(found, -1, 0))
 

@@ -106,22 +106,28 @@ class Asked:
         wide = np.broadcast_arrays(*args)
         return self._at(wide).reshape(wide[0].shape)
 
-    def slopes(self, args: Sequence[Array]) -> tuple[Array, ...]:
-        """Return the derivatives by every argument."""
+    def slopes(
+        self, args: Sequence[Array], wanted: Sequence[bool] | None = None
+    ) -> tuple[Array, ...]:
+        """Return the derivatives by the arguments, 0 for those that are not wanted."""
         wide = np.broadcast_arrays(*args)
         shape = wide[0].shape
+        places = [j for j in range(self.arity) if wanted is None or wanted[j]]
+        parts: list[Array] = [0.0] * self.arity
         if self.by is None:
             rows = self.rows.filled(self.columns, wide)
-            found = self.rows.native.slopes(rows, self.columns)[:, self.result]
-            return tuple(column.reshape(shape) for column in found.T)
-        parts = []
-        for place, k in enumerate(self.columns):
-            step = APART * self.rows.scales[k]
+            columns = [self.columns[j] for j in places]
+            found = self.rows.native.slopes(rows, columns)[:, self.result]
+            for j, column in zip(places, found.T, strict=True):
+                parts[j] = column.reshape(shape)
+            return tuple(parts)
+        for j in places:
+            step = APART * self.rows.scales[self.columns[j]]
             ends = [
-                self._at([a + side * step if j == place else a for j, a in enumerate(wide)])
+                self._at([a + side * step if i == j else a for i, a in enumerate(wide)])
                 for side in (-1.0, 1.0)
             ]
-            parts.append(((ends[1] - ends[0]) / (2.0 * step)).reshape(shape))
+            parts[j] = ((ends[1] - ends[0]) / (2.0 * step)).reshape(shape)
         return tuple(parts)
 
     def derivative(self, position: int) -> str:
