@@ -18,6 +18,7 @@ from jaxsr.expressions.unit_text import factors_of
 from jaxsr.models.formats.asked_columns import Quantity, matched
 from jaxsr.models.formats.columns import POSITION, RATE, SENSOR
 from jaxsr.models.formats.names import symbols_for
+from jaxsr.models.formats.sidecar import HOLDS
 from jaxsr.models.model import Model
 from jaxsr.models.native.field import native_field
 from jaxsr.models.native.process import Native
@@ -37,8 +38,8 @@ DRAFT = """\
 # [parameters]  those with bounds are free inside them; of {base} there are also
 #               {others}
 # [columns]     output or input = column of a recording
-# Assumed, change it where it is wrong: between two samples an input lies on a line
-# (input_hold "zero": it stays what it was).
+# Assumed, change it where it is wrong: between two samples an input {hold}.
+# (input_hold "zero" as steps hold it, "linear" for a force that a sensor measures.)
 """
 
 
@@ -118,9 +119,10 @@ def read_fmu(
             raise InputError(
                 "no sidecar, and no recordings to draft it from", str(table), "Write it"
             )
-        given, unknown = _drafted(path, told, opened[0])
+        given, unknown = _drafted(path, told, opened[0], bool(native.about.get("step")))
         others = ", ".join(p for p in told.parameters if p not in given.parameters) or "no others"
-        drafted = DRAFT.format(base=path.name, others=others) + "\n" + model_text(given)
+        hold = HOLDS[given.input_hold]
+        drafted = DRAFT.format(base=path.name, others=others, hold=hold) + "\n" + model_text(given)
         checks += _assumed(table, given, opened[0], unknown)
     _check(given, told, path)
     step = float(native.about.get("step") or 0.0)
@@ -153,17 +155,19 @@ class Described:
     def of(about: Mapping[str, Any]) -> Described:
         """Give every variable a symbol; an output that is a state too has ``_meas`` behind."""
         taken: set[str] = set()
-        tables = []
-        for kind in ("states", "inputs", "parameters"):
+
+        def named(kind: str) -> dict[str, dict[str, Any]]:
             entries = about[kind]
             symbols = symbols_for([e["name"] for e in entries], taken)
-            tables.append(dict(zip(symbols, entries, strict=True)))
-        own = {e["name"]: s for s, e in tables[0].items()}
+            return dict(zip(symbols, entries, strict=True))
+
+        states, inputs, parameters = named("states"), named("inputs"), named("parameters")
+        own = {e["name"]: s for s, e in states.items()}
         texts = [f"{e['name']}_meas" if e["name"] in own else e["name"] for e in about["outputs"]]
         symbols = symbols_for(texts, taken)
         outputs = dict(zip(symbols, about["outputs"], strict=True))
         rates = {own[v]: own[q] for v, q in about["rates"].items() if v in own and q in own}
-        return Described(*tables[:2], outputs, tables[2], rates, str(about["name"]))
+        return Described(states, inputs, outputs, parameters, rates, str(about["name"]))
 
     def variables(self, model: Model) -> dict[str, str]:
         """Return the FMU's names of the symbols that a model has."""
@@ -208,7 +212,9 @@ def _step(given: Model | None, opened: Sequence[Recording]) -> float | None:
     return float(np.median(np.diff(opened[0].time)))
 
 
-def _drafted(path: Path, told: Described, recording: Recording) -> tuple[Model, list[str]]:
+def _drafted(
+    path: Path, told: Described, recording: Recording, steps: bool
+) -> tuple[Model, list[str]]:
     """Return the model that a sidecar would be written from, and columns that nothing is."""
     quantities = _quantities(told)
     found, unknown = matched(quantities, tuple(recording.channels), recording.name, path)
@@ -227,6 +233,7 @@ def _drafted(path: Path, told: Described, recording: Recording) -> tuple[Model, 
             "states": list(told.states),
             "inputs": inputs,
             "outputs": list(outputs),
+            "input_hold": "zero" if steps else "linear",
         },
         "readings": {y: q.reading for y, q in outputs.items()},
         "parameters": {

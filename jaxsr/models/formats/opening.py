@@ -13,7 +13,7 @@ from jaxsr._arguments import is_format
 from jaxsr.models.formats.fmu import Unit, read_fmu, write_sidecar
 from jaxsr.models.formats.mjcf import Robot, read_mjcf, read_plant, write_draft
 from jaxsr.models.formats.running import robot_to_csv
-from jaxsr.models.formats.step_map import is_step, read_steps
+from jaxsr.models.formats.step_map import is_step, read_steps, steps_to_csv
 from jaxsr.models.formats.time_step import step_rows
 from jaxsr.models.formats.unit_edits import edited_unit
 from jaxsr.models.formats.urdf import read_urdf, repair_rows
@@ -29,9 +29,13 @@ def simulated_table(
     duration: float | None,
     dt: float | None,
 ) -> pd.DataFrame:
-    """Return the table of ``jaxsr simulate``: a robot is run by its own integrator."""
+    """Return the table of ``jaxsr simulate``: robots and steps run as they do themselves."""
     if opened.robot is not None:
         return robot_to_csv(opened.robot, recording, duration, dt)
+    if opened.unit is not None and recording is not None:
+        own = steps_to_csv(opened.unit, recording)
+        if own is not None:
+            return own
     return simulate_to_csv(opened.simulator, recording, duration, dt)
 
 

@@ -13,13 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from jaxsr._result import InputError
+from jaxsr.expressions import evaluate
 from jaxsr.models.formats.fmu import Unit
 from jaxsr.models.model import FREE, Model
 from jaxsr.models.native.field import native_field
 from jaxsr.models.native.process import Native
 from jaxsr.models.reading import read_model
+from jaxsr.models.simulation import start_on
 from jaxsr.models.simulator import Simulator
 from jaxsr.recordings import Recording, read_recording
 
@@ -115,6 +118,49 @@ def read_steps(
     field = native_field(model, native, variables, opened, float(options["step"]))
     made = Simulator(replace(model, vector_field=field))
     return Unit(path, made, native, variables, step=float(options["step"]), arguments=count)
+
+
+def steps_to_csv(unit: Unit, recording: Recording) -> pd.DataFrame | None:
+    """Return the table that ``jaxsr simulate`` writes, by the simulator's own steps.
+
+    None where a sidecar adds to them, or samples lie between steps: then the flow is run.
+
+    Raises
+    ------
+    InputError
+        The run diverges.
+    """
+    model = unit.simulator.model
+    if not unit.step or model.additions or model.equations or model.delays or model.clock:
+        return None
+    counts = np.diff(recording.time) / unit.step
+    if np.abs(counts - np.round(counts)).max() > 0.01 or counts.min() < 0.5:
+        return None
+    item, start = start_on(unit.simulator, recording)
+    values = [p.value for n, p in model.parameters.items() if n in unit.variables]
+    rows = np.column_stack(
+        [
+            item.time,
+            np.tile(start, (item.time.size, 1)),
+            item.inputs,
+            np.tile(values, (item.time.size, 1)),
+        ]
+    )
+    states = unit.native.run(rows)
+    if not np.isfinite(states).all():
+        at = item.time[int(np.argmax(~np.isfinite(states).all(axis=1)))]
+        raise InputError(f"its run diverges at {at:.4g} s", unit.path.name, "Run a shorter time")
+    env = {model.time: item.time, **{n: p.value for n, p in model.parameters.items()}}
+    env |= dict(zip(model.states, states.T, strict=True))
+    env |= dict(zip(model.inputs, item.inputs.T, strict=True))
+    table = {model.column(model.time): item.time}
+    table |= {model.column(u): item.inputs[:, k] for k, u in enumerate(model.inputs)}
+    for y in model.outputs:
+        found = evaluate(model.reading_terms[y], env)
+        table[model.column(y)] = np.broadcast_to(found, item.time.shape)
+    for k, state in enumerate(model.states):
+        table.setdefault(state, states[:, k])
+    return pd.DataFrame(table)
 
 
 def _number(value: Any) -> float:

@@ -101,6 +101,20 @@ class Native:
         """Return derivatives by some columns of the rows, shape (rows, results, columns)."""
         return self._many("slopes", rows, tuple(columns))
 
+    def run(self, rows: np.ndarray) -> np.ndarray:
+        """Return the states of a run by the simulator's own steps, shape (samples, states).
+
+        Parameters
+        ----------
+        rows : ndarray, shape (samples, columns)
+            As for `rates`; of the states the first row counts alone.
+        """
+        rows = np.ascontiguousarray(rows, dtype=float)
+        body = rows.tobytes()
+        head = {"op": "run", "rows": len(rows), "size": len(body)}
+        _, data = self._asked(head, body, self._seconds * (1.0 + 1e-3 * len(rows)))
+        return np.frombuffer(data, dtype=float).reshape(len(rows), self.results)
+
     def close(self) -> None:
         """End the process."""
         _ended(self._process, self._folder)

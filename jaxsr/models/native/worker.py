@@ -76,6 +76,25 @@ def rates_of_steps(backend: Any, rows: np.ndarray) -> np.ndarray:
     return found / h
 
 
+def run_of_steps(backend: Any, rows: np.ndarray) -> np.ndarray:
+    """Return the states of a run by the simulator's own steps, shape (samples, states).
+
+    Rows hold time, inputs and parameters of the samples, and the first one the start. A sample
+    is as many steps as fit; inputs are held.
+    """
+    n, h = backend.count, backend.period
+    found = np.full((len(rows), n), np.nan)
+    found[0] = rows[0, 1 : 1 + n]
+    for k in range(len(rows) - 1):
+        now = rows[k].copy()
+        now[1 : 1 + n] = found[k]
+        for _ in range(max(1, round((rows[k + 1, 0] - rows[k, 0]) / h))):
+            now[1 : 1 + n] = backend.advance(now[None])[0]
+            now[0] += h
+        found[k + 1] = now[1 : 1 + n]
+    return found
+
+
 def evaluated(backend: Any, rows: np.ndarray) -> np.ndarray:
     """Return rates and readings of a simulator of any kind."""
     if hasattr(backend, "advance"):
@@ -134,6 +153,8 @@ def answered(state: dict[str, Any], request: dict[str, Any], body: bytes) -> Any
         return {}
     rows = np.frombuffer(body, dtype=float).reshape(request["rows"], -1)
     with np.errstate(all="ignore"):
+        if op == "run":
+            return run_of_steps(backend, rows)
         if op == "slopes":
             return slopes(backend, rows, state["scales"], request["columns"])
         return evaluated(backend, rows)

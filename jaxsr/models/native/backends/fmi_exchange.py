@@ -147,7 +147,7 @@ class Calls:
     def __init__(self, fmu: Any, two: bool, input_refs: Any) -> None:
         def function(name: str, *types: Any) -> Any:
             address = cast(getattr(fmu.dll, name), c_void_p).value
-            return CFUNCTYPE(c_int, c_void_p, *types)(address)
+            return CFUNCTYPE(c_int, c_void_p, *types)(address or 0)
 
         c, n = fmu.component, len(input_refs)
         refs = cast(input_refs, c_void_p)

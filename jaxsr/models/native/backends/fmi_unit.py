@@ -78,11 +78,6 @@ class Unit:
             return [told[n] for n, v in self.variables.items() if v.causality == causality]
 
         chosen = [p for p in named("parameter") if p["variability"] in ("fixed", "tunable")]
-        odd = [
-            v.name
-            for v in self.about.modelVariables
-            if v.causality == "input" and not real(v) and v.start is None
-        ]
         return {
             "name": self.about.modelName or "fmu",
             "fmi": self.about.fmiVersion,
@@ -91,7 +86,6 @@ class Unit:
             "inputs": named("input"),
             "outputs": named("output"),
             "parameters": chosen,
-            "odd": odd,
             "kind": type(self).__name__,
         }
 
