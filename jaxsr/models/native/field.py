@@ -174,7 +174,12 @@ def _needed(rows: Rows, region: Region, i: int) -> list[str]:
 
 def _ranges(model: Model, recordings: Sequence[Recording]) -> Ranges:
     """Return where states and inputs are in recordings."""
-    items = [Prepared.build(model, r) for r in recordings]
+    columns = [model.column(y) for y in model.outputs]
+    # A recording for a simulation need not hold what the sensors read.
+    measured = [r for r in recordings if all(c in r.channels for c in columns)]
+    if not measured:
+        return {}
+    items = [Prepared.build(model, r) for r in measured]
     found: dict[str, tuple[float, float]] = {}
     tables = ((model.states, [i.states.values for i in items]),)
     tables += ((model.inputs, [i.inputs for i in items]),)
