@@ -102,11 +102,21 @@ def test_rates_of_steps_are_those_of_their_flow_to_the_third_order(tmp_path: Pat
     assert errors[0] < 1e-4 and 2.8 < np.log2(errors[0] / errors[1]) < 3.2
 
 
-def test_pairs_are_seen_and_forces_enter_beside_the_input(tmp_path: Path) -> None:
+def test_euler_s_steps_are_read_as_the_law_that_they_go_along(tmp_path: Path) -> None:
     unit = read_steps(written(tmp_path, CART, CART_TABLE))
+    unit.native.close()
+    assert to_text(unit.simulator.model.equation_terms["v"]) == "(-k*q - c*v + F)/m"
+    (row,) = unit.checks
+    assert row["check"] == "time_step" and "steps of 0.01 s differ" in row["message"]
+
+
+def test_pairs_are_seen_and_forces_enter_beside_the_input(tmp_path: Path) -> None:
+    twice = CART.replace("def step", "def half").replace("0.01", "0.005")
+    twice += "\n\ndef step(x, u, p):\n    return half(half(x, u, p), u, p)\n"
+    unit = read_steps(written(tmp_path, twice, CART_TABLE))
     model = unit.simulator.model
     unit.native.close()
-    assert to_text(model.equation_terms["q"]) == "v"
+    assert to_text(model.equation_terms["q"]) == "v" and not unit.checks
     assert model.vector_field is not None and model.vector_field.columns["v"].beside == "F"
 
 

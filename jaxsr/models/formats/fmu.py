@@ -126,7 +126,8 @@ def read_fmu(
         checks += _assumed(table, given, opened[0], unknown)
     _check(given, told, path)
     step = float(native.about.get("step") or 0.0)
-    asked = native_field(given, native, told.variables(given), opened, step)
+    asked, apart = native_field(given, native, told.variables(given), opened, step)
+    checks += step_check(path.name, step, apart)
     model = replace(given, vector_field=asked)
     return Unit(path, Simulator(model), native, told.variables(given), checks, drafted, step)
 
@@ -334,6 +335,17 @@ def _assumed(
         message = f"columns that match no variable are not used: {names}"
         rows.append(_row(recording.name, "columns", message))
     return rows
+
+
+def step_check(file: str, step: float, apart: float) -> list[dict[str, Any]]:
+    """Say how far steps are from the law that they go along."""
+    if not (step and apart):
+        return []
+    message = (
+        f"steps of {step:g} s differ from the law that they go along by up to {apart:.2g} of its "
+        "rates. The diagnosis compares the law, not the steps"
+    )
+    return [_row(file, "time_step", message)]
 
 
 def _row(file: str, check: str, message: str) -> dict[str, Any]:

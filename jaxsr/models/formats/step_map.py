@@ -1,7 +1,8 @@
 """Step functions ``file.py:step``: discrete maps ``step(x, u, p) -> x_next`` of any library.
 
-The map is taken for the flow of a vector field (`native.worker.rates_of_steps`), which passes
-through its steps; so a diagnosis compares with what the function itself does at its own step.
+Where the map is Euler's method, plain or with new rates first, along a law that is a formula, that
+law stands for it, and how far the steps are from it is said. Else the map is taken for the flow of
+a vector field (`native.worker.rates_of_steps`), which passes through its steps.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import pandas as pd
 
 from jaxsr._result import InputError
 from jaxsr.expressions import evaluate
-from jaxsr.models.formats.fmu import Unit
+from jaxsr.models.formats.fmu import Unit, step_check
 from jaxsr.models.model import FREE, Model
 from jaxsr.models.native.field import native_field
 from jaxsr.models.native.process import Native
@@ -115,9 +116,11 @@ def read_steps(
     }
     native = Native(BACKEND, path, options)
     variables = {n: n for n in (*states, *model.inputs, *model.parameters)}
-    field = native_field(model, native, variables, opened, float(options["step"]))
+    field, apart = native_field(model, native, variables, opened, float(options["step"]))
     made = Simulator(replace(model, vector_field=field))
-    return Unit(path, made, native, variables, step=float(options["step"]), arguments=count)
+    step = float(options["step"])
+    checks = step_check(path.name, step, apart)
+    return Unit(path, made, native, variables, checks, step=step, arguments=count)
 
 
 def steps_to_csv(unit: Unit, recording: Recording) -> pd.DataFrame | None:

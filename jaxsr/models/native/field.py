@@ -25,6 +25,8 @@ TURN = np.pi
 on a small arc sin(q) and q are the same."""
 WIDE = 3.0
 """Half-width of that region, relative to what recordings show."""
+EULER, WHOLE = 1, 3
+"""Orders of the rates of a map: of the law that Euler's method steps along, and of the flow."""
 Ranges = Mapping[str, tuple[float, float]]
 """Symbol to centre and half-width."""
 
@@ -35,7 +37,7 @@ def native_field(
     variables: Mapping[str, str],
     recordings: Sequence[Recording] = (),
     step: float = 0.0,
-) -> VectorField:
+) -> tuple[VectorField, float]:
     """Return what a simulator says of a model's states.
 
     Parameters
@@ -52,12 +54,19 @@ def native_field(
     step : float
         Of a simulator that takes steps, in s; its rates are known to the third order in it.
 
+    Returns
+    -------
+    field : VectorField
+    apart : float
+        How far the steps of a simulator are from the law that they go along, relative to its
+        rates, where that law is a formula and stands for them.
+
     Raises
     ------
     InputError
         The simulator gives no numbers, or ends.
     """
-    first = _field(model, native, variables, {}, step, formulas=False)
+    first, _ = _field(model, native, variables, {}, step, formulas=False)
     found: Ranges = {}
     if recordings:
         found = _ranges(replace(model, vector_field=first), recordings)
@@ -71,7 +80,7 @@ def _field(
     ranges: Ranges,
     step: float,
     formulas: bool,
-) -> VectorField:
+) -> tuple[VectorField, float]:
     states = tuple(s for s in model.states if s not in model.equations)
     inputs = tuple(u for u in model.inputs if u in variables)
     parameters = tuple(p for p in model.parameters if p in variables)
@@ -90,42 +99,57 @@ def _field(
             *(abs(model.parameters[p].value) or 1.0 for p in parameters),
         ]
     )
-    native.choose(
-        len(states),
-        scales,
-        states=[variables[s] for s in states],
-        inputs=[variables[u] for u in inputs],
-        outputs=[],
-        parameters=[variables[p] for p in parameters],
-    )
     moving = tuple(range(1, 1 + len(states) + len(inputs)))
     last = tuple(range(1 + len(states) + len(inputs), len(names)))
     region = Region(names, moving, last, usual, scales)
     rows = Rows(native, names, usual, scales)
     rng = np.random.default_rng(0)
     at = region.rows(rng, TRIALS)
-    values = native.rates(at)
+
+    def choose(degree: int) -> np.ndarray:
+        native.choose(
+            len(states),
+            scales,
+            states=[variables[s] for s in states],
+            inputs=[variables[u] for u in inputs],
+            outputs=[],
+            parameters=[variables[p] for p in parameters],
+            degree=degree,
+        )
+        return native.rates(at)
+
+    values = choose(WHOLE)
     if not np.isfinite(values).any(axis=0).all():
         bad = states[int(np.argmin(np.isfinite(values).any(axis=0)))]
         remedy = "Run it alone with the recordings' values"
         raise InputError(f"gives no rate of {bad} at any point", native.path.name, remedy)
+    others = [_is_state(i, at, values, states, step) for i in range(len(states))]
+    texts: dict[int, str | None] = {}
+    apart = 0.0
+    if formulas:
+        open_ = [i for i, other in enumerate(others) if other is None]
+        written = choose(EULER) if step else values
+        texts = {i: _formula(native, region, i) for i in open_}
+        if step and any(text is None for text in texts.values()):
+            texts, written = {}, choose(WHOLE)  # the law that is stepped along is none
+        change = np.abs(written - values)[:, open_]
+        size = np.abs(values)[:, open_].max(axis=0, initial=1e-300)
+        apart = float(np.nanmax(change / size, initial=0.0))
     rates: dict[str, Term] = {}
-    for i, state in enumerate(states):
-        other = _is_state(i, at, values, states, step)
+    for i, (state, other) in enumerate(zip(states, others, strict=True)):
+        text = texts.get(i)
         if other is not None:
             rates[state] = Term.variable(other)
-            continue
-        text = _formula(native, region, i, step) if formulas else None
-        if text is not None:
+        elif text is not None:
             rates[state] = model.term(text)
-            continue
-        rates[state] = asked(rows, f"rate_of_{state}", i, _needed(rows, region, i))
+        else:
+            rates[state] = asked(rows, f"rate_of_{state}", i, _needed(rows, region, i))
     points = dict(zip(names, at.T, strict=True))
     for n in (*model.states, *model.inputs, *model.parameters):
         usually = model.parameters[n].value if n in model.parameters else 0.0
         points.setdefault(n, usually + rng.uniform(-0.1, 0.1, TRIALS))
     gains, entering, columns = force_columns(model, rates, points)
-    return VectorField(rates, gains, entering, columns)
+    return VectorField(rates, gains, entering, columns), apart
 
 
 def _is_state(
@@ -149,10 +173,8 @@ def _is_state(
     return None
 
 
-def _formula(native: Native, region: Region, i: int, step: float) -> str | None:
+def _formula(native: Native, region: Region, i: int) -> str | None:
     """Return a rate as a formula: in a wide region, else where recordings are."""
-    if step:
-        return None
     wide = region.scales.copy()
     k = list(region.moving)
     wide[k] = np.maximum(WIDE * wide[k], TURN)

@@ -55,22 +55,22 @@ ITERATES = (
 )
 """Weights of x, S(x), S(S(x)), ... in the derivative at the start of the polynomial through them,
 by its degree less one."""
-DEGREE = 3
 
 
-def rates_of_steps(backend: Any, rows: np.ndarray) -> np.ndarray:
-    """Return the rates whose flow passes through the steps of a map, to the third order.
+def rates_of_steps(backend: Any, rows: np.ndarray, degree: int) -> np.ndarray:
+    """Return the rates whose flow passes through the steps of a map, to an order up to 3.
 
     The map is the flow of a modified equation (Hairer, Lubich and Wanner, Geometric Numerical
     Integration, chapter IX), whose right-hand side is read off a few steps with inputs held:
-    the derivative at the start of the polynomial through x, S(x), S(S(x)), ...
+    the derivative at the start of the polynomial through x, S(x), S(S(x)), ... The first order is
+    the law that Euler's method steps along.
     """
     n, h = backend.count, backend.period
     found = np.zeros((len(rows), n))
     now = rows.copy()
-    for k, weight in enumerate(ITERATES[DEGREE - 1]):
+    for k, weight in enumerate(ITERATES[degree - 1]):
         found += weight * now[:, 1 : 1 + n]
-        if k < DEGREE:
+        if k < degree:
             now[:, 1 : 1 + n] = backend.advance(now)
             now[:, 0] += h
     return found / h
@@ -98,7 +98,7 @@ def run_of_steps(backend: Any, rows: np.ndarray) -> np.ndarray:
 def evaluated(backend: Any, rows: np.ndarray) -> np.ndarray:
     """Return rates and readings of a simulator of any kind."""
     if hasattr(backend, "advance"):
-        return rates_of_steps(backend, rows)
+        return rates_of_steps(backend, rows, getattr(backend, "degree", 3))
     return backend.evaluate(rows)
 
 
@@ -150,6 +150,8 @@ def answered(state: dict[str, Any], request: dict[str, Any], body: bytes) -> Any
     if op == "choose":
         state["scales"] = np.array(request["scales"], dtype=float)
         backend.choose(request)
+        if hasattr(backend, "advance"):
+            state["backend"].degree = request.get("degree", 3)
         return {}
     rows = np.frombuffer(body, dtype=float).reshape(request["rows"], -1)
     with np.errstate(all="ignore"):
