@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -261,3 +262,33 @@ def test_processes_end_with_their_owner(tmp_path: Path) -> None:
         (tmp_path / "a.fmu").write_text("x")
         Native(BACKEND, tmp_path / "a.fmu", {})
     assert all(n._process.poll() is not None or n.about for n in list(process._ALIVE))
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("law", "verdict", "mechanism", "value"),
+    [
+        ("(F - 0.5*v - 8.0*q - 1.5*sign(v))/2.0", "structure", "coulomb_friction", 1.5),
+        ("(F - 0.5*v - 8.0*q)/3.0", "parameter", "wrong_value", 3.0),
+        (GIVEN, "nothing", "", 0.0),
+    ],
+)
+def test_a_planted_effect_is_found_in_an_fmu(
+    tmp_path: Path, law: str, verdict: str, mechanism: str, value: float
+) -> None:
+    plant, out = cart_fmu(tmp_path), tmp_path / "out"
+    train, other = recorded(tmp_path, law), recorded(tmp_path, law, "b.csv", seed=1)
+    command = ["diagnose", str(plant), str(train), "--held-out", str(other), "--out", str(out)]
+    assert main([*command, "--budget", "240"]) == 0
+    document = json.loads((out / "diagnosis.json").read_text())
+    assert document["verdict"] == verdict
+    if not mechanism:
+        assert not document["findings"]
+        return
+    (finding,) = document["findings"]
+    assert finding["mechanism"] == mechanism
+    name = "Fc" if mechanism == "coulomb_friction" else "m"
+    assert finding["parameters"][name]["value"] == pytest.approx(value, rel=0.05)
+    assert finding["parameters"][name]["unit"] == ("N" if name == "Fc" else "kg")
+    assert (out / ("explained.py" if name == "Fc" else "explained.ssv")).is_file()

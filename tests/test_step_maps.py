@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -188,3 +189,25 @@ def test_what_was_found_is_a_step_function_again(tmp_path: Path) -> None:
     q, v = module.step(np.array([0.1, 0.3]), np.array([1.0]))
     own = 0.3 + 0.01 * (1.0 - 0.7 * 0.3 - 8.0 * 0.1) / 2.0
     assert v == pytest.approx(own - 0.01 * 1.5) and q == pytest.approx(0.1 + 0.01 * own)
+
+
+@pytest.mark.slow
+def test_a_planted_effect_is_found_in_a_step_function(tmp_path: Path) -> None:
+    model, out = written(tmp_path, CART, CART_TABLE.replace("q = 0.1\nv = 0.0", "")), tmp_path / "d"
+    rng, time = np.random.default_rng(0), np.arange(500) * 0.02
+    force = np.sum([4.0 * np.sin(w * time + w) for w in (0.7, 1.3, 2.1, 3.3, 5.1)], axis=0)
+    q, v, own = 0.1, 0.0, []
+    for u in force:
+        own.append(q)
+        for _ in range(2):
+            v += 0.01 * (u - 0.5 * v - 8.0 * q - 1.5 * np.sign(v)) / 2.0
+            q += 0.01 * v
+    y = np.array(own) + 2e-4 * rng.normal(size=time.size)
+    data = tmp_path / "a.csv"
+    pd.DataFrame({"t": time, "F": force, "q_meas": y}).to_csv(data, index=False)
+    assert main(["diagnose", model, str(data), "--out", str(out), "--budget", "240"]) == 0
+    document = json.loads((out / "diagnosis.json").read_text())
+    assert document["verdict"] == "structure"
+    assert document["findings"][0]["mechanism"] == "coulomb_friction"
+    assert document["findings"][0]["parameters"]["Fc"]["value"] == pytest.approx(1.5, rel=0.1)
+    assert (out / "explained.py").is_file()
