@@ -65,7 +65,7 @@ Table = Annotated[
         "--model",
         metavar="FILE.toml",
         help="With file.py:function, the model file that stands on it, such as an explained.toml; "
-        "with robot.xml, its sidecar; file.toml and robot.toml by default.",
+        "with robot.xml or plant.fmu, its sidecar; file.toml, robot.toml or plant.toml by default.",
     ),
 ]
 
@@ -161,8 +161,8 @@ def diagnose(
         list[str],
         typer.Argument(
             metavar="[MODEL] DATA...",
-            help="The simulator (a .toml, robot.xml, or file.py:function), and recordings to learn "
-            "from. "
+            help="The simulator (a .toml, robot.xml, plant.fmu, or file.py:function), and "
+            "recordings to learn from. "
             "With --simulated, recordings alone.",
         ),
     ],
@@ -193,7 +193,7 @@ def diagnose(
     limit = command_budget(budget)
 
     def job(command: str) -> None:
-        with session() as progress:
+        with session() as progress, contextlib.ExitStack() as ending:
             import jaxsr
 
             learnt: dict[str, Any] = {}
@@ -210,6 +210,7 @@ def diagnose(
 
                 read = jaxsr.Simulator.from_file
                 opened = open_simulator(model, tables, data, folder, read)
+                ending.callback(opened.close)
                 simulator = opened.simulator
                 if opened.drafted is not None:
                     progress.stage(f"drafted {opened.drafted}: what it assumes stands in it")
@@ -235,7 +236,8 @@ def diagnose(
 @app.command()
 def simulate(
     model: Annotated[
-        str, typer.Argument(metavar="MODEL", help="A .toml, robot.xml, or file.py:function.")
+        str,
+        typer.Argument(metavar="MODEL", help="A .toml, robot.xml, plant.fmu, or file.py:function."),
     ],
     out: Annotated[str, typer.Option(metavar="FILE.csv", help="File for the outputs.")],
     data: Annotated[
@@ -275,15 +277,16 @@ def simulate(
         from jaxsr.models.formats.opening import open_simulator, simulated_table
 
         opened = open_simulator(model, tables, [data] if data is not None else [])
-        if opened.drafted is not None:
-            say(f"drafted {opened.drafted}: what it assumes stands in it")
-        recording = None
-        if data is not None:
-            given = opened.simulator.model
-            recording = jaxsr.read_recording(
-                data, time=given.columns.get(given.time), sample_time=given.sample_time
-            )
-        run = simulated_table(opened, recording, duration, dt)
+        with contextlib.closing(opened):
+            if opened.drafted is not None:
+                say(f"drafted {opened.drafted}: what it assumes stands in it")
+            recording = None
+            if data is not None:
+                given = opened.simulator.model
+                recording = jaxsr.read_recording(
+                    data, time=given.columns.get(given.time), sample_time=given.sample_time
+                )
+            run = simulated_table(opened, recording, duration, dt)
         atomic_write_text(target, run.to_csv(index=False, lineterminator="\n"))
         RUN.get().outcome = f"{target} is whole"
         print_line(f"{len(run)} rows in {target}")

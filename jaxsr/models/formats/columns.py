@@ -183,7 +183,7 @@ def _collected(
         own, column = found[quantity.role]
         out.columns[own.role] = column
         if own.kind != CONTROL:
-            out.outputs.append(_scaled(own, column))
+            out.outputs.append(scaled(own, column))
     return out
 
 
@@ -218,9 +218,9 @@ def _remedy(plant: Plant, role: str, column: str) -> str:
     return f'Write {role} = "{shortened(column)}" under [columns] of {table}'
 
 
-def _scaled(quantity: Quantity, column: str) -> Quantity:
+def scaled(quantity: Quantity, column: str) -> Quantity:
     """Return an output in the unit that the column's name states."""
-    words = [w for w in _tokens(column) if w in SCALES and w not in _tokens(quantity.names[0])]
+    words = [w for w in words_of(column) if w in SCALES and w not in words_of(quantity.names[0])]
     fits = {"rad": "deg", "rad/s": "deg/s", "m": "m"}
     for word in words:
         turning = SCALES[word] == "180/pi"
@@ -236,13 +236,13 @@ def _scaled(quantity: Quantity, column: str) -> Quantity:
 
 def candidates(column: str, quantities: Sequence[Quantity]) -> list[Quantity]:
     """Return the quantities that a column's name fits best: by own names, then by tied ones."""
-    tokens = _tokens(column)
+    tokens = words_of(column)
     ranked: dict[tuple[int, int], list[Quantity]] = {}
     for quantity in quantities:
         for place, name in enumerate(quantity.names):
-            rest = _without(tokens, _tokens(name))
+            rest = _without(tokens, words_of(name))
             if rest is not None and _fits(quantity.kind, rest):
-                ranked.setdefault((min(place, 1), -len(_tokens(name))), []).append(quantity)
+                ranked.setdefault((min(place, 1), -len(words_of(name))), []).append(quantity)
                 break
     if not ranked:
         counted = _by_number(tokens, quantities)
@@ -300,7 +300,7 @@ def _without(tokens: Sequence[str], name: Sequence[str]) -> list[str] | None:
     return None
 
 
-def _tokens(text: str) -> list[str]:
+def words_of(text: str) -> list[str]:
     """Split a name into lower-case words and numbers."""
     joined = re.sub(r"(rad|deg|m)\s*/\s*s\b", r"\1s", text)
     joined = re.sub(
