@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from jaxsr.models.formats.agreement import check_agreement
 from jaxsr.models.formats.columns import POSITION, Matched, Quantity, match, quantities_of
 from jaxsr.models.formats.formulas import tables_of
 from jaxsr.models.formats.plant import Plant
-from jaxsr.models.formats.reach import check_reach, unclamped_inputs
+from jaxsr.models.formats.reach import Reach, unclamped_inputs
 from jaxsr.models.formats.sidecar import draft, merged, read_sidecar
 from jaxsr.models.model import Model
 from jaxsr.models.reading import build_model
@@ -35,7 +35,7 @@ class Robot:
     edited : bool
         Whether a sidecar gives parameters another value, or adds forces.
     recordings : tuple of Recording
-        Those that it was matched with.
+        Those that it was matched with, without what the formulas do not cover.
     """
 
     plant: Plant
@@ -96,14 +96,15 @@ def read_plant(
     tables["columns"] = dict(matched.columns)
     drafted = "" if given or not opened else draft(plant.path, tables, matched)
     model = build_model(merged(tables, given, table.name), table.name)
-    plain = {state: model.column(y) for y, state in model.readings.items()}
-    check_reach(plant, plain, opened)
+    reach = Reach.of(plant, model)
+    model = replace(model, within=reach)
+    covered = tuple(reach(recording) for recording in opened)
     checks = [*_assumed(plant, model, matched, opened), *_drafted(table, drafted, model)]
     values = {n: p["value"] for n, p in tables["parameters"].items()}
     edited = bool(model.additions) or any(
         p.value != values.get(n) for n, p in model.parameters.items()
     )
-    return Robot(plant, model, checks, drafted, edited, tuple(opened))
+    return Robot(plant, model, checks, drafted, edited, covered)
 
 
 def _plain(plant: Plant, tables: dict[str, Any]) -> Model:
@@ -192,7 +193,8 @@ def _assumed(
         names = ", ".join(matched.unknown[:12])
         message = f"columns that match no joint, actuator or sensor are not used: {names}"
         rows.append(_row(opened[0].name, "columns", message))
-    unseen = [q for q in plant.positions if q not in model.readings.values()]
+    seen = Reach.of(plant, model).sensors
+    unseen = [q for j, q in enumerate(plant.positions) if j not in seen]
     contacts = not plant.disabled("CONTACT") and bool(plant.m.ngeom)
     if unseen and opened and contacts:
         message = (
