@@ -21,7 +21,7 @@ from jaxsr.models.formats.agreement import (
 from jaxsr.models.formats.mjcf import Robot
 from jaxsr.models.formats.opening import open_simulator
 from jaxsr.models.formats.time_step import step_rows
-from jaxsr.recordings import Recording, read_recording
+from jaxsr.recordings import read_recording
 from tests.mjcf_plants import ARM, EVERYTHING, PENDULUM, mujoco, record, recording, robot
 
 
