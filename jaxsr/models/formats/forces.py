@@ -188,10 +188,14 @@ def _actuator(
     long = _sum([(a, plant.positions[j]) for j, a in arms])
     fast = _sum([(a, plant.rates[j]) for j, a in arms])
     terms: list[str] = []
+    loop = plant.loops.get(i)
     if servo:
-        kp = out.parameter(
-            f"kp_{name}", gain[0], f"{force}/rad" if turns else "N/m", *_near(gain[0])
-        )
+        # Of a controller's own gains a sidecar that states them is sure; what acts as kv does, is
+        # the joint's damping as well.
+        near = _near(gain[0]) if loop is None else ()
+        if loop is not None and loop.estimated:
+            near = gain[0] / WIDE, gain[0] * WIDE
+        kp = out.parameter(f"kp_{name}", gain[0], f"{force}/rad" if turns else "N/m", *near)
         terms.append(f"+ {kp}*({command} - {_bracket(long)})")
     elif paced:
         kv = out.parameter(f"kv_{name}", gain[0], f"{force}/({length}/s)", *_near(gain[0]))
@@ -221,7 +225,8 @@ def _actuator(
         out.parameter(f"kp_{name}", -bias[1], f"{force}/{length}", *_near(-bias[1]))
         terms.append(f"- kp_{name}*{_bracket(long)}")
     if bias[2] and not paced:
-        out.parameter(f"kv_{name}", -bias[2], f"{force}/({length}/s)", *_near(-bias[2]))
+        near = _near(-bias[2]) if loop is None else ()
+        out.parameter(f"kv_{name}", -bias[2], f"{force}/({length}/s)", *near)
         terms.append(f"- kv_{name}*{_bracket(fast)}")
     _enter(out, totals, terms, arms, m.actuator_forcelimited[i], m.actuator_forcerange[i], name)
 

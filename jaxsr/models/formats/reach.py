@@ -128,7 +128,7 @@ def _without(recording: Recording, acting: np.ndarray, said: Sequence[str]) -> R
     more, count = f"; {said[1]}" if len(said) > 1 else "", int(acting.sum())
     more += f"; {len(said) - 2} more of the kind" if len(said) > 2 else ""
     if left_out.all():
-        remedy = "Cut the file there; exclude the pair or widen the range if the joint goes on"
+        remedy = "If nothing held it write contacts = false or limits = false under [model]"
         raise InputError(f"{said[0]}{more}: nothing is left", recording.name, remedy)
     message = (
         f"{count} of {len(recording)} samples are left out, in which forces act that are in no "

@@ -1,0 +1,221 @@
+"""Position loops around actuators: where logs hold targets, the inner loop is part of the model.
+
+Most robots log the angle that is asked for and the angle that is reached, and no torque. The loop
+of a controller then stands between the column and the joint,
+
+    force = kp*(target - position) - kv*rate,
+
+held inside the range of the motor's force. It is in no file of the robot. Where the sidecar does
+not give its gains they are estimated, together with what friction takes, from the momentum that
+the given bodies have (`estimated`).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from jaxsr._quoting import shortened
+from jaxsr._result import InputError
+from jaxsr.models.formats.plant import Loop, Plant, finite_range, mujoco, quietly
+from jaxsr.models.model import Model
+from jaxsr.models.segments import Prepared, unbroken
+from jaxsr.recordings import Recording
+from jaxsr.views import WeakView
+from jaxsr.views.half_width import choose_half_widths
+
+KEYS = ("kp", "kv")
+STEP = 1e-6
+"""Step in s by which the change of the mass matrix along a motion is taken."""
+MOST_SAMPLES = 20_000
+"""Samples that tell the gains."""
+TERMS, WIDTH = 5, 11
+"""Terms of a loop's force, and columns of a table with its right side and five instruments."""
+NARROWEST = 8
+"""Least half-width of a test function, in samples."""
+
+
+def motors(plant: Plant) -> list[int]:
+    """Return the actuators that are plain motors of one joint: force = gain*control."""
+    m = plant.m
+    plain = (m.actuator_gaintype == 0) & (m.actuator_biastype == 0) & (m.actuator_dyntype == 0)
+    plain &= np.isin(m.actuator_trntype, (0, 1)) & ~m.actuator_gainprm[:, 1:3].any(axis=1)
+    return [int(i) for i in np.flatnonzero(plain)]
+
+
+def with_loops(plant: Plant, loops: Mapping[int, Loop]) -> Plant:
+    """Return a plant with position loops around motors; their controls are targets.
+
+    The range of a motor's control becomes that of its force along the joint.
+    """
+    if not loops:
+        return plant
+    m = copy.copy(plant.m)
+    for i, loop in loops.items():
+        gain = float(m.actuator_gear[i, 0] * m.actuator_gainprm[i, 0])
+        ranges = [(-np.inf, np.inf)]
+        if m.actuator_ctrllimited[i]:
+            ranges.append(tuple(sorted(gain * x for x in finite_range(m.actuator_ctrlrange[i]))))
+        if m.actuator_forcelimited[i]:
+            gear = float(m.actuator_gear[i, 0])
+            ranges.append(tuple(sorted(gear * x for x in finite_range(m.actuator_forcerange[i]))))
+        low, high = max(r[0] for r in ranges), min(r[1] for r in ranges)
+        limited = bool(np.isfinite([low, high]).all())
+        m.actuator_forcelimited[i], m.actuator_ctrllimited[i] = limited, 0
+        m.actuator_forcerange[i] = (low, high) if limited else (0.0, 0.0)
+        m.actuator_gear[i, 0] = 1.0
+        m.actuator_biastype[i] = 1  # mjBIAS_AFFINE
+        m.actuator_gainprm[i, :3] = loop.kp, 0.0, 0.0
+        m.actuator_biasprm[i, :3] = 0.0, -loop.kp, -loop.kv
+    return replace(plant, m=m, loops=dict(loops))
+
+
+def loops_of(plant: Plant, table: Any, where: str) -> dict[int, Loop]:
+    """Read the table [servos] of a sidecar: ACTUATOR = { kp = 20.0, kv = 1.5 }.
+
+    Raises
+    ------
+    InputError
+        It names no motor, or a gain is no number from 0 on.
+    """
+    place = f"{where} [servos]"
+    if not isinstance(table, Mapping):
+        raise InputError("[servos] is no table", where, "Write ACTUATOR = { kp = 20.0, kv = 1.0 }")
+    found, known = {}, {plant.actuator_names[i]: i for i in motors(plant)}
+    for name, entry in table.items():
+        if name not in known:
+            remedy = f"Known: {shortened(', '.join(known), 200) or 'none'}"
+            raise InputError(f"{shortened(str(name))!r} is no motor of a joint", place, remedy)
+        gains = entry if isinstance(entry, Mapping) else {}
+        numbers = [gains.get("kp"), gains.get("kv", 0.0)]
+        good = all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
+        if not good or not set(gains) <= set(KEYS) or numbers[0] <= 0 or numbers[1] < 0:
+            what = f"{shortened(str(name))} is no pair of gains"
+            raise InputError(what, place, f"Write {name} = {{ kp = 20.0, kv = 1.0 }}")
+        found[known[name]] = Loop(float(numbers[0]), float(numbers[1]))
+    return found
+
+
+def estimated(plant: Plant, model: Model, recordings: Sequence[Recording]) -> dict[int, Loop]:
+    """Estimate the gains of loops from what the motion asks of the motors.
+
+    With test functions phi, momentum p = M(q) v, and f the passive forces less gravity's and
+    motion's,
+
+        int phi (dp/dt - f - dM/dt v) dt = int phi (kp e - kv v - Fc sign(v) - Ia dv/dt + F0) dt,
+
+    solved for kp, kv, Fc and a rotor's inertia Ia from 0 on by two-stage least squares: e follows
+    the rate so closely that noise in either shrinks all gains, so all are seen through what the
+    target and its rates do. kv is what remains beside the file's own damping: the two cannot be
+    told apart.
+
+    Raises
+    ------
+    InputError
+        A joint has no sensor, or no gain follows.
+
+    References
+    ----------
+    Young, Recursive Estimation and Time-Series Analysis (2011), chapter 6 (instruments).
+    """
+    rows: dict[int, list[np.ndarray]] = {i: [] for i in plant.loops}
+    most = MOST_SAMPLES // len(recordings)
+    for recording in recordings:
+        item = Prepared.build(model, recording)
+        if item.states.hidden:
+            what = f"gains of position loops are not to be had where {_first(item)} has no sensor"
+            raise InputError(what, recording.name, "Write [servos] in the sidecar")
+        for first, last in unbroken(item.time[:most]):
+            _collect(plant, item, slice(first, last), rows)
+    loops = {}
+    for i in plant.loops:
+        name = plant.actuator_names[i]
+        table = np.concatenate(rows[i]) if rows[i] else np.zeros((0, WIDTH))
+        if len(table) < 8 or not np.isfinite(table).all():
+            raise InputError(f"too short to tell the gains of {name!r}", recordings[0].name)
+        kp, kv = _gains(table[:, :TERMS], table[:, TERMS], table[:, TERMS + 1 :])
+        if not kp > 0.0:
+            what = f"the target of {name!r} asks for no force in the way of a position loop"
+            raise InputError(what, recordings[0].name, "Write [servos] in the sidecar")
+        loops[i] = Loop(_rounded(kp), _rounded(kv), estimated=True)
+    return loops
+
+
+def _gains(columns: np.ndarray, right: np.ndarray, seen: np.ndarray) -> tuple[float, float]:
+    """Return kp and kv: least squares on what of the columns the instruments `seen` tell."""
+    basis, strength, _ = np.linalg.svd(
+        seen / (np.linalg.norm(seen, axis=0) + 1e-300), full_matrices=False
+    )
+    basis = basis[:, strength > 1e-9 * strength[0]]
+    told = basis @ (basis.T @ columns)
+    size = np.linalg.norm(told, axis=0) + 1e-300
+    bounds = np.array([0.0, 0.0, 0.0, 0.0, -np.inf]), np.full(TERMS, np.inf)
+    kp, kv, *_ = lsq_linear(told / size, basis @ (basis.T @ right), bounds).x / size
+    return float(kp), float(kv)
+
+
+def _first(item: Prepared) -> str:
+    return ", ".join(sorted(item.states.hidden)[:1])
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.3g}")
+
+
+def _collect(
+    plant: Plant,
+    item: Prepared,
+    part: slice,
+    rows: dict[int, list[np.ndarray]],
+) -> None:
+    """Append the rows of one unbroken stretch: `TERMS` columns, right side, instruments."""
+    time, n = item.time[part], plant.m.nv
+    q, v = item.states.values[part, :n], item.states.values[part, n : 2 * n]
+    good = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
+    step = float(np.median(np.diff(time)))
+    moving = np.ptp(q[good], axis=0) > 0.0 if good.any() else np.zeros(n, bool)
+    if good.sum() < 4 * NARROWEST or not moving.any():
+        return
+    width = max(min(choose_half_widths(time[good], q[good][:, moving])), NARROWEST * step)
+    if 2.0 * width > time[-1] - time[0]:
+        return
+    view = WeakView.build(time, width, mask=good)
+    momentum, force = _balance(plant, np.where(good[:, None], q, 0), np.where(good[:, None], v, 0))
+    for i in plant.loops:
+        j = int(plant.m.actuator_trnid[i, 0])
+        target = item.inputs[part, i]
+        kept = view.valid & view.covered(good & np.isfinite(target))
+        target = np.nan_to_num(target)
+        columns = [target - q[:, j], -v[:, j], -np.sign(v[:, j]), np.ones(time.size)]
+        table = view.integrate(np.nan_to_num(np.stack(columns, axis=1)))
+        table = np.column_stack([table[:, :3], -view.integrate(q[:, j], 2), table[:, 3]])
+        own = view.integrate(momentum[:, j], 1) - view.integrate(force[:, j])
+        asked = [view.integrate(target, k) for k in range(3)]
+        asked.append(view.integrate(np.sign(np.gradient(target, time))))
+        rows[i].append(np.column_stack([table, own, *asked, table[:, -1]])[kept])
+
+
+def _balance(plant: Plant, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return M v and passive forces - bias + dM/dt v along a motion, actuators apart."""
+    library, m = mujoco(), copy.copy(plant.m)
+    m.opt.disableflags |= int(library.mjtDisableBit.mjDSBL_CONSTRAINT)
+    data, place = library.MjData(m), m.jnt_qposadr
+    momentum, force = np.empty_like(v), np.empty_like(v)
+    ends = np.empty((2, v.shape[1]))
+    with quietly(library):
+        for k in range(len(v)):
+            for side, shift in enumerate((STEP, -STEP)):
+                data.qpos[place], data.qvel = q[k] + shift * v[k], v[k]
+                library.mj_fwdPosition(m, data)
+                library.mj_mulM(m, data, ends[side], v[k])
+            data.qpos[place] = q[k]
+            library.mj_fwdPosition(m, data)
+            library.mj_fwdVelocity(m, data)
+            library.mj_mulM(m, data, momentum[k], v[k])
+            force[k] = data.qfrc_passive - data.qfrc_bias + (ends[0] - ends[1]) / (2.0 * STEP)
+    return momentum, force
