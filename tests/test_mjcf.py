@@ -179,7 +179,7 @@ def _with_sites(xml: str) -> str:
 def test_a_force_that_nobody_knows_is_noticed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("jaxsr.models.formats.formulas.passive_forces", lambda plant, out: None)
+    monkeypatch.setattr("jaxsr.models.formats.formulas.passive_forces", lambda *_: None)
     with pytest.raises(InputError, match="force or inertia of joint 'hinge' differs"):
         robot(tmp_path, PENDULUM)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,9 @@ SOLID = 1e-10
 """Inertia against the largest one below which a joint moves nothing: MuJoCo would refuse it."""
 
 
-def tables_of(plant: Plant, unclamped: frozenset[str] = frozenset()) -> dict[str, Any]:
+def tables_of(
+    plant: Plant, unclamped: frozenset[str] = frozenset(), step: float = math.inf
+) -> dict[str, Any]:
     """Return the tables of the model file that says what a MuJoCo model says.
 
     The states are the joints' positions ``q_JOINT`` and rates ``v_JOINT`` and the activations of
@@ -33,6 +36,8 @@ def tables_of(plant: Plant, unclamped: frozenset[str] = frozenset()) -> dict[str
     plant : Plant
     unclamped : frozenset of str
         Inputs that never leave the range of their control.
+    step : float
+        Sample time of the recordings in s, which bounds what damping they can tell.
     """
     links = links_of(plant.m)
     count = len(links)
@@ -43,7 +48,7 @@ def tables_of(plant: Plant, unclamped: frozenset[str] = frozenset()) -> dict[str
     mechanics = Mechanics(links, plant.positions, plant.rates, masses, direction)
     loads, matrix = mechanics.loads(), mechanics.mass_matrix()
     out = Written(forces=[[] for _ in links])
-    passive_forces(plant, out)
+    passive_forces(plant, out, step)
     actuator_forces(plant, out, unclamped)
     for link, mass in zip(links, masses, strict=True):
         if link.mass > 0.0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -162,7 +163,8 @@ def _modelled(
 ) -> tuple[dict[str, Any], Model]:
     """Return the tables of a plant as its file has it, and the model with what a sidecar says."""
     inside = unclamped_inputs(plant, matched.columns, opened)
-    tables = tables_of(plant, inside)
+    step = min((r.sample_time for r in opened), default=math.inf)
+    tables = tables_of(plant, inside, step)
     check_agreement(plant, _plain(plant, tables), inside)
     if opened and says_effort(plant, matched):
         tables["model"]["input_hold"] = "linear"

@@ -170,6 +170,19 @@ class Plant:
         return np.zeros(3) if self.disabled("GRAVITY") else np.array(self.m.opt.gravity)
 
     @cached_property
+    def inertias(self) -> np.ndarray:
+        """Inertia along every joint at the reference position, in kg m^2 or kg, armature apart."""
+        library, m = mujoco(), self.m
+        data, found = library.MjData(m), np.empty(m.nv)
+        with quietly(library):
+            library.mj_fwdPosition(m, data)
+            for j, unit in enumerate(np.eye(m.nv)):
+                row = np.empty(m.nv)
+                library.mj_mulM(m, data, row, unit)
+                found[j] = row[j] - m.dof_armature[j]
+        return found
+
+    @cached_property
     def tendon_arms(self) -> np.ndarray:
         """Change of every tendon's length with the joints, shape (tendons, joints)."""
         arms = np.zeros((self.m.ntendon, self.m.njnt))
