@@ -87,7 +87,8 @@ def passive_forces(plant: Plant, out: Written, step: float = math.inf) -> None:
         mass = float(m.dof_armature[dof])
         if mass > 0.0:
             unit = "kg*m^2" if plant.turns(i) else "kg"
-            out.parameter(f"armature_{name}", mass, unit, 0.0, max(WIDE * mass, moved[i]))
+            most = float(f"{max(WIDE * mass, moved[i]):.3g}")
+            out.parameter(f"armature_{name}", mass, unit, 0.0, most)
             out.inertias[i] = f"armature_{name}"
     for i in range(m.ntendon):
         _tendon(plant, out, i)

@@ -22,22 +22,14 @@ from scipy.optimize import lsq_linear
 
 from jaxsr._quoting import shortened
 from jaxsr._result import InputError
-from jaxsr.models.formats.plant import Loop, Plant, finite_range, mujoco, quietly
+from jaxsr.models.formats.momentum import Asked, asked, unseen
+from jaxsr.models.formats.plant import Loop, Plant, finite_range
 from jaxsr.models.model import Model
-from jaxsr.models.segments import Prepared, unbroken
 from jaxsr.recordings import Recording
-from jaxsr.views import WeakView
-from jaxsr.views.half_width import choose_half_widths
 
 KEYS = ("kp", "kv")
-STEP = 1e-6
-"""Step in s by which the change of the mass matrix along a motion is taken."""
-MOST_SAMPLES = 20_000
-"""Samples that tell the gains."""
 TERMS, WIDTH = 5, 11
 """Terms of a loop's force, and columns of a table with its right side and five instruments."""
-NARROWEST = 8
-"""Least half-width of a test function, in samples."""
 
 
 def motors(plant: Plant) -> list[int]:
@@ -123,19 +115,15 @@ def estimated(plant: Plant, model: Model, recordings: Sequence[Recording]) -> di
     ----------
     Young, Recursive Estimation and Time-Series Analysis (2011), chapter 6 (instruments).
     """
-    rows: dict[int, list[np.ndarray]] = {i: [] for i in plant.loops}
-    most = MOST_SAMPLES // len(recordings)
     for recording in recordings:
-        item = Prepared.build(model, recording)
-        if item.states.hidden:
-            what = f"gains of position loops are not to be had where {_first(item)} has no sensor"
+        if state := unseen(model, recording):
+            what = f"gains of position loops are not to be had where {state} has no sensor"
             raise InputError(what, recording.name, "Write [servos] in the sidecar")
-        for first, last in unbroken(item.time[:most]):
-            _collect(plant, item, slice(first, last), rows)
+    stretches = list(asked(plant, model, recordings))
     loops = {}
     for i in plant.loops:
         name = plant.actuator_names[i]
-        table = np.concatenate(rows[i]) if rows[i] else np.zeros((0, WIDTH))
+        table = np.concatenate([np.zeros((0, WIDTH)), *(_rows(plant, i, x) for x in stretches)])
         if len(table) < 8 or not np.isfinite(table).all():
             raise InputError(f"too short to tell the gains of {name!r}", recordings[0].name)
         kp, kv = _gains(table[:, :TERMS], table[:, TERMS], table[:, TERMS + 1 :])
@@ -159,63 +147,19 @@ def _gains(columns: np.ndarray, right: np.ndarray, seen: np.ndarray) -> tuple[fl
     return float(kp), float(kv)
 
 
-def _first(item: Prepared) -> str:
-    return ", ".join(sorted(item.states.hidden)[:1])
-
-
 def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-def _collect(
-    plant: Plant,
-    item: Prepared,
-    part: slice,
-    rows: dict[int, list[np.ndarray]],
-) -> None:
-    """Append the rows of one unbroken stretch: `TERMS` columns, right side, instruments."""
-    time, n = item.time[part], plant.m.nv
-    q, v = item.states.values[part, :n], item.states.values[part, n : 2 * n]
-    good = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
-    step = float(np.median(np.diff(time)))
-    moving = np.ptp(q[good], axis=0) > 0.0 if good.any() else np.zeros(n, bool)
-    if good.sum() < 4 * NARROWEST or not moving.any():
-        return
-    width = max(min(choose_half_widths(time[good], q[good][:, moving])), NARROWEST * step)
-    if 2.0 * width > time[-1] - time[0]:
-        return
-    view = WeakView.build(time, width, mask=good)
-    momentum, force = _balance(plant, np.where(good[:, None], q, 0), np.where(good[:, None], v, 0))
-    for i in plant.loops:
-        j = int(plant.m.actuator_trnid[i, 0])
-        target = item.inputs[part, i]
-        kept = view.valid & view.covered(good & np.isfinite(target))
-        target = np.nan_to_num(target)
-        columns = [target - q[:, j], -v[:, j], -np.sign(v[:, j]), np.ones(time.size)]
-        table = view.integrate(np.nan_to_num(np.stack(columns, axis=1)))
-        table = np.column_stack([table[:, :3], -view.integrate(q[:, j], 2), table[:, 3]])
-        own = view.integrate(momentum[:, j], 1) - view.integrate(force[:, j])
-        asked = [view.integrate(target, k) for k in range(3)]
-        asked.append(view.integrate(np.sign(np.gradient(target, time))))
-        rows[i].append(np.column_stack([table, own, *asked, table[:, -1]])[kept])
-
-
-def _balance(plant: Plant, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return M v and passive forces - bias + dM/dt v along a motion, actuators apart."""
-    library, m = mujoco(), copy.copy(plant.m)
-    m.opt.disableflags |= int(library.mjtDisableBit.mjDSBL_CONSTRAINT)
-    data, place = library.MjData(m), m.jnt_qposadr
-    momentum, force = np.empty_like(v), np.empty_like(v)
-    ends = np.empty((2, v.shape[1]))
-    with quietly(library):
-        for k in range(len(v)):
-            for side, shift in enumerate((STEP, -STEP)):
-                data.qpos[place], data.qvel = q[k] + shift * v[k], v[k]
-                library.mj_fwdPosition(m, data)
-                library.mj_mulM(m, data, ends[side], v[k])
-            data.qpos[place] = q[k]
-            library.mj_fwdPosition(m, data)
-            library.mj_fwdVelocity(m, data)
-            library.mj_mulM(m, data, momentum[k], v[k])
-            force[k] = data.qfrc_passive - data.qfrc_bias + (ends[0] - ends[1]) / (2.0 * STEP)
-    return momentum, force
+def _rows(plant: Plant, i: int, one: Asked) -> np.ndarray:
+    """Return the rows of one stretch: `TERMS` columns, right side, instruments."""
+    view, j = one.view, int(plant.m.actuator_trnid[i, 0])
+    q, v, target = one.position[:, j], one.rate[:, j], one.inputs[:, i]
+    kept = view.valid & view.covered(one.good & np.isfinite(target))
+    target = np.nan_to_num(target)
+    columns = [target - q, -v, -np.sign(v), np.ones(q.size)]
+    table = view.integrate(np.stack(columns, axis=1))
+    seen = [view.integrate(target, k) for k in range(3)]
+    seen.append(view.integrate(np.sign(np.gradient(target, one.time))))
+    parts = [table[:, :3], -view.integrate(q, 2), table[:, 3], one.force[:, j], *seen, table[:, 3]]
+    return np.column_stack(parts)[kept]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxsr._files import atomic_write_text
+from jaxsr._quoting import shortened
 from jaxsr._result import InputError
 from jaxsr.models.formats.agreement import check_agreement
 from jaxsr.models.formats.columns import (
@@ -25,6 +26,7 @@ from jaxsr.models.formats.loading import read_plant_file
 from jaxsr.models.formats.loops import estimated, loops_of, motors, with_loops
 from jaxsr.models.formats.plant import Loop, Plant, mujoco
 from jaxsr.models.formats.reach import Reach, unclamped_inputs
+from jaxsr.models.formats.rotors import rotors_of, told_rotors, with_rotors
 from jaxsr.models.formats.sidecar import draft, merged, read_sidecar
 from jaxsr.models.model import Model
 from jaxsr.models.reading import build_model
@@ -107,19 +109,31 @@ def read_plant(
     table = _table(plant.path, sidecar)
     given = read_sidecar(table, plant.path)
     plant = _switched_off(plant, given.get("model", {}))
+    if plant.mjcf:
+        plant = with_rotors(plant, rotors_of(plant, given.get("parameters"), table.name))
     if "servos" in given:
         plant = with_loops(plant, loops_of(plant, given["servos"], table.name))
     opened = _opened(recordings, given, given.get("model", {}))
     driven, matched = _driven(plant, given, opened)
     tables, model = _modelled(driven, table, given, matched, opened)
     covered = _covered(model, opened)
+    rotors: dict[int, float] = {}
     if driven is not plant:
         driven = with_loops(plant, estimated(driven, model, covered))
+    elif plant.mjcf and "parameters" not in given and not plant.loops:
+        rotors = told_rotors(plant, model, covered)
+        driven = with_rotors(plant, rotors)
+    if driven is not plant:
         tables, model = _modelled(driven, table, given, matched, opened)
     loops = driven.loops.items()
     servos = {driven.actuator_names[i]: {"kp": x.kp, "kv": x.kv} for i, x in loops}
-    drafted = "" if given or not opened else draft(plant.path, tables, matched, servos)
-    checks = [*_assumed(driven, model, matched, opened), *_drafted(table, drafted, model)]
+    own = {f"armature_{plant.joints[j]}" for j in rotors}
+    drafted = "" if given or not opened else draft(plant.path, tables, matched, servos, own)
+    checks = [
+        *_rotors_said(plant, rotors),
+        *_assumed(driven, model, matched, opened),
+        *_drafted(table, drafted, model),
+    ]
     values = {n: p["value"] for n, p in tables["parameters"].items()}
     edited = bool(model.additions) or any(
         p.value != values.get(n) for n, p in model.parameters.items()
@@ -249,7 +263,8 @@ def _by_name(plant: Plant, quantities: list[Quantity], said: dict[str, str], tol
     """Return positions read from columns named as their joints, where nothing else is said."""
     found = Matched(columns=dict(said))
     if not told:
-        found.outputs = [q for q in quantities if q.kind == POSITION]
+        own = [q for q in quantities if q.reading and q.role in said]
+        found.outputs = [q for q in quantities if q.kind == POSITION or q in own]
         for q in found.outputs:
             found.columns.setdefault(q.role, q.names[0])
     for u, name in zip(plant.inputs, plant.actuator_names, strict=True):
@@ -278,6 +293,18 @@ def _assumed(
     if plant.loops:
         rows.append(_row(plant.path.name, "servos", _loops_said(plant)))
     return rows
+
+
+def _rotors_said(plant: Plant, rotors: Mapping[int, float]) -> list[dict[str, Any]]:
+    """Say which joints got the inertia of a rotor."""
+    if not rotors:
+        return []
+    listed = "; ".join(f"{plant.joint_names[j]} {x:.3g}" for j, x in rotors.items())
+    message = (
+        "a URDF has no inertia of rotors: the recordings tell one, free from 0 on, that starts at "
+        f"(kg m^2 or kg): {shortened(listed, 200)}"
+    )
+    return [_row(plant.path.name, "rotors", message)]
 
 
 def _loops_said(plant: Plant) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -133,15 +133,19 @@ def draft(
     tables: Mapping[str, Any],
     matched: Matched,
     servos: Mapping[str, Mapping[str, float]] | None = None,
+    valued: Collection[str] = (),
 ) -> str:
-    """Return the text of a sidecar that says what was assumed."""
+    """Return the text of a sidecar that says what was assumed.
+
+    Parameters `valued` have their value from the recordings, in no file.
+    """
     head = {
         "base": base.name,
         "outputs": [q.role for q in matched.outputs],
         "input_hold": tables["model"]["input_hold"],
     }
     free = {
-        name: {"bounds": entry["bounds"]}
+        name: {k: entry[k] for k in ("value", "bounds") if k == "bounds" or name in valued}
         for name, entry in tables["parameters"].items()
         if "bounds" in entry
     }
