@@ -30,7 +30,7 @@ def test_the_first_call_drafts_the_sidecar_of_the_page(tmp_path: Path) -> None:
     data = log(tmp_path, *BLOCKS["run1.csv"].text.strip().split(","))
     opened = open_simulator(str(tmp_path / "pendulum.xml"), (), [str(data)], tmp_path)
     assert opened.drafted == tmp_path / "pendulum.toml"
-    assert opened.drafted.read_text() == BLOCKS["pendulum.toml"].text
+    assert (tmp_path / "pendulum.toml").read_text() == BLOCKS["pendulum.toml"].text
 
 
 def test_gains_of_the_page_are_those_of_the_model(tmp_path: Path) -> None:

@@ -50,13 +50,15 @@ def with_loops(plant: Plant, loops: Mapping[int, Loop]) -> Plant:
     m = copy.copy(plant.m)
     for i, loop in loops.items():
         gain = float(m.actuator_gear[i, 0] * m.actuator_gainprm[i, 0])
-        ranges = [(-np.inf, np.inf)]
+        ends = [(-np.inf, np.inf)]
         if m.actuator_ctrllimited[i]:
-            ranges.append(tuple(sorted(gain * x for x in finite_range(m.actuator_ctrlrange[i]))))
+            a, b = (gain * x for x in finite_range(m.actuator_ctrlrange[i]))
+            ends.append((min(a, b), max(a, b)))
         if m.actuator_forcelimited[i]:
             gear = float(m.actuator_gear[i, 0])
-            ranges.append(tuple(sorted(gear * x for x in finite_range(m.actuator_forcerange[i]))))
-        low, high = max(r[0] for r in ranges), min(r[1] for r in ranges)
+            a, b = (gear * x for x in finite_range(m.actuator_forcerange[i]))
+            ends.append((min(a, b), max(a, b)))
+        low, high = max(a for a, _ in ends), min(b for _, b in ends)
         limited = bool(np.isfinite([low, high]).all())
         m.actuator_forcelimited[i], m.actuator_ctrllimited[i] = limited, 0
         m.actuator_forcerange[i] = (low, high) if limited else (0.0, 0.0)

@@ -68,7 +68,7 @@ def asked(plant: Plant, model: Model, recordings: Sequence[Recording]) -> Iterat
         for first, last in unbroken(item.time[:most]):
             time, states = item.time[first:last], item.states.values[first:last]
             q, v = states[:, :n], states[:, n : 2 * n]
-            good = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
+            good = np.asarray(np.isfinite(states[:, : 2 * n]).all(axis=1))
             width = _half_width(time[good], q[good])
             if width is None or 2.0 * width > time[-1] - time[0]:
                 continue

@@ -34,7 +34,7 @@ def mujoco() -> Any:
     except ImportError:
         remedy = "Install it by: pip install 'jaxsr-dynamics[mujoco]'"
         raise InputError("MJCF and URDF need MuJoCo", "mujoco", remedy) from None
-    if module.mj_versionString() == "4.0.0":
+    if getattr(module, "__version__", "") == "4.0.0":
         remedy = "Install another release: pip install 'mujoco-core>=4.0.1'"
         raise InputError("release 4.0.0 computes wrong accelerations", "mujoco", remedy)
     return module
