@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from jaxsr.models.least_squares import LARGEST
-from jaxsr.models.lifting import one_step, readings_along
+from jaxsr.models.lifting import one_step_and_readings
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments
 from jaxsr.models.simulator import Simulator
@@ -79,20 +79,24 @@ def linearised(
         direction nothing is known.
     """
     with np.errstate(all="ignore"):
-        ends, slopes = one_step(simulator, stepping, segments, theta, path, active)
-        y, by = readings_along(simulator, stepping, segments, theta, path, active, late=True)
+        args = simulator, stepping, segments, theta, path, active
+        (ends, slopes), (y, by) = one_step_and_readings(*args)
     n = len(path)
-    inside = np.arange(1, path.shape[1])[:, None] < segments.count
-    defect = np.where(inside, ends - path[:, 1:], 0.0)
     slopes = _bounded(slopes)
     return LocalModel(
-        defect.transpose(1, 2, 0),
+        defects(ends, path, segments).transpose(1, 2, 0),
         np.ascontiguousarray(slopes[:, :n].transpose(2, 3, 0, 1)),
         np.ascontiguousarray(slopes[:, n:].transpose(2, 3, 0, 1)),
         (segments.outputs - y).transpose(1, 2, 0),
         np.ascontiguousarray(_bounded(by[:, :n]).transpose(2, 3, 0, 1)),
         np.ascontiguousarray(_bounded(by[:, n:]).transpose(2, 3, 0, 1)),
     )
+
+
+def defects(ends: np.ndarray, path: np.ndarray, segments: Segments) -> np.ndarray:
+    """Return where samples lead, less the path's next ones; shape (states, steps, segments)."""
+    inside = np.arange(1, path.shape[1])[:, None] < segments.count
+    return np.where(inside, ends - path[:, 1:], 0.0)
 
 
 def _bounded(slopes: np.ndarray) -> np.ndarray:
