@@ -28,6 +28,8 @@ from jaxsr.models.model import Model
 from jaxsr.recordings import Recording
 
 KEYS = ("kp", "kv")
+LEAST = 1e-6
+"""Seconds by which a loop leads below which it does not: kv that a bound of 0 held."""
 TERMS, WIDTH = 5, 11
 """Terms of a loop's force, and columns of a table with its right side and five instruments."""
 
@@ -132,7 +134,7 @@ def estimated(plant: Plant, model: Model, recordings: Sequence[Recording]) -> di
         if not kp > 0.0:
             what = f"the target of {name!r} asks for no force in the way of a position loop"
             raise InputError(what, recordings[0].name, "Write [servos] in the sidecar")
-        loops[i] = Loop(_rounded(kp), _rounded(kv), estimated=True)
+        loops[i] = Loop(_rounded(kp), _rounded(kv) if kv > LEAST * kp else 0.0, estimated=True)
     return loops
 
 

@@ -110,6 +110,8 @@ def read_plant(
     given = read_sidecar(table, plant.path)
     plant = _switched_off(plant, given.get("model", {}))
     if plant.mjcf:
+        if given.get("model", {}).get("fixed_base"):
+            raise InputError("a URDF's base is fixed", table.name, "Take fixed_base out")
         plant = with_rotors(plant, rotors_of(plant, given.get("parameters"), table.name))
     if "servos" in given:
         plant = with_loops(plant, loops_of(plant, given["servos"], table.name))
@@ -178,7 +180,7 @@ def _modelled(
     """Return the tables of a plant as its file has it, and the model with what a sidecar says."""
     inside = unclamped_inputs(plant, matched.columns, opened)
     step = min((r.sample_time for r in opened), default=math.inf)
-    tables = tables_of(plant, inside, step)
+    tables = tables_of(plant, inside, step, [q.reading for q in matched.outputs])
     check_agreement(plant, _plain(plant, tables), inside)
     if opened and says_effort(plant, matched):
         tables["model"]["input_hold"] = "linear"
