@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,8 +27,12 @@ def test_readings_are_those_of_mujoco(tmp_path: Path, body: str) -> None:
     names = [f"{s}_{a}" for s in ("gyro", "acc") for a in "xyz"]
     joints = ("s1", "h1", "h2", "s2", "h3", "h4")
     controls = ("m1", "m1b", "p1", "v1", "g1", "f1", "f2", "i1", "t1", "t2", "d1")
-    columns = {**{f"{j}_pos": 0.1 for j in joints}, **{f"{u}_ctrl": 0.0 for u in controls}}
-    found = robot(tmp_path, xml, recording(**columns, **dict.fromkeys(names, 0.1)))
+    columns: dict[str, Any] = {
+        **{f"{j}_pos": 0.1 for j in joints},
+        **{f"{u}_ctrl": 0.0 for u in controls},
+    }
+    columns |= dict.fromkeys(names, 0.1)
+    found = robot(tmp_path, xml, recording(**columns))
     model = found.model
     assert set(names) <= set(model.outputs)
     assert model.units["acc_x"] == "m/s^2" and model.units["gyro_z"] == "rad/s"
