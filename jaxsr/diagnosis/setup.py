@@ -32,14 +32,18 @@ QUANTILES = np.linspace(0.0, 1.0, 21)
 
 
 def open_recording(model: Model, item: str | Path | Recording) -> Recording:
-    """Read a file with the model's time column; angles that wrap are counted on."""
+    """Read a file with the model's time column; angles that wrap are counted on.
+
+    Samples that the model's equations do not cover (`Model.within`) are left out.
+    """
     if not isinstance(item, Recording):
         time = model.columns.get(model.time)
         item = read_recording(item, time=time, sample_time=model.sample_time)
     # a model that reads an angle within one turn wants it so
     folded = {y for y, e in model.readings.items() if re.search(r"\b(floor|atan2)\s*\(", e)}
     used = [c for c in (*model.inputs, *model.outputs) if c not in folded]
-    return unwrap(item, [model.column(c) for c in used])
+    item = unwrap(item, [model.column(c) for c in used])
+    return item if model.within is None else model.within(item)
 
 
 def prepare(model: Model, items: Sequence[str | Path | Recording]) -> tuple[Prepared, ...]:
