@@ -1,4 +1,4 @@
-"""Laws of real joints and their actuators on small plants: named, with odds against their rivals."""
+"""Laws of joints and actuators on small plants: named, with odds against their rivals."""
 
 from __future__ import annotations
 

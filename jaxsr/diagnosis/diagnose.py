@@ -27,6 +27,7 @@ from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
 from jaxsr.diagnosis.laws.renaming import with_names
+from jaxsr.diagnosis.rectified import rectified_sensors, signed
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.search.choice import (
     Decision,
@@ -115,6 +116,13 @@ def diagnose(
     simulator = Simulator(simulator.model.pinned())
     prepared, whole = prepare_search(simulator.model, data, seconds=budget.seconds)
     failures, early = Failures(progress), budget.share(SCREENING)
+    rectified = failures.attempt(
+        "telling signs of readings", lambda: rectified_sensors(simulator, prepared), ()
+    )
+    if rectified:
+        recorded = [p.recording for p in prepared] if whole is None else whole.recordings
+        items = signed(simulator.model, recorded, rectified)
+        prepared, whole = prepare_search(simulator.model, items, seconds=budget.seconds)
     quiet = ()
     if whole is None:
         first = budget.share(HEARING)
@@ -130,7 +138,8 @@ def diagnose(
     reading = max(budget.elapsed, time_for(whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
-    case = Case(simulator, prepared, screened, budget, search, progress, failures, quiet=quiet)
+    case = Case(simulator, prepared, screened, budget, search, progress, failures)
+    case = replace(case, quiet=quiet, rectified=rectified)
     evidence = None if with_many_equations(case) else decided_clearly(case)
     if evidence is not None:
         (decision, headline, grown), weights = evidence

@@ -1,0 +1,115 @@
+"""Sensors that read absolute values: told by the evidence of readings with their signs given back.
+
+The sensor is either as the model says, or rectified: its readings then are those of the model with
+signs that nobody recorded (`models.unfolding`). Both re-calibrations follow the same number of
+samples beside forces that nobody knows, and their log evidences are compared with the prior odds of
+one mechanism among all. What follows works on the readings with their signs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import expit
+
+from jaxsr.diagnosis.likelihood.course import followed
+from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
+from jaxsr.diagnosis.setup import prepare, state_scale
+from jaxsr.models import Edit, Model, Simulator
+from jaxsr.models.segments import Prepared
+from jaxsr.models.unfolding import absolute, signed_readings
+from jaxsr.recordings import Recording
+
+BELOW, NEAR = 0.05, 0.1
+"""Size of readings on the other side, and of those that are near zero, in the largest."""
+DIPS = 3
+"""Fewest times that readings come near zero and leave it again."""
+
+
+@dataclass(frozen=True)
+class Rectified:
+    """A sensor that reads no signs.
+
+    Attributes
+    ----------
+    output : str
+    log_odds : float
+        Of signs that are missing, against readings as the model says.
+    """
+
+    output: str
+    log_odds: float
+
+    @property
+    def probability(self) -> float:
+        """That the sensor reads absolute values."""
+        return float(expit(self.log_odds))
+
+    def edit(self, model: Model) -> Edit:
+        """Return the edit of the reading."""
+        return Edit({f"readings.{self.output}": f"Abs({model.readings[self.output]})"})
+
+
+def one_sided(values: np.ndarray) -> bool:
+    """Whether readings return to zero again and again and never go beyond it."""
+    values = values[np.isfinite(values)]
+    top = float(values.max(initial=0.0))
+    if not top > 0.0 or values.min() < -BELOW * top:
+        return False
+    away = np.concatenate([[False], values > 3.0 * NEAR * top, [False]])
+    near = values < NEAR * top
+    edges = np.flatnonzero(np.diff(away.astype(int)))
+    gaps = zip(edges[1:-1:2], edges[2:-1:2], strict=False)
+    return sum(bool(near[a:b].any()) for a, b in gaps) >= DIPS
+
+
+def rectified_sensors(simulator: Simulator, prepared: Sequence[Prepared]) -> tuple[Rectified, ...]:
+    """Return the sensors whose readings have lost their signs.
+
+    Only readings that return to zero from one side are looked at: others cost nothing.
+    """
+    model = simulator.model
+    if simulator.function is not None or model.events:
+        return ()
+    found: tuple[Rectified, ...] = ()
+    recordings = [p.recording for p in prepared]
+    before: float | None = None
+    for k, output in enumerate(model.outputs):
+        column = np.concatenate([p.outputs[:, k] for p in prepared])
+        if absolute(model.reading_terms[output]) is not None or not one_sided(column):
+            continue
+        if before is None:
+            before = _log_evidence(model, recordings)
+        changed = signed(model, recordings, (Rectified(output, 0.0),))
+        after = _log_evidence(model, changed)
+        scale = state_scale(model, prepared)
+        every = [*force_candidates(model, scale), *sensor_candidates(model)]
+        odds = after - before - float(np.log(len({c.label for c in every}) + 1))
+        if odds > 0.0:
+            found = (*found, Rectified(output, odds))
+            recordings, before = changed, after
+    return found
+
+
+def signed(
+    model: Model, recordings: Sequence[Recording], sensors: Sequence[Rectified]
+) -> list[Recording]:
+    """Return recordings in which the readings of some sensors have their signs again."""
+    found = []
+    for recording in recordings:
+        channels = dict(recording.channels)
+        for sensor in sensors:
+            column = model.column(sensor.output)
+            if column in channels:
+                reading = model.reading_terms[sensor.output]
+                channels[column] = signed_readings(model, recording, reading, channels[column])
+        found.append(replace(recording, channels=channels))
+    return found
+
+
+def _log_evidence(model: Model, recordings: Sequence[Recording]) -> float:
+    """Of re-calibration beside forces that nobody knows; least where it cannot be followed."""
+    course = followed(model, prepare(model, recordings))
+    return -np.inf if course is None else course.null.log_evidence
