@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from benchmarks.evidence_plants import Dry, cart, drive
+from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.loop import State, search
+from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms import Candidate, force_candidates
+from jaxsr.diagnosis.mechanisms.presliding import bending
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import input_samples, state_scale
 from jaxsr.models import Model, parse_model
@@ -94,12 +98,12 @@ def run(
     return Recording("run", TIME, channels)
 
 
-def searched(model: Model, recordings: Sequence[Recording], offered: set[str]) -> State:
+def searched(model: Model, recordings: Sequence[Recording], wanted: set[str]) -> State:
     prepared = [Prepared.build(model, r) for r in recordings]
     every = force_candidates(
         model, state_scale(model, prepared), None, input_samples(model, prepared)
     )
-    chosen = [c for c in every if c.mechanism in offered | {"constant_force"}]
+    chosen = [c for c in every if c.mechanism in wanted | {"constant_force"}]
     return search(Workspace.build(SuperModel.build(model, chosen), prepared, 10.0 * STEP))
 
 
@@ -176,8 +180,8 @@ def test_friction_on_two_speeds_is_told_from_friction_on_each(way: float) -> Non
         return (u - spring * q - friction * np.array([1.0, way])) / inertia
 
     drives = [wave(rng, 1.6, (0.9, 2.3, 4.1)), wave(rng, 1.3, (1.3, 2.9, 3.5))]
-    offered = {"viscous_damping", "coulomb_friction", "coupling_damping", "coupled_friction"}
-    state = searched(WRIST, [run(WRIST, rate, drives, rng, 1e-3)], offered)
+    wanted = {"viscous_damping", "coulomb_friction", "coupling_damping", "coupled_friction"}
+    state = searched(WRIST, [run(WRIST, rate, drives, rng, 1e-3)], wanted)
     (found,) = named(state)
     assert (found.mechanism, found.site) == ("coupled_friction", "equation:v1")
     assert f"v1 {'+' if way > 0 else '-'} v2" in found.terms[0][1]
@@ -212,3 +216,79 @@ def test_an_actuator_whose_gain_varies_is_named(
     state = searched(ARM, runs, INPUT)
     assert [c.mechanism for c in named(state)] == [mechanism]
     assert not odds_against(state, rival) < 5.0
+
+
+CART = parse_model("""
+[model]
+states = ["q", "v"]
+inputs = ["u"]
+outputs = ["y"]
+[equations]
+q = "v"
+v = "u - d*v"
+[inertia]
+v = { v = "m" }
+[readings]
+y = "q"
+[parameters]
+m = { value = 1.3, bounds = [0.5, 4.0] }
+d = { value = 0.4, bounds = [0.0, 3.0] }
+""")
+
+
+def rubbed(friction: Callable[[float, float], tuple[float, float]], seed: int) -> Recording:
+    """Push a cart whose friction is F(v, z) with z' as its second value."""
+    rng = np.random.default_rng(seed)
+    push = wave(rng, 1.3, (0.9, 2.1, 3.3))
+
+    def field(t: float, x: np.ndarray) -> list[float]:
+        force, bend = friction(x[1], x[2])
+        return [x[1], (np.interp(t, TIME, push) - 0.4 * x[1] - force) / 1.3, bend]
+
+    found = solve_ivp(
+        field, (0.0, TIME[-1]), np.zeros(3), "LSODA", TIME, rtol=1e-9, atol=1e-11, max_step=STEP
+    )
+    return Recording("run", TIME, {"u": push, "y": found.y[0] + 2e-4 * rng.normal(size=SAMPLES)})
+
+
+def searched_with_memory(model: Model, recording: Recording) -> State:
+    """Search among dry frictions, presliding offered where the residual forces ask for it."""
+    course = followed(model, [Prepared.build(model, recording)])
+    assert course is not None
+    wanted = {"constant_force", "coulomb_friction", "stribeck_friction", "hysteresis"}
+    chosen = [c for c in offered(model, course) if c.mechanism in wanted]
+    work = Workspace.build(SuperModel.build(model, chosen), course.prepared, course.seconds)
+    return search(work, course.null)
+
+
+def test_presliding_and_slip_are_one_law() -> None:
+    way = 0.02
+    state = searched_with_memory(CART, rubbed(lambda v, z: (1.5 * z, (v - abs(v) * z) / way), 1))
+    (found,) = named(state)
+    assert found.mechanism == "hysteresis" and "{b}*(v - Abs(v)*{z})" in found.states[0].equation
+    for name, truth in (("kz", 1.5), ("b", 1.0 / way)):
+        estimate, deviation = value(state, name)
+        assert abs(estimate - truth) < 4.0 * deviation + 0.02 * truth
+    assert odds_against(state, "coulomb_friction") > 5.0  # alone or with a loop beside it
+
+
+def test_contacts_that_do_not_bend_are_no_presliding() -> None:
+    plant = cart(dry={0: Dry(1.5, 1.5)})
+    rng = np.random.default_rng(2)
+    force = drive(rng, 200, 0.03, 3.0, (1.1, 2.3, 4.7))
+    model = plant.simulator.model
+    state = searched_with_memory(model, plant.recorded(rng, force, 0.03, 1e-4))
+    assert [c.mechanism for c in named(state)] == ["coulomb_friction"]
+
+
+def test_contacts_bend_along_a_path_as_their_rate_says() -> None:
+    time = np.linspace(0.0, 6.0, 4001)
+    path, way = np.sin(2.0 * time), 0.3
+
+    def rate(t: float, z: np.ndarray) -> np.ndarray:
+        v = 2.0 * np.cos(2.0 * t)
+        return (v - abs(v) * z) / way
+
+    exact = solve_ivp(rate, (0.0, 6.0), [0.0], t_eval=time, rtol=1e-9, atol=1e-11, max_step=0.01)
+    found = bending(path, np.array([0, path.size]), np.array([way]))
+    assert np.max(np.abs(found[:, 0] - exact.y[0])) < 2e-3
