@@ -149,6 +149,7 @@ def values_of(candidate: Candidate) -> dict[str, float]:
     own |= {"qs": 1.0, "ks": 4.0} if candidate.mechanism == "end_stop" else {}
     own |= {"t0": 4.0} if candidate.family == "external" else {}
     own |= {"b": 1.2, "g": 0.7} if candidate.mechanism == "hysteresis" else {}
+    own |= {"gc": 0.1, "g1": 0.3} if candidate.family == "actuator" else {}
     found = {}
     for spec in candidate.parameters:
         start = spec.seed if isinstance(spec, Threshold) else spec.neutral + spec.coefficient
