@@ -25,6 +25,7 @@ from jaxsr._result import InputError
 from jaxsr.datasets import fetch
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
+from jaxsr.diagnosis.likelihood.loop import better
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.table import tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
@@ -112,15 +113,20 @@ def weigh(rig: Rig, folder: Path) -> None:
     null = course.null
     table = tabled(work, _theta(work, null), null.path, null.noise, null.decay)
     null = hypothesis(work, table, (), null) or null
-    print(
-        f"  re-calibration: {null.log_evidence:.1f}, left 1 ({time.process_time() - begun:.0f} s)"
-    )
+    known: dict[str, Hypothesis] = {}
     for names in rig.sets:
-        begun = time.process_time()
         found = _best(super_model, work, table, names, null)
         if found is None:
             print(f"  {' + '.join(names)}: not offered, or nothing finite", flush=True)
-            continue
+        else:
+            known[" + ".join(names)] = found
+    # Beside the noise of the most probable, as the search does with its rivals.
+    leader = max([null, *known.values()], key=lambda h: h.log_evidence)
+    null = better(null, hypothesis(work, table, (), leader)) or null
+    print(f"  re-calibration: {null.log_evidence:.1f}", flush=True)
+    for name, found in known.items():
+        if found is not leader:
+            found = better(found, hypothesis(work, table, found.members, leader)) or found
         gain, left = found.log_evidence - null.log_evidence, found.share / max(null.share, 1e-12)
         values = ", ".join(
             f"{own} {found.constants[full][0]:.4g}({found.constants[full][1]:.1g})"
@@ -128,9 +134,8 @@ def weigh(rig: Rig, folder: Path) -> None:
             for own, full in found.names[i].items()
             if full in found.constants
         )
-        seconds = time.process_time() - begun
-        print(f"  {' + '.join(names)}: {gain:+.1f}, left {left:.2g}; {values} ({seconds:.0f} s)")
-        sys.stdout.flush()
+        print(f"  {name}: {gain:+.1f}, left {left:.2g}; {values}", flush=True)
+    print(f"  {time.process_time() - begun:.0f} s of processor time", flush=True)
 
 
 def _with_signs(model: Model, recordings: list[Recording]) -> list[Recording]:

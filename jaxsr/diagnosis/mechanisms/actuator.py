@@ -72,7 +72,8 @@ def _of_input(
         for level in (0.7, 1.5):
             yield limit(f"{{us}}*tanh({u}/{{us}}) - {u}", level)
     # A curve is told from a gain by commands of several sizes.
-    if signal is None or np.mean((signal > 0.02 * top) & (signal < 0.98 * top)) > 0.02:
+    several = signal is None or np.mean((signal > 0.02 * top) & (signal < 0.98 * top)) > 0.02
+    if several:
         yield Candidate(
             "input_curve",
             "actuator",
@@ -82,8 +83,8 @@ def _of_input(
             terms=added(f"{{gc}}*{u}*Abs({u})"),
             source="Fossen, Marine Craft Hydrodynamics and Motion Control (2011), section 9.1",
         )
-    # A dead zone is felt where the command passes through zero.
-    if signal is None or np.mean(signal < 0.2 * top) > 0.02:
+    # A dead zone is felt where the command passes through zero, and by commands of several sizes.
+    if several or np.mean(signal < 0.2 * top) > 0.02:
         for level in (0.03, 0.1, 0.25):
             yield Candidate(
                 "input_deadzone",
