@@ -8,8 +8,8 @@ one mechanism among all. What follows works on the readings with their signs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import expit
@@ -17,15 +17,16 @@ from scipy.special import expit
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.setup import prepare, state_scale
-from jaxsr.models import Edit, Model, Simulator
+from jaxsr.models import Edit, Model, Simulator, with_values
 from jaxsr.models.segments import Prepared
 from jaxsr.models.unfolding import absolute, signed_readings
 from jaxsr.recordings import Recording
 
 BELOW, NEAR = 0.05, 0.1
 """Size of readings on the other side, and of those that are near zero, in the largest."""
-DIPS = 3
-"""Fewest times that readings come near zero and leave it again."""
+DIPS, TURNS = 3, 4
+"""Fewest times that readings come near zero and leave it again, and most turns of signs and values.
+"""
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,13 @@ class Rectified:
     output : str
     log_odds : float
         Of signs that are missing, against readings as the model says.
+    values : mapping
+        Parameters of the model with which it tells signs: re-calibrated ones.
     """
 
     output: str
     log_odds: float
+    values: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def probability(self) -> float:
@@ -81,14 +85,13 @@ def rectified_sensors(simulator: Simulator, prepared: Sequence[Prepared]) -> tup
         if absolute(model.reading_terms[output]) is not None or not one_sided(column):
             continue
         if before is None:
-            before = _log_evidence(model, recordings)
-        changed = signed(model, recordings, (Rectified(output, 0.0),))
-        after = _log_evidence(model, changed)
+            before = _recalibrated(model, recordings)[0]
+        sensor, changed, after = _best_signs(model, recordings, output)
         scale = state_scale(model, prepared)
         every = [*force_candidates(model, scale), *sensor_candidates(model)]
         odds = after - before - float(np.log(len({c.label for c in every}) + 1))
         if odds > 0.0:
-            found = (*found, Rectified(output, odds))
+            found = (*found, replace(sensor, log_odds=odds))
             recordings, before = changed, after
     return found
 
@@ -103,13 +106,38 @@ def signed(
         for sensor in sensors:
             column = model.column(sensor.output)
             if column in channels:
-                reading = model.reading_terms[sensor.output]
-                channels[column] = signed_readings(model, recording, reading, channels[column])
+                led = with_values(model, sensor.values)
+                reading = led.reading_terms[sensor.output]
+                channels[column] = signed_readings(led, recording, reading, channels[column])
         found.append(replace(recording, channels=channels))
     return found
 
 
-def _log_evidence(model: Model, recordings: Sequence[Recording]) -> float:
-    """Of re-calibration beside forces that nobody knows; least where it cannot be followed."""
+def _best_signs(
+    model: Model, recordings: Sequence[Recording], output: str
+) -> tuple[Rectified, list[Recording], float]:
+    """Return a sensor with the values that tell its signs, signed recordings, log evidence.
+
+    Signs tell values and values signs, in turns as long as the evidence grows.
+    """
+    sensor = Rectified(output, 0.0)
+    changed = signed(model, recordings, (sensor,))
+    best, values = _recalibrated(model, changed)
+    for _ in range(TURNS):
+        other = replace(sensor, values=values)
+        anew = signed(model, recordings, (other,))
+        log, values = _recalibrated(model, anew)
+        if not log > best:
+            break
+        sensor, changed, best = other, anew, log
+    return sensor, changed, best
+
+
+def _recalibrated(model: Model, recordings: Sequence[Recording]) -> tuple[float, dict[str, float]]:
+    """Return log evidence and values beside unknown forces; none where nothing can be followed."""
     course = followed(model, prepare(model, recordings))
-    return -np.inf if course is None else course.null.log_evidence
+    if course is None:
+        return -np.inf, {}
+    free = set(model.free_parameters)
+    found = course.null.constants
+    return course.null.log_evidence, {n: value for n, (value, _) in found.items() if n in free}
