@@ -14,7 +14,9 @@ from jaxsr.diagnosis.likelihood.loop import State, search
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms import Candidate, force_candidates
+from jaxsr.diagnosis.mechanisms.load import loads
 from jaxsr.diagnosis.mechanisms.presliding import bending
+from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import input_samples, state_scale
 from jaxsr.models import Model, parse_model
@@ -155,6 +157,7 @@ def test_friction_that_grows_with_the_load_is_told_from_one_that_depends_on_the_
         assert odds_against(state, rival) > 5.0
 
 
+@pytest.mark.slow
 def test_friction_that_depends_on_the_place_is_no_friction_of_the_load() -> None:
     state = searched(ARM, arm_with(lambda q, load: 0.6 + 0.25 * q), DRY)
     assert [c.mechanism for c in named(state)] == ["position_dependent_friction"]
@@ -162,14 +165,11 @@ def test_friction_that_depends_on_the_place_is_no_friction_of_the_load() -> None
 
 
 def test_the_sides_of_a_joint_are_read_off_its_equation() -> None:
-    from jaxsr.diagnosis.mechanisms.load import loads
-    from jaxsr.diagnosis.mechanisms.site import sites_of
-
     (site,) = sites_of(ARM, {})
     assert loads(site) == ["u", "sin(q)*w", "(u + sin(q)*w)/2"]
 
 
-@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("way", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
 def test_friction_on_two_speeds_is_told_from_friction_on_each(way: float) -> None:
     rng = np.random.default_rng(3)
     inertia, spring = np.array([1.0, 0.5]), 3.0
@@ -201,7 +201,14 @@ INPUT = {
     [
         (lambda q, v, u: u + 0.12 * u * np.abs(u), "input_curve", "input_saturation"),
         (lambda q, v, u: (1.0 + 0.25 * q) * u, "input_gain_by_state", "input_gain"),
-        (lambda q, v, u: (1.0 - 0.12 * np.abs(v)) * u, "input_gain_by_state", "quadratic_drag"),
+        pytest.param(
+            *(
+                lambda q, v, u: (1.0 - 0.12 * np.abs(v)) * u,
+                "input_gain_by_state",
+                "quadratic_drag",
+            ),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_an_actuator_whose_gain_varies_is_named(
@@ -272,6 +279,7 @@ def test_presliding_and_slip_are_one_law() -> None:
     assert odds_against(state, "coulomb_friction") > 5.0  # alone or with a loop beside it
 
 
+@pytest.mark.slow
 def test_contacts_that_do_not_bend_are_no_presliding() -> None:
     plant = cart(dry={0: Dry(1.5, 1.5)})
     rng = np.random.default_rng(2)
