@@ -30,7 +30,8 @@ def load_dependent(site: Site) -> Iterator[Candidate]:
         -\tfrac12(\mu + \mu_b) |L|\,\mathrm{sign}(v) - \tfrac12(\mu - \mu_b) L,
 
     the second with :math:`\mu` where the drive gives power (L v > 0) and :math:`\mu_b` where the
-    joint is driven back. Fc is left to the model where it has dry friction already.
+    joint is driven back. Fc is left to the model where it has dry friction already. Where a gear is
+    loaded from both sides, each of them may rub for itself: \mu (|L_1| + |L_2|)/2.
     """
     v, f = site.state, site.force_unit
     if not site.reverses or (site.position is None and site.others and not is_speed(site)):
@@ -52,9 +53,12 @@ def load_dependent(site: Site) -> Iterator[Candidate]:
         )
 
     mu, back = ParameterSpec("mu", "1", low=0.0), ParameterSpec("mub", "1", low=0.0)
-    for load in known:
+    sizes = [f"Abs({load})" for load in known]
+    if len(known) > 1:
+        sizes.append(f"({sizes[0]} + {sizes[1]})/2")
+    for size in sizes:
         yield make(
-            f"- ({constant}{{mu}}*Abs({load}))*sign({v})",
+            f"- ({constant}{{mu}}*{size})*sign({v})",
             mu,
             sentence="Dry friction along {site} grows with the load that the joint carries.",
         )
