@@ -30,9 +30,10 @@ from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.table import tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.rectified import rectified_sensors, signed
+from jaxsr.diagnosis.rectified import signed
 from jaxsr.diagnosis.setup import open_recording, prepare
 from jaxsr.diagnosis.thinning import thinned
+from jaxsr.diagnosis.unsigned import rectified_sensors
 from jaxsr.models import Model, Simulator
 from jaxsr.recordings import Recording
 

@@ -9,8 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxsr
-from jaxsr.diagnosis.rectified import one_sided, rectified_sensors, signed
+from jaxsr.diagnosis.rectified import signed
 from jaxsr.diagnosis.setup import prepare
+from jaxsr.diagnosis.unsigned import one_sided, rectified_sensors
 from jaxsr.models import Simulator, apply_edit, parse_model
 from jaxsr.models.unfolding import likely_signs, signed_readings
 from jaxsr.recordings import Recording

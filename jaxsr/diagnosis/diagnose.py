@@ -27,7 +27,7 @@ from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
 from jaxsr.diagnosis.laws.renaming import with_names
-from jaxsr.diagnosis.rectified import rectified_sensors, signed
+from jaxsr.diagnosis.rectified import signed
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.search.choice import (
     Decision,
@@ -40,6 +40,7 @@ from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_e
 from jaxsr.diagnosis.settled import decided_by_evidence, weighed, weights_of
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.diagnosis.thinning import prepare_search, time_for
+from jaxsr.diagnosis.unsigned import rectified_sensors
 from jaxsr.models import Simulator
 from jaxsr.models.python_base import with_function
 from jaxsr.recordings import Recording
