@@ -27,8 +27,9 @@ from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
 from jaxsr.diagnosis.likelihood.loop import better
 from jaxsr.diagnosis.likelihood.offered import offered
-from jaxsr.diagnosis.likelihood.table import tabled
+from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.mechanisms import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.rectified import signed
 from jaxsr.diagnosis.setup import open_recording, prepare
@@ -147,7 +148,7 @@ def _with_signs(model: Model, recordings: list[Recording]) -> list[Recording]:
     return signed(model, recordings, sensors) if sensors else recordings
 
 
-def _meant(candidate, name: str) -> bool:
+def _meant(candidate: Candidate, name: str) -> bool:
     kind, _, place = name.partition("@")
     bends = any("{b}*(" in s.equation for s in candidate.states)
     if kind == PRESLIDING:
@@ -163,7 +164,7 @@ def _theta(work: Workspace, null: Hypothesis) -> np.ndarray:
 
 
 def _best(
-    super_model: SuperModel, work: Workspace, table, names: Sequence[str], null: Hypothesis
+    super_model: SuperModel, work: Workspace, table: Table, names: Sequence[str], null: Hypothesis
 ) -> Hypothesis | None:
     """Estimate the laws one after another, of each the variants that promise most beside others."""
     best: Hypothesis | None = null
