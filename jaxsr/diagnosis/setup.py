@@ -159,7 +159,7 @@ def screen_all(
         super_model = SuperModel.build(model, candidates)
         system = with_candidates(columns, given, super_model)
         return Screened(super_model, system, screen_each(system, super_model), grid)
-    candidates += memory_candidates(model, scale, sample_step(prepared))
+    candidates += memory_candidates(model, scale, sample_step(prepared), motion)
     super_model = SuperModel.build(model, candidates)
 
     def stop() -> bool:

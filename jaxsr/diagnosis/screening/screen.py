@@ -28,7 +28,13 @@ SHRUNK = 0.01
 STEEPEST = 3.0
 """Largest ratio of breakaway to Coulomb friction."""
 CONTAINED = (
-    frozenset({"coulomb_friction", "stribeck_friction", "position_dependent_friction"}),
+    frozenset(
+        {
+            *("coulomb_friction", "stribeck_friction", "position_dependent_friction"),
+            "load_dependent_friction",
+        }
+    ),
+    frozenset({"coupling_damping", "coupled_friction"}),
     frozenset({"quadratic_drag", "power_law_drag"}),
     frozenset({"piecewise_stiffness", "end_stop"}),
 )

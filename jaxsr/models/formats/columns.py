@@ -121,7 +121,7 @@ def _drives(plant: Plant, i: int) -> str:
 def says_effort(plant: Plant, matched: Matched) -> bool:
     """Whether every control's column is named as a force: measured, not held over a step."""
     columns = [matched.columns[u] for u in plant.inputs if u in matched.columns]
-    words = [set(_tokens(c)) for c in columns]
+    words = [set(words_of(c)) for c in columns]
     return bool(words) and all(w & EFFORTS and not w & (TARGETS | PLAIN) for w in words)
 
 
