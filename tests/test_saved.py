@@ -42,7 +42,7 @@ def diagnosed(folder: Path) -> Path:
 def test_a_diagnosis_reads_back_and_its_model_runs(tmp_path: Path) -> None:
     found = jaxsr.load(diagnosed(tmp_path / "results"))
     assert found.verdict == "structure" and found.fit == {"headline_s": 1.0}
-    assert found.sentence == "Physics is missing: viscous damping at equation:v."
+    assert found.sentence == "The model leaves out viscous damping in the equation of v."
     assert found.model.parameters["k"].value == 0.5
     assert jaxsr.Simulator(found.model).model is found.model
 

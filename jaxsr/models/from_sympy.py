@@ -112,4 +112,6 @@ def _inertia(given: Any, states: list[str]) -> dict[str, dict[str, str]]:
 
 def _named(table: Any) -> Any:
     """Return a table whose keys are names."""
-    return {_name(key): value for key, value in table.items()} if isinstance(table, Mapping) else table
+    return (
+        {_name(key): value for key, value in table.items()} if isinstance(table, Mapping) else table
+    )

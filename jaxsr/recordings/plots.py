@@ -17,9 +17,7 @@ MOST_PANELS = 12
 """Channels that are drawn where none are named."""
 
 
-def plot_recording(
-    recording: Recording, channels: Sequence[str] | None, figure: Any
-) -> Figure:
+def plot_recording(recording: Recording, channels: Sequence[str] | None, figure: Any) -> Figure:
     """Draw channels over time, one above another, see `Recording.plot`."""
     names = list(recording.channels)[:MOST_PANELS] if channels is None else list(channels)
     if not names:

@@ -20,7 +20,8 @@ _WORDS = frozenset(
     "external false final flow for function if import impure in initial inner input loop model "
     "not operator or outer output package parameter partial protected public pure record "
     "redeclare replaceable return stream then true type when while within time pre reinit delay "
-    "abs sign sqrt max min floor sin cos tan asin acos atan atan2 sinh cosh tanh exp log Real".split()
+    "abs sign sqrt max min floor sin cos tan asin acos atan atan2 sinh cosh tanh exp log "
+    "Real".split()
 )
 _POWER = r"[A-Za-z]+-?[0-9]*"
 _PLAIN_UNIT = re.compile(rf"(1|{_POWER}(\.{_POWER})*)(/{_POWER})?")
@@ -66,7 +67,9 @@ def _formulas(system: System) -> dict[str, Term]:
     model = system.model
     terms = {f"equation {state}": model.equation_terms[state] for state in model.states}
     terms |= {
-        f"inertia {i} {j}": term for i, row in model.inertia_terms.items() for j, term in row.items()
+        f"inertia {i} {j}": term
+        for i, row in model.inertia_terms.items()
+        for j, term in row.items()
     }
     return terms | {f"reading {output}": term for output, term in system.readings.items()}
 
@@ -103,7 +106,8 @@ def _event(model: Model, event: Event, names: Mapping[str, str]) -> list[str]:
         f"  reinit({names[s]}, {_formula(model.term(text), before)});"
         for s, text in event.reset.items()
     ]
-    return [f"when {{{tests}}} then" if len(signs) > 1 else f"when {tests} then", *resets, "end when;"]
+    either = f"{{{tests}}}" if len(signs) > 1 else tests
+    return [f"when {either} then", *resets, "end when;"]
 
 
 def _formula(term: Term, names: Mapping[str, str]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import sympy
 from sympy.printing.c import C99CodePrinter
@@ -84,19 +84,11 @@ class Modelica(_Numbers, CodePrinter):
 
     printmethod = "_modelica"
     language = "Modelica"
-    _default_settings = {**CodePrinter._default_settings, "precision": 17}
-    _operators = {"and": "and", "or": "or", "not": "not "}
-    _functions = {
-        sympy.Abs: "abs",
-        **{f: f.__name__ for f in (sympy.sign, sympy.floor, sympy.exp, sympy.log, sympy.atan2)},
-        **{f: f.__name__ for f in (sympy.sin, sympy.cos, sympy.tan)},
-        **{f: f.__name__ for f in (sympy.asin, sympy.acos, sympy.atan)},
-        **{f: f.__name__ for f in (sympy.sinh, sympy.cosh, sympy.tanh)},
-    }
+    _operators: ClassVar = {"and": "and", "or": "or", "not": "not "}
 
     def _print_Function(self, expr: Any) -> str:
         arguments = ", ".join(self._print(arg) for arg in expr.args)
-        return f"{self._functions[expr.func]}({arguments})"
+        return f"{expr.func.__name__.lower()}({arguments})"  # Abs is abs there
 
     def _print_Heaviside(self, expr: Any) -> str:
         return f"(0.5*(1 + sign({self._print(expr.args[0])})))"
@@ -109,8 +101,10 @@ class Modelica(_Numbers, CodePrinter):
 
     def _nested(self, name: str, args: Any) -> str:
         first, *rest = args
-        return f"{name}({self._print(first)}, {self._nested(name, rest)})" if rest else self._print(
-            first
+        return (
+            f"{name}({self._print(first)}, {self._nested(name, rest)})"
+            if rest
+            else self._print(first)
         )
 
     def _print_Pow(self, expr: Any) -> str:
@@ -120,7 +114,8 @@ class Modelica(_Numbers, CodePrinter):
         rank = PRECEDENCE["Pow"]
         if exponent == -1:
             return f"1/{self.parenthesize(base, rank, strict=True)}"
-        left, right = (self.parenthesize(e, PRECEDENCE["Atom"], strict=True) for e in (base, exponent))
+        rank = PRECEDENCE["Atom"]
+        left, right = (self.parenthesize(e, rank, strict=True) for e in (base, exponent))
         return f"{left}^{right}"
 
     def _print_Rational(self, expr: Any) -> str:

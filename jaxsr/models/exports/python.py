@@ -64,9 +64,7 @@ def _head(system: System) -> list[str]:
 
 def _array_text(system: System, module: str, printer: Any) -> str:
     model = system.model
-    tables = {
-        name: tuple(getattr(model, name)) for name in ("states", "inputs", "outputs")
-    }
+    tables = {name: tuple(getattr(model, name)) for name in ("states", "inputs", "outputs")}
     lines = [
         *_head(system),
         f"import {module}",

@@ -35,7 +35,7 @@ class System:
         """Return what the two functions do not hold, a line each."""
         model = self.model
         lines = [
-            f"{name} acts delayed by {delay}" if name in model.inputs else f"{name} comes {delay} late"
+            f"{name} {'acts' if name in model.inputs else 'is read'} {delay} s late"
             for name, delay in model.delays.items()
             if delay != 0.0
         ]
