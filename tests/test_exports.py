@@ -367,7 +367,8 @@ def test_refusals_name_what_and_why(tmp_path: Path) -> None:
     with pytest.raises(jaxsr.InputError, match="cannot name a function"):
         export_text(model, "c", "2; rm")
     define_primitive("softly", lambda x: np.logaddexp(x, 0.0), jax=lambda x: jnp.logaddexp(x, 0.0))
-    own = parse_model(BOUNCE.replace("u/m - 9.81", "softly(u)/m"))
+    plain = BOUNCE.replace("[units]", "[columns]")
+    own = parse_model(plain.replace("u/m - 9.81", "softly(u)/m"))
     with pytest.raises(jaxsr.InputError, match="v uses softly, a function without a formula"):
         export_text(own, "c")
     assert Simulator(own).to_numpy()(0.0, [0.0, 0.0], [0.0])[1] == pytest.approx(2 * math.log(2))

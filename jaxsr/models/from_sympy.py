@@ -75,14 +75,27 @@ def _text(expression: Any, where: str) -> str:
 
 
 def _parameter(value: Any) -> Any:
-    """Return a row of [parameters]."""
+    """Return a row of [parameters].
+
+    Raises
+    ------
+    InputError
+        It is no value.
+    """
     if isinstance(value, Parameter):
         row = {"value": value.value, "unit": value.unit, "bounds": value.bounds and [*value.bounds]}
         return {key: entry for key, entry in row.items() if entry is not None}
-    if isinstance(value, tuple | list) and len(value) == 3:
-        middle, low, high = (float(v) for v in value)
+    triple: Any = value
+    if isinstance(value, tuple | list) and len(triple) == 3:
+        middle, low, high = (float(v) for v in triple)
         return {"value": middle, "bounds": [low, high]}
-    return dict(value) if isinstance(value, Mapping) else float(value)
+    if isinstance(value, Mapping):
+        return dict(value)
+    try:
+        return float(value)
+    except TypeError:
+        remedy = "Give a number, (value, low, high), or a row of [parameters]"
+        raise InputError(f"{value!r:.80} is no value", "parameters", remedy) from None
 
 
 def _inertia(given: Any, states: list[str]) -> dict[str, dict[str, str]]:

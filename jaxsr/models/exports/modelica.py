@@ -116,7 +116,7 @@ def _formula(term: Term, names: Mapping[str, str]) -> str:
     expression: Any = made.results[0][1]
     for name, part in reversed(made.parts):
         expression = expression.xreplace({sympy.Symbol(name, real=True): part})
-    return Modelica().doprint(expression)
+    return str(Modelica().doprint(expression))
 
 
 def _delay(model: Model, symbol: str, names: Mapping[str, str]) -> str:
