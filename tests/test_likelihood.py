@@ -12,6 +12,7 @@ from scipy.special import comb
 from scipy.stats import multivariate_normal, norm
 
 from jaxsr.diagnosis.likelihood import kalman
+from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.evidence import Gram, Prior, _factor
 from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
@@ -242,3 +243,30 @@ def test_what_lies_beyond_a_bound_is_no_part_of_the_evidence() -> None:
     assert got.change[0] == 1.0
     inner, pull = columns.T @ columns, columns.T @ rows[:, 0]
     assert got.change[1] == pytest.approx(-(pull[1] + inner[1, 0]) / (inner[1, 1] + 1.0))
+
+
+def test_a_constant_that_is_never_below_another_one() -> None:
+    """Static friction below sliding friction, as the data ask for, is no part of the evidence."""
+    rng = np.random.default_rng(7)
+    columns = rng.normal(size=(40, 2)) + rng.normal(size=(40, 1))
+    rows = np.column_stack([-columns @ (1.0, 0.9) + 0.3 * rng.normal(size=40), columns])
+    none = NONE * np.ones(2)
+    belief = Belief(np.zeros(2), np.array([1.0, 2.0]), -none, none, floors=((1, 0),))
+    given = np.array([0.4, 0.7])
+
+    def density(peak: float, low: float) -> float:
+        left = rows[:, 0] + columns @ (low, low + peak)
+        weight = norm.pdf(low) * 2.0 * norm.pdf(peak, 0.0, 2.0)
+        return float(np.exp(-0.5 * (40 * np.log(2.0 * np.pi) + left @ left) + 50.0) * weight)
+
+    wanted = np.log(dblquad(density, 0.0, 2.0, 0.0, 2.0, epsrel=1e-6)[0]) - 50.0
+    moved = rows[:, 0] + columns @ given
+    about = np.column_stack([moved, columns])
+    gram = Gram(about.T @ about, 0.0, 40)
+    found = gram.mode(belief.mixing, belief.about(given), scaled=False)
+    assert found.log_evidence == pytest.approx(wanted, abs=5e-3)
+    low, high = given + found.change
+    assert high == pytest.approx(low)  # on the edge
+    summed = columns.sum(axis=1)
+    assert low == pytest.approx(-(summed @ rows[:, 0]) / (summed @ summed + 1.0))
+    assert belief.inside(np.array([1.0, 0.5])).tolist() == [1.0, 1.0]

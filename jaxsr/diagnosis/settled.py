@@ -34,7 +34,7 @@ from jaxsr.models.segments import Prepared
 LEFT = 0.1
 """Size of the latent force beside the answer, in that beside re-calibration alone, that is little:
 a hundredth of its power."""
-WEIGHING = 0.5
+WEIGHING = 0.75
 """Share of the time left that the posterior may take."""
 MOST = 12_000
 """Samples times states that the posterior is asked about."""

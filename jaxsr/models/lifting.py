@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from jaxsr.models.alone import alone
+from jaxsr.models.corners import Corners
 from jaxsr.models.delays import delayed_stages, stage_of
 from jaxsr.models.directions import Directions
 from jaxsr.models.field import Field, Point
@@ -241,6 +242,7 @@ class _Ground:
     stages: tuple[Array, dict[int, Array]]
     jumps: Jumps | None
     switches: Switches | None
+    corners: Corners | None
     own: Array  # 0 where a recording has a value of its own
 
     @staticmethod
@@ -263,7 +265,9 @@ class _Ground:
         stages = delayed_stages(model, segments, values, chosen)
         jumps = Jumps.of(field, Point(segments.time, list(segments.course), list(segments.inputs)))
         switches = Switches.of(field, segments.course) if field.switched else None
-        return _Ground(stepping, segments, values, field, to, stages, jumps, switches, own)
+        corners = Corners.of(field, stepping.widths, stepping.parts)
+        bends = jumps, switches, corners
+        return _Ground(stepping, segments, values, field, to, stages, *bends, own)
 
     def step(self, path: Array, first: int = 0, tangents: bool = True) -> tuple[Array, Array]:
         """Integrate from every sample to the next, with derivatives in all directions.
@@ -273,7 +277,7 @@ class _Ground:
         here = slice(first, first + path.shape[1] - 1)
         inputs, rates = self.stages
         stages = inputs[:, :, here], {i: rate[:, here] for i, rate in rates.items()}
-        field, jumps = self.field, self.jumps
+        field, jumps = self.field, self.jumps or self.corners
         if self.switches is not None:
             field, jumps = self.switches.begun(path[:, :-1])
         ends, slopes = advanced(

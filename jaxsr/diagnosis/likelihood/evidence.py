@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -83,6 +83,26 @@ class Gram:
         rows = found.rows[lanes].reshape(-1, found.rows.shape[-1])
         determinant = float(found.log_determinant[lanes].sum())
         return Gram(rows.T @ rows, determinant, found.count, loudest)
+
+    def mode(self, mixing: np.ndarray, prior: Prior, scaled: bool = True) -> Mode:
+        """Return the mode of the first constants, where the prior is of combinations of them.
+
+        Parameters
+        ----------
+        mixing : ndarray, shape (constants, constants)
+            Changes of constants by those that the prior is of.
+        prior : Prior
+        scaled : bool
+            As in `evidence`.
+        """
+        size = 1 + len(mixing)
+        whole = np.eye(size)
+        whole[1:, 1:] = mixing
+        products = whole.T @ self.products[:size, :size] @ whole
+        found = replace(self, products=products).evidence(range(len(mixing)), prior, scaled)
+        # Deviations of combinations as if these were independent.
+        deviation = np.sqrt(mixing**2 @ found.deviation**2)
+        return replace(found, change=mixing @ found.change, deviation=deviation)
 
     def evidence(self, chosen: Sequence[int], prior: Prior, scaled: bool = True) -> Mode:
         r"""Return the mode and the log evidence of a set of constants.
