@@ -57,6 +57,13 @@ def test_a_discovery_reads_back(tmp_path: Path) -> None:
     assert again.verdict == found.verdict and again.reason == found.reason
     assert again.equations == json.loads(json.dumps(found.to_dict()["equations"]))
     assert again.model.equations == found.model.equations
+    assert repr(found) == "<Discovery law: rates of x>" == repr(again).replace("Saved", "")
+    assert found._repr_html_() == again._repr_html_() and "<math" in found._repr_html_()
+    (term,) = found["x"].terms
+    assert term.interval == term.ci95 and term.coefficient in term.interval
+    assert found.export("c") == again.export("c") and "dx[0] = " in again.export("c")
+    run = jaxsr.Recording.from_arrays(t, {"x": np.exp(-t)})
+    np.testing.assert_allclose(again.simulator.simulate(run).channels["x"], np.exp(-t), atol=1e-4)
 
 
 @pytest.mark.parametrize("damage", ["empty", "both", "cut", "other form", "list"])
