@@ -6,6 +6,7 @@ import copy
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -177,6 +178,7 @@ def test_one_verdict_is_said_in_one_sentence(verdict: str, left: str, tmp_path: 
     findings = [] if verdict == "nothing" else [finding if verdict == "parameter" else FINDING]
     open_ = {"open": {"message": left}} if left else {}
     found = diagnosis(verdict=verdict, findings=findings, provenance=open_)
+    found = replace(found, evidence=Evidence("drive"))  # no figures
     sentence = verdict_sentence(found.document)
     assert found.sentence == f"{sentence} {left}".strip() and found.sentence.isascii()
     assert cli._verdict(found) == f"Verdict: {verdict}. {found.sentence}"
@@ -195,7 +197,7 @@ def test_a_table_a_card_and_a_line() -> None:
     lines = str(found).splitlines()
     assert lines[2].split() == ["finding", "site", "probability", "share", "constants"]
     assert "Fc = 20.40 N [20.10, 20.70], w = 1.5" in lines[3]
-    assert lines[-1] == "error over 2.5 s, training recordings: 10 % re-calibrated, 1 % explained"
+    assert lines[-1] == "error over 2.5 s, training recordings: 10 % re-calibrated, 1.0 % explained"
     assert str(found).isascii()
     card = found._repr_html_()
     for text in ("Physics is missing", "Coulomb friction", "20.10 … 20.70", "97 %", "-Fc*sign(v)"):
@@ -223,7 +225,7 @@ def test_figures_of_free_runs_residuals_and_the_posterior() -> None:
 
 
 def test_results_read_back_draw_what_they_hold(tmp_path: Path) -> None:
-    diagnosis().save(tmp_path / "out")
+    replace(diagnosis(), evidence=None).save(tmp_path / "out")
     again: Any = jaxsr.load(tmp_path / "out")
     assert again.plot("posterior", matplotlib.figure.Figure()).axes
     with pytest.raises(jaxsr.InputError, match="free_runs are not among the results"):
@@ -239,7 +241,7 @@ def test_what_is_explained_runs() -> None:
 
 
 def test_a_command_exports_results_and_models(tmp_path: Path, capsys: Any) -> None:
-    diagnosis().save(tmp_path / "out")
+    replace(diagnosis(), evidence=None).save(tmp_path / "out")
     assert cli.main(["export", str(tmp_path / "out"), "--to", "c", "--name", "drive"]) == 0
     text = capsys.readouterr().out
     assert "void drive_rates(" in text and text == diagnosis().export("c", "drive")
@@ -331,7 +333,7 @@ q = "m"
         Simulator(made).sympy().values(), Simulator(given).sympy().values(), strict=True
     ):
         numbers = [
-            float(e.subs({str(s): values[str(s)] for s in e.free_symbols})) for e in (ours, theirs)
+            float(e.subs({s: values[str(s)] for s in e.free_symbols})) for e in (ours, theirs)
         ]
         assert numbers[0] == pytest.approx(numbers[1], rel=1e-14)
 

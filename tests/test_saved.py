@@ -57,7 +57,8 @@ def test_a_discovery_reads_back(tmp_path: Path) -> None:
     assert again.verdict == found.verdict and again.reason == found.reason
     assert again.equations == json.loads(json.dumps(found.to_dict()["equations"]))
     assert again.model.equations == found.model.equations
-    assert repr(found) == "<Discovery law: rates of x>" == repr(again).replace("Saved", "")
+    assert repr(found) == f"<Discovery {found.verdict}: rates of x>"
+    assert repr(again) == repr(found).replace("Discovery", "SavedDiscovery")
     assert found._repr_html_() == again._repr_html_() and "<math" in found._repr_html_()
     (term,) = found["x"].terms
     assert term.interval == term.ci95 and term.coefficient in term.interval
