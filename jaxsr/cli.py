@@ -1,4 +1,4 @@
-"""The commands ``jaxsr discover | diagnose | simulate | demo | datasets``.
+"""The commands ``jaxsr discover | diagnose | batch | simulate | export | demo | datasets``.
 
 Parsing and checking come first, inside typer; the job runs afterwards, outside of it, and imports
 what it needs: ``jaxsr --help`` loads no numerical library.
@@ -28,7 +28,9 @@ from jaxsr._arguments import (
     table_of,
     written_back,
 )
+from jaxsr._batch_command import batch
 from jaxsr._datasets_app import datasets_app
+from jaxsr._export_command import export
 from jaxsr._job import RUN, command_budget, loaded, save, session
 from jaxsr._output import close_stdout, print_line
 from jaxsr._process import INTERRUPTED, listen, listening, say
@@ -317,6 +319,10 @@ def demo(out: Out = "jaxsr-demo") -> Job:
         save(diagnosis, folder, _verdict(diagnosis), budget=limit)
 
     return job
+
+
+app.command()(batch)
+app.command()(export)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -17,7 +17,7 @@ from jaxsr._result import InputError
 from jaxsr.discovery import plots
 from jaxsr.discovery.equation import Equation, FittedTerm, cut_short
 from jaxsr.discovery.find import Task, find_equation
-from jaxsr.discovery.result import front_table, latex_text, term_at
+from jaxsr.discovery.fronts import front_table, latex_text, term_at
 from jaxsr.discovery.samples import Samples, thinned
 from jaxsr.evolution import PrimitiveSet, SearchConfig
 from jaxsr.evolution.config import DEFAULT_FUNCTIONS

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from jaxsr.report.evidence import ForceResidual
 from jaxsr.report.formatting import unit_text
@@ -88,6 +88,15 @@ def _regions(
     return spans
 
 
+def paint_residuals(
+    parts: list[ForceResidual],
+    findings: Sequence[Mapping[str, Any]],
+    figure: Figure | SubFigure,
+) -> None:
+    """Paint the residual of one site over its state and over time into a figure."""
+    _Panel(parts, _regions(findings, parts[0].site, parts[0].state_name)).paint(figure)
+
+
 class _Panel:
     """Residual over the state (left) and over time (right)."""
 
@@ -103,7 +112,7 @@ class _Panel:
         time += f", the largest of {len(names)} recordings." if len(names) > 1 else "."
         self.note = over + (" Shaded: where the finding acts." if regions else "") + time
 
-    def paint(self, figure: Figure) -> None:
+    def paint(self, figure: Figure | SubFigure) -> None:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1, 1.35])
         shown = self.shown
         for start, end in self.regions:

@@ -66,11 +66,8 @@ def assemble(parts: Ingredients) -> Diagnosis:
     count = len(document["data_checks"])
     evidence = build_evidence(parts, judged, explained_model, train, held_runs, forces, count)
     return Diagnosis(
-        verdict=judged.verdict.value,
-        findings=judged.findings,
         model=explained_model,
         given=case.simulator.model,
-        fit=document["fit"],
         document=document,
         evidence=evidence,
         unread=tuple(unread.values()),
