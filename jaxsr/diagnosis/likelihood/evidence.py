@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
+from scipy.linalg import lapack
 from scipy.special import log_ndtr
 
 from jaxsr.diagnosis.likelihood.kalman import Whitened
@@ -173,7 +173,7 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
     if not len(matrix):
         return matrix
     # Of matrices of a few rows the checks around LAPACK cost more than LAPACK.
-    factor, failed = dpotrf(matrix, lower=1, clean=1)
+    factor, failed = lapack.dpotrf(matrix, lower=1, clean=1)
     if not failed:
         return factor
     if not np.isfinite(matrix).all():
@@ -185,12 +185,12 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
 
 
 def _solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
-    return dpotrs(factor, right, lower=1)[0] if len(right) else right
+    return lapack.dpotrs(factor, right, lower=1)[0] if len(right) else right
 
 
 def _inverted(factor: np.ndarray) -> np.ndarray:
     """Return the inverse of a lower triangle."""
-    return dtrtri(factor, lower=1)[0] if len(factor) else factor
+    return lapack.dtrtri(factor, lower=1)[0] if len(factor) else factor
 
 
 def _inside(mean: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:
