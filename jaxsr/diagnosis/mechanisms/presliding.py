@@ -18,6 +18,7 @@ Dahl, AIAA J. 14 (1976).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -112,15 +113,13 @@ def bending(path: np.ndarray, edges: np.ndarray, ways: np.ndarray) -> np.ndarray
     ways : ndarray, shape (ways,)
         Ways to slip.
     """
-    z, found = np.zeros(len(ways)), np.zeros((len(path), len(ways)))
-    begins = set(map(int, edges))
-    for k in range(1, len(path)):
-        moved = path[k] - path[k - 1]
-        towards = np.sign(moved)
-        z = (
-            np.zeros(len(ways))
-            if k in begins
-            else towards + (z - towards) * np.exp(-abs(moved) / ways)
-        )
-        found[k] = z
+    found = np.zeros((len(path), len(ways)))
+    bounds = [*map(int, edges), len(path)]
+    for first, last in pairwise(sorted(set(bounds))):
+        way = np.sign(np.diff(path[first:last]))
+        turns = first + 1 + np.flatnonzero(np.diff(way))
+        for begin, end in pairwise([first, *turns, last - 1]):  # one way from begin to end
+            towards, z = np.sign(path[end] - path[begin]), found[begin]
+            along = np.abs(path[begin + 1 : end + 1] - path[begin])[:, None]
+            found[begin + 1 : end + 1] = towards + (z - towards) * np.exp(-along / ways)
     return found
