@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
-from jaxsr.diagnosis.likelihood.proposals import exclusive, kin, pairs, swaps
+from jaxsr.diagnosis.likelihood.proposals import exclusive, forms, kin, pairs, swaps
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 
@@ -131,7 +131,8 @@ def step(state: State, table: Table) -> State:
     if leader.log_evidence > state.rivalled.get(leader.members, -np.inf) + RENEWED:
         rivals = [tuple(m for m in leader.members if m != i) for i in leader.members]
         rivals += swaps(every, here, leader.members, SWAPPED, RIVAL)
-        rivals += [r for r in kin(every, leader.members) if r not in rivals]
+        alike = [*kin(every, leader.members), *forms(every, leader.members)]
+        rivals += [r for r in alike if r not in rivals]
         # A rival that is known was estimated beside another noise: the same is due to it, and all
         # the way to its mode.
         known = _estimated(state, table, leader, rivals, again=True)
