@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from jaxsr.batch import diagnose_many
     from jaxsr.diagnosis import Diagnosis, Finding, diagnose, learn_simulator
     from jaxsr.diagnosis.mechanisms import register_mechanism
-    from jaxsr.discovery import Discovery, SymbolicSparseRegressor, discover
+    from jaxsr.discovery import Discovery, Prior, Roles, Run, SymbolicSparseRegressor, discover
     from jaxsr.discovery.treatment import Treatment
     from jaxsr.evaluation import compile_terms
     from jaxsr.evolution import SearchConfig
@@ -44,7 +44,10 @@ __all__ = [
     "register_mechanism",
     "discover",
     "Discovery",
+    "Roles",
+    "Prior",
     "SearchConfig",
+    "Run",
     "Treatment",
     "SymbolicSparseRegressor",
     "compile_terms",
@@ -67,7 +70,10 @@ _HOMES = {
     "register_mechanism": "jaxsr.diagnosis.mechanisms",
     "discover": "jaxsr.discovery",
     "Discovery": "jaxsr.discovery",
+    "Roles": "jaxsr.discovery",
+    "Prior": "jaxsr.discovery",
     "SearchConfig": "jaxsr.evolution",
+    "Run": "jaxsr.discovery",
     "Treatment": "jaxsr.discovery.treatment",
     "SymbolicSparseRegressor": "jaxsr.discovery",
     "compile_terms": "jaxsr.evaluation",

@@ -132,7 +132,7 @@ def test_commands_are_understood(
     out = arguments[arguments.index("--out") + 1] if "--out" in arguments else None
     for word in arguments:
         path = Path(word.split(":")[0])
-        if path.suffix in (".toml", ".csv", ".py") and word != out:
+        if path.suffix in (".toml", ".csv", ".py", ".fmu", ".xml") and word != out:
             path.parent.mkdir(exist_ok=True)
             path.write_text(word)
     token = RUN.set(Run(0.0, lambda run: None))

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from benchmarks.evidence_plants import Dry, cart, drive
-from jaxsr.diagnosis.likelihood import hypotheses
+from jaxsr.diagnosis.contest.integration import with_steps
+from jaxsr.diagnosis.likelihood import hypotheses, local
 from jaxsr.diagnosis.likelihood.loop import State, begun, search
 from jaxsr.diagnosis.likelihood.steps import resolved
-from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.likelihood.workspace import Workspace, in_columns
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import state_scale
@@ -36,7 +39,7 @@ def searched(dry: Dry, noise: float) -> State:
     return search(offered(dry, noise))
 
 
-@pytest.mark.parametrize("noise", [1e-6, 1e-4])
+@pytest.mark.parametrize("noise", [1e-6, pytest.param(1e-4, marks=pytest.mark.slow)])
 def test_coulomb_friction_is_named_alone_and_no_force_is_left(noise: float) -> None:
     state = searched(Dry(2.0 / MASS, 2.0 / MASS), noise)
     every, leader = state.work.super_model, state.leader
@@ -84,3 +87,31 @@ def test_steps_that_do_for_a_law_that_is_off_are_not_kept_once_it_acts(
     (problem, found, _), scales = kept[0]
     again = resolved(problem, found.theta, found.path, scales.noise, scales.start)
     assert again.stepping.substeps == problem.stepping.substeps > 1
+
+
+def test_a_linearisation_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is asked again, or a part of it, is what was found; another path is another one."""
+    work = offered(Dry(2.0 / MASS, 2.0 / MASS), 1e-4)
+    made, original = [], local._linearised
+
+    def counted(*args: Any) -> local.LocalModel:
+        made.append(args)
+        return original(*args)
+
+    monkeypatch.setattr(local, "_linearised", counted)
+    problem, path = work.narrow, work.narrow.segments.course
+    values = in_columns(work, work.theta)
+    place = problem.simulator, problem.stepping, problem.segments, values
+    active = list(work.columns.base_index())
+    whole = local.linearised(*place, path, active)
+    assert local.linearised(*place, path.copy(), active) is whole
+    part = local.linearised(*place, path, active[:1])
+    assert len(made) == 1
+    np.testing.assert_array_equal(part.by_constant, whole.by_constant[..., :1])
+    np.testing.assert_allclose(
+        part.by_constant, original(*place, path, active[:1]).by_constant, rtol=1e-12
+    )
+    local.linearised(*place, path + 1e-9, active)
+    finer = with_steps(problem, "rk4", 2 * problem.stepping.substeps)
+    local.linearised(finer.simulator, finer.stepping, finer.segments, values, path, active)
+    assert len(made) == 3

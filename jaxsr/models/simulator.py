@@ -69,7 +69,15 @@ class Simulator(Exported, eqx.Module):
 
         text = str(path)
         if ".py:" in text or text.endswith(".py"):
+            from jaxsr.models.formats.step_map import is_step, read_steps
+
+            if is_step(text):
+                return read_steps(text, model).simulator
             return read_python_simulator(text, model)
+        if text.lower().endswith(".fmu"):
+            from jaxsr.models.formats.fmu import read_fmu
+
+            return read_fmu(text, model).simulator
         if is_format(text):
             from jaxsr.models.formats.opening import read_robot
 

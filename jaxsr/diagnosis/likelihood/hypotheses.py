@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,7 +117,7 @@ def hypothesis(
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
     sharp = any(model.candidates[i].jumps for i in members)
     values = theta[reduced.parameters]
-    follow = _Following(*places, belief, best)
+    follow = _Following(*places, belief, best, work.stop)
     hidden = beyond_limits(work, fresh)
     if hidden.any():
         values, own = _led_on(reduced.problem, hidden, sharp, values, own, follow, scales)
@@ -128,7 +128,7 @@ def hypothesis(
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
     problem, at_mode, width = found
-    hopeless = left(at_mode.log_evidence, 0.0, best)
+    hopeless = work.stop() or left(at_mode.log_evidence, 0.0, best)
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
         anew = replace(scales, noise=likely, decay=at_mode.decay)
@@ -196,7 +196,13 @@ class _Following:
     helpers: np.ndarray
     belief: Belief
     best: float
+    stop: Callable[[], bool]
     width: float | None = None
+
+    @property
+    def active(self) -> list[int]:
+        """Parameters that steps are differentiated by."""
+        return list(dict.fromkeys([*map(int, self.chosen), *map(int, self.helpers)]))
 
     def lost(self, found: Estimate) -> bool:
         """Whether an estimate is too far behind the best to be followed."""
@@ -208,7 +214,7 @@ class _Following:
         """Estimate; None where nothing finite comes of it."""
         with np.errstate(all="ignore"):
             try:
-                args = self.chosen, self.helpers, self.belief, scales, self.best
+                args = self.chosen, self.helpers, self.belief, scales, self.best, self.stop
                 return estimated(problem, theta, path, *args)
             except (np.linalg.LinAlgError, FloatingPointError):
                 return None
@@ -229,18 +235,19 @@ def _at_its_mode(
     tried: dict[float, tuple[Problem, Estimate]] = {}
 
     def better(factor: float, than: float | None) -> bool:
-        """Estimate with jumps of some width, from where another one led."""
+        """Estimate with jumps of some width, from where another one led, if there is time."""
+        if tried and follow.stop():
+            return False
         begun = (values, path) if than is None else (tried[than][1].theta, tried[than][1].path)
         with np.errstate(all="ignore"):
-            stepped = _stepped(problem, factor, *begun, scales)
+            stepped = _stepped(problem, factor, begun, scales, follow.active)
         # Round jumps leave more than sharp ones: what is behind with them may yet be ahead.
         hopeful = follow if factor <= 1.0 else replace(follow, best=-np.inf)
         found = None if stepped is None else hopeful(stepped, *begun, scales)
         while stepped is not None and found is not None and not hopeful.lost(found):
             # Steps that do for a law that is off may be too long once it acts.
-            with np.errstate(all="ignore"):
-                here = found.theta, found.path, scales.noise, scales.start
-                finer = resolved(stepped, *here)
+            here = found.theta, found.path, scales.noise, scales.start
+            finer = resolved(stepped, *here, follow.active)
             if finer.stepping == stepped.stepping:
                 break
             stepped, found = finer, hopeful(finer, found.theta, found.path, scales)
@@ -294,23 +301,23 @@ def _at_its_mode(
 
 
 def _stepped(
-    problem: Problem, factor: float, theta: np.ndarray, path: np.ndarray, scales: Scales
+    problem: Problem, factor: float, begun: tuple, scales: Scales, active: Sequence[int]
 ) -> Problem | None:
     """Widen or sharpen the jumps of a problem, and step it finely enough for that.
 
-    None where they cannot be switched exactly.
+    None where they cannot be switched exactly. It begins with some constants and a path.
     """
     stepping = problem.stepping
     if factor == EXACT:
-        exact = switched(problem, theta)
+        exact = switched(problem, begun[0])
         if exact is None:
             return None
         problem = exact
     elif stepping.widths:
         widths = tuple(factor * w for w in stepping.widths)
         problem = replace(problem, stepping=replace(stepping, widths=widths))
-        problem = steady(problem, theta)
-    return resolved(problem, theta, path, scales.noise, scales.start)
+        problem = steady(problem, begun[0])
+    return resolved(problem, *begun, scales.noise, scales.start, active)
 
 
 def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
