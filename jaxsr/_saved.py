@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from jaxsr._result import InputError
 from jaxsr.diagnosis.answer import Answer
@@ -32,7 +32,7 @@ class SavedDiagnosis(Answer):
     """
 
     directory: Path
-    document: Mapping[str, Any]
+    document: dict[str, Any]
     model: Model
 
 
@@ -120,10 +120,11 @@ def load(directory: str | Path) -> SavedDiagnosis | SavedDiscovery:
         raise InputError(what, str(folder), remedy)
     path = folder / held[0]
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        read = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {str(error)[:80]}", str(path)) from None
-    schema = document.get("schema") if isinstance(document, dict) else None
+    document = cast("dict[str, Any]", read) if isinstance(read, dict) else {}
+    schema = document.get("schema")
     if schema not in (SCHEMA, _DISCOVERY):
         raise InputError(f"is of the form {str(schema)[:80]!r}", str(path), "Run the job again")
     model = read_model(folder / _KINDS[held[0]])

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from jaxsr._arguments import check_roles, is_model
 from jaxsr._files import sha256
@@ -53,8 +53,8 @@ class Case:
 
     def __post_init__(self) -> None:
         for name in ("data", "held_out"):
-            given = getattr(self, name)
-            paths = (given,) if isinstance(given, str | os.PathLike) else given
+            given: Any = getattr(self, name)
+            paths: Any = (given,) if isinstance(given, str | Path) else given
             object.__setattr__(self, name, tuple(os.fspath(path) for path in paths))
         object.__setattr__(self, "model", os.fspath(self.model))
         if not is_model(self.model):
@@ -62,7 +62,8 @@ class Case:
             raise InputError(f"{quoted(self.model)} is no model", "", remedy)
         if not self.data:
             raise InputError("no data", self.model, 'Write data = ["run.csv"]')
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+        seed: Any = self.seed
+        if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
             raise InputError(f"seed {quoted(self.seed)}", self.model, "Write 0, 1, 2, ...")
         for name in ("budget", "memory"):
             value = getattr(self, name)
@@ -131,7 +132,7 @@ def read_cases(path: str | Path) -> dict[str, Case]:
     }
 
 
-def check_name(name: str, where: str = "cases") -> str:
+def check_name(name: Any, where: str = "cases") -> str:
     """Return the name of a case, which is that of its folder too.
 
     Raises
@@ -150,7 +151,7 @@ def _table(value: Any, file: str, where: str) -> Mapping[str, Any]:
         raise InputError(
             f"must be a table, got {quoted(value)}", f"{file} {where}", "Write a table"
         )
-    return value
+    return cast("Mapping[str, Any]", value)
 
 
 def _case(row: Mapping[str, Any], path: Path, where: str) -> Case:
@@ -172,7 +173,7 @@ def _case(row: Mapping[str, Any], path: Path, where: str) -> Case:
 
 
 def _paths(value: Any, folder: Path, where: str) -> tuple[str, ...]:
-    given = [value] if isinstance(value, str) else value
-    if not isinstance(given, list) or not all(isinstance(item, str) for item in given):
+    given = cast("list[Any]", value) if isinstance(value, list) else [value]
+    if not all(isinstance(item, str) for item in given):
         raise InputError(f"must name files, got {quoted(value)}", where, 'Write ["a.csv"]')
     return tuple(str(folder / item) for item in given)

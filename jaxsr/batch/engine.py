@@ -96,10 +96,6 @@ def _task(task: Task) -> Outcome:
     return run_task(task, lambda: any(stop() for stop in list(_STOPS)))
 
 
-def _is_running(client: Any, future: Any) -> bool:
-    return any(future.key in keys for keys in client.processing().values())
-
-
 def _client(distributed: Any, workers: int, scheduler: str | None) -> Any:
     if scheduler is not None:
         try:

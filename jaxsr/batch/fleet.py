@@ -119,7 +119,8 @@ class Fleet:
 
     def write(self) -> None:
         """Write ``batch.csv`` and ``batch.html``."""
-        text = self.table.to_csv(index=False, lineterminator="\n")
+        table: Any = self.table
+        text = str(table.to_csv(index=False, lineterminator="\n"))
         atomic_write_text(self.directory / "batch.csv", text)
         documents = {name: self.diagnoses[name].document for name in self}
         page = batch_page(documents, self.failures, self.waiting)
@@ -139,7 +140,7 @@ class Fleet:
 
 def headline_errors(document: Mapping[str, Any]) -> tuple[float | None, float | None]:
     """Return the free-run errors, re-calibrated and explained, held-out ones where there are."""
-    fit = document.get("fit") or {}
+    fit: Mapping[str, Any] = document.get("fit") or {}
     for _, before, after in errors_at(fit, headline_index(fit)):
         return before, after
     return None, None

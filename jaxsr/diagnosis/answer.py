@@ -34,7 +34,7 @@ class Answer(Exported):
         Data of the figures, where the diagnosis was not read back from its files.
     """
 
-    document: Mapping[str, Any]
+    document: dict[str, Any]
     model: Model
     evidence: Evidence | None = None
 

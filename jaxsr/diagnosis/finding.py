@@ -114,7 +114,8 @@ class Finding(dict[str, Any]):
     @property
     def alternatives(self) -> list[Rival]:
         """Return what may stand in its place, the most probable first."""
-        return [Rival(row) for row in self.get("alternatives") or []]
+        rows: list[Mapping[str, Any]] = self.get("alternatives") or []
+        return [Rival(row) for row in rows]
 
     @property
     def where(self) -> dict[str, Any]:

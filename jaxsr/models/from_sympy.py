@@ -85,14 +85,14 @@ def _parameter(value: Any) -> Any:
     if isinstance(value, Parameter):
         row = {"value": value.value, "unit": value.unit, "bounds": value.bounds and [*value.bounds]}
         return {key: entry for key, entry in row.items() if entry is not None}
-    triple: Any = value
-    if isinstance(value, tuple | list) and len(triple) == 3:
-        middle, low, high = (float(v) for v in triple)
+    given: Any = value
+    if isinstance(value, tuple | list) and len(given) == 3:
+        middle, low, high = (float(v) for v in given)
         return {"value": middle, "bounds": [low, high]}
     if isinstance(value, Mapping):
         return dict(value)
     try:
-        return float(value)
+        return float(given)
     except TypeError:
         remedy = "Give a number, (value, low, high), or a row of [parameters]"
         raise InputError(f"{value!r:.80} is no value", "parameters", remedy) from None

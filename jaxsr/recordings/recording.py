@@ -63,7 +63,7 @@ class Recording:
     channels: Mapping[str, np.ndarray]
     source: Path | None = None
     sha256: str | None = None
-    set_aside: Mapping[str, str] = field(default_factory=dict)
+    set_aside: Mapping[str, str] = field(default_factory=dict[str, str])
     remarks: tuple[DataCheck, ...] = ()
     time_stated: bool = False
 

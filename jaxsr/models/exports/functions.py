@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -33,7 +34,7 @@ def numpy_function(system: System) -> Rates:
 
 def jax_function(system: System) -> Rates:
     """Return ``f(t, x, u=(), p=None) -> dx`` in JAX, see `Exported.to_jax`."""
-    import jax.numpy as jnp
+    jnp: Any = importlib.import_module("jax.numpy")
 
     def rates(t: Any, x: Any, u: Sequence[Any] = (), p: Mapping[str, Any] | None = None) -> Any:
         environment = _environment(system, (t, x, u, p))

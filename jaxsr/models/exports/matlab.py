@@ -62,7 +62,7 @@ def _body(system: System, names: Mapping[str, str], terms: Mapping[str, Term]) -
     for array, symbols in (("x", model.states), ("u", model.inputs), ("p", model.parameters)):
         places |= {names[symbol]: f"{array}({k + 1})" for k, symbol in enumerate(symbols)}
     lines = [f"{n} = {place};" for n, place in places.items() if n in made.used]
-    lines += [printer.doprint(e, assign_to=n) for n, e in made.parts]
+    lines += [str(printer.doprint(e, assign_to=n)) for n, e in made.parts]
     counts = {"dx": 0, "y": 0}
     for label, expression in made.results:
         array = label.split(" ")[0]

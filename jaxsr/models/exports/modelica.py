@@ -57,7 +57,8 @@ def _declared(model: Model, names: Mapping[str, str]) -> list[str]:
     lines += [f"output Real {names[y]}{_unit(units.get(y))};" for y in model.outputs]
     for state in model.states:
         start = model.initial.get(state)
-        fixed = [f"start = {float(start)!r}", "fixed = true"] if _is_number(start) else []
+        known = isinstance(start, int | float)
+        fixed = [f"start = {float(start)!r}", "fixed = true"] if known else []
         lines.append(f"Real {names[state]}{_unit(units.get(state), fixed)};")
     return lines
 
@@ -130,10 +131,6 @@ def _unit(unit: str | None, more: Iterable[str] = ()) -> str:
     parts = [f'unit = "{text}"'] if _PLAIN_UNIT.fullmatch(text) else []
     parts += more
     return f"({', '.join(parts)})" if parts else ""
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float)
 
 
 def _left_out(system: System) -> list[str]:
