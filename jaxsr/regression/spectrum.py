@@ -96,7 +96,7 @@ def make_waves(values: Array, rows: Excerpt, *, is_time: bool) -> Waves | None:
         for row in turned:
             np.multiply(wave, turn, out=row)
             wave = row
-        s[part], c[part] = rows.seen(turned.imag.T).T, rows.seen(turned.real.T).T
+        s[part], c[part] = rows.seen(np.imag(turned).T).T, rows.seen(np.real(turned).T).T
     ss, cc, sc = (np.vecdot(a, b).astype(float) for a, b in ((s, s), (c, c), (s, c)))
     return Waves(grid, s, c, (ss, cc, sc))
 

@@ -84,7 +84,7 @@ def _of_input(
             source="Fossen, Marine Craft Hydrodynamics and Motion Control (2011), section 9.1",
         )
     # A dead zone is felt where the command passes through zero, and by commands of several sizes.
-    if several or np.mean(signal < 0.2 * top) > 0.02:
+    if signal is None or several or np.mean(signal < 0.2 * top) > 0.02:
         for level in (0.03, 0.1, 0.25):
             yield Candidate(
                 "input_deadzone",
