@@ -41,7 +41,7 @@ LAYERS = {
     "_batch_command": 9,
     "_export_command": 9,
     "cli": 8,
-    "__main__": 9,
+    "__main__": 8,
     "__init__": 9,
 }
 LONGEST = 400

@@ -27,11 +27,9 @@ EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.015, 4.0, (2.0, 1.4, 1.2, 1
 where the law itself is found; where a rounded one is more probable, by a coarse factor, and finer
 ones about the best, the last two as long as they show."""
 STANDING = 4.0
-"""Distance from the largest reading, in deviations of the noise, in which a sensor stands at its
-limit."""
+"""Deviations of the noise below its largest reading in which a sensor stands at its limit."""
 SHARPENED, CLEAR = 0.5, 1.0
-"""Log evidence that a sharper jump must gain to be sharpened further, and another noise to be
-taken."""
+"""Log evidence that a jump must gain to be sharpened further, and another noise to be taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +89,8 @@ def hypothesis(
     best : float
         Log evidence that makes a set the best known: one without hope is not followed to its end.
     """
-    model = work.super_model
+    model, helpers = work.super_model, work.helpers
     members = tuple(sorted(members))
-    helpers = work.helpers
     fresh = [i for i in members if near is None or i not in near.members]
     chosen = list(model.base_index())
     for i in members:
@@ -128,7 +125,7 @@ def hypothesis(
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
     problem, at_mode, width = found
-    hopeless = work.stop() or left(at_mode.log_evidence, 0.0, best)
+    hopeless = follow.lost(at_mode)
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
         anew = replace(scales, noise=likely, decay=at_mode.decay)
@@ -205,8 +202,8 @@ class _Following:
         return list(dict.fromkeys([*map(int, self.chosen), *map(int, self.helpers)]))
 
     def lost(self, found: Estimate) -> bool:
-        """Whether an estimate is too far behind the best to be followed."""
-        return left(found.log_evidence, 0.0, self.best)
+        """Whether an estimate is too far behind the best to be followed, or time is over."""
+        return self.stop() or left(found.log_evidence, 0.0, self.best)
 
     def __call__(
         self, problem: Problem, theta: np.ndarray, path: np.ndarray, scales: Scales
