@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from jaxsr._result import InputError
     from jaxsr._saved import load
     from jaxsr.diagnosis import diagnose, learn_simulator
-    from jaxsr.discovery import SymbolicSparseRegressor, discover
+    from jaxsr.discovery import Prior, Roles, Run, SymbolicSparseRegressor, discover
     from jaxsr.evaluation import compile_terms
+    from jaxsr.evolution import SearchConfig
     from jaxsr.models import Simulator
     from jaxsr.recordings import Recording, read_recording
 
@@ -32,6 +33,10 @@ __all__ = [
     "diagnose",
     "learn_simulator",
     "discover",
+    "Roles",
+    "Prior",
+    "SearchConfig",
+    "Run",
     "SymbolicSparseRegressor",
     "compile_terms",
     "load",
@@ -46,6 +51,10 @@ _HOMES = {
     "diagnose": "jaxsr.diagnosis",
     "learn_simulator": "jaxsr.diagnosis",
     "discover": "jaxsr.discovery",
+    "Roles": "jaxsr.discovery",
+    "Prior": "jaxsr.discovery",
+    "SearchConfig": "jaxsr.evolution",
+    "Run": "jaxsr.discovery",
     "SymbolicSparseRegressor": "jaxsr.discovery",
     "compile_terms": "jaxsr.evaluation",
     "load": "jaxsr._saved",

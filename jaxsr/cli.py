@@ -125,16 +125,11 @@ def discover(
         raise InputError(f"must be auto or a whole number above 0, got {modes!r}", "--modes")
     folder = results_folder(out, roles, ("model.toml", "discovery.json", "report.html"))
     names = split_names(states, "--states")
-    options: dict[str, Any] = {
-        "derivatives": split_names(derivatives, "--derivatives") or None,
-        "inputs": split_names(inputs, "--inputs"),
-        **{"order": order, "time": time, "units": units, "known": known, "modes": modes},
-        **{"seed": seed, "held_out": held_out or [], "columns": split_pairs(columns, "--columns")},
-    }
-    if options["derivatives"] and len(options["derivatives"]) != len(names):
-        raise InputError(
-            f"{len(options['derivatives'])} names for {len(names)} states", "--derivatives"
-        )
+    rates = split_names(derivatives, "--derivatives") or None
+    driving = split_names(inputs, "--inputs")
+    pairs = split_pairs(columns, "--columns")
+    if rates and len(rates) != len(names):
+        raise InputError(f"{len(rates)} names for {len(names)} states", "--derivatives")
     limit = command_budget(budget)
 
     def job(command: str) -> None:
@@ -144,12 +139,16 @@ def discover(
 
             found = loaded(jaxsr.discover)(
                 data,
-                states=names,
-                validation=validation or [],
-                budget=reserve(limit, len(names)),
-                progress=progress,
-                command=command,
-                **options,
+                jaxsr.Roles(names, rates, order, driving, time, columns=pairs),
+                prior=jaxsr.Prior(units=units, known=known, modes=modes),
+                run=jaxsr.Run(
+                    validation=validation or [],
+                    held_out=held_out or [],
+                    seed=seed,
+                    budget=reserve(limit, len(names)),
+                    progress=progress,
+                    command=command,
+                ),
             )
         save(found, folder, found.summary(), budget=limit)
 

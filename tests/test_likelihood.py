@@ -11,7 +11,8 @@ from scipy.signal import lfilter
 from scipy.special import comb
 from scipy.stats import multivariate_normal, norm
 
-from jaxsr.diagnosis.likelihood import kalman
+from jaxsr.diagnosis.likelihood import kalman, recursions
+from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.evidence import Gram, Prior, _factor
 from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
@@ -85,13 +86,21 @@ def dense(
     return np.concatenate(means), x @ z.T, np.concatenate(read_means), covariance
 
 
-@pytest.mark.parametrize("few", [0, 2])
+def engine(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take compiled recursions, or NumPy with readings taken in one by one or at once."""
+    if name == "compiled":
+        assert recursions.compiled() is not None
+        return
+    monkeypatch.setattr(kalman, "compiled", lambda: None)
+    monkeypatch.setattr(kalman, "FEW", 2 if name == "one by one" else 0)
+
+
+@pytest.mark.parametrize("way", ["compiled", "one by one", "at once"])
 @pytest.mark.parametrize("seed", range(5))
 def test_innovations_have_the_likelihood_of_the_dense_covariance(
-    seed: int, few: int, monkeypatch: pytest.MonkeyPatch
+    seed: int, way: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Readings of a sample taken in at once, and one after the other."""
-    monkeypatch.setattr(kalman, "FEW", few)
+    engine(way, monkeypatch)
     local, latent, noise, start = drawn(seed)
     found = whitened(System.of(local, [latent], [noise], start))
     _, _, mean, covariance = dense(local, latent, noise, start)
@@ -106,8 +115,12 @@ def test_innovations_have_the_likelihood_of_the_dense_covariance(
         assert got == pytest.approx(wanted, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.parametrize("way", ["compiled", "at once"])
 @pytest.mark.parametrize("seed", range(5))
-def test_smoothed_states_are_the_conditional_means(seed: int) -> None:
+def test_smoothed_states_are_the_conditional_means(
+    seed: int, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engine(way, monkeypatch)
     local, latent, noise, start = drawn(seed)
     mean, across, read, covariance = dense(local, latent, noise, start)
     y = local.innovation.reshape(-1)
@@ -118,8 +131,10 @@ def test_smoothed_states_are_the_conditional_means(seed: int) -> None:
     np.testing.assert_allclose(got[:, :, 0].T.reshape(-1), wanted, atol=1e-9)
 
 
-def test_lanes_do_not_touch_each_other() -> None:
+@pytest.mark.parametrize("way", ["compiled", "one by one", "at once"])
+def test_lanes_do_not_touch_each_other(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three pieces under three choices of latent force and noise: each as if it were alone."""
+    engine(way, monkeypatch)
     drawings = [drawn(seed) for seed in range(3)]
     local = LocalModel(
         *(
@@ -146,6 +161,46 @@ def test_lanes_do_not_touch_each_other() -> None:
             lane = 3 * choice + piece
             np.testing.assert_allclose(together.rows[lane], alone.rows[0], atol=1e-12)
             assert together.log_determinant[lane] == pytest.approx(alone.log_determinant[0])
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.5])
+def test_compiled_recursions_are_those_of_numpy(
+    missing: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Six readings of nine states in 300 samples: equal to rounding, samples missing or not."""
+    rng = np.random.default_rng(7)
+    steps, pieces, states, outputs = 300, 2, 9, 6
+    innovation = rng.normal(size=(steps + 1, pieces, outputs))
+    innovation[rng.uniform(size=innovation.shape) < missing] = np.nan
+    local = LocalModel(
+        0.1 * rng.normal(size=(steps, pieces, states)),
+        0.95 * np.eye(states) + 0.02 * rng.normal(size=(steps, pieces, states, states)),
+        rng.normal(size=(steps, pieces, states, 3)),
+        innovation,
+        rng.normal(size=(steps + 1, pieces, outputs, states)),
+        rng.normal(size=(steps + 1, pieces, outputs, 3)),
+    )
+    entering = rng.normal(size=(steps, pieces, states, 2))
+    latent = [Latent(entering, size * np.ones(2), 0.9) for size in (0.0, 0.3)]
+    coloured = np.where(np.arange(outputs) < 2, 0.1, 0.0)
+    noise = Noise(rng.uniform(0.1, 0.5, outputs), coloured, np.full(outputs, 0.6))
+    system = System.of(local, latent, [noise] * 2, np.ones(states))
+    one = System.of(local, latent[1:], [noise], np.ones(states))
+    found, path = whitened(system), smoothed(one, states)
+    monkeypatch.setattr(kalman, "compiled", lambda: None)
+    wanted = whitened(system)
+    np.testing.assert_allclose(found.rows, wanted.rows, atol=1e-9)
+    np.testing.assert_allclose(found.log_determinant, wanted.log_determinant, rtol=1e-12)
+    np.testing.assert_allclose(path, smoothed(one, states), atol=1e-9)
+
+
+def test_lost_digits_are_no_answer_compiled_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    local, latent, noise, start = drawn(0)
+    system = System.of(local, [latent], [noise.scaled(0.0)], 0.0 * start)
+    system = replace(system, noise=system.noise - 1.0, process=0.0 * system.process)
+    assert np.isnan(whitened(system).log_determinant).all()
+    monkeypatch.setattr(kalman, "compiled", lambda: None)
+    assert np.isnan(whitened(system).log_determinant).all()
 
 
 def test_evidence_is_the_integral_over_the_constants() -> None:
@@ -242,3 +297,30 @@ def test_what_lies_beyond_a_bound_is_no_part_of_the_evidence() -> None:
     assert got.change[0] == 1.0
     inner, pull = columns.T @ columns, columns.T @ rows[:, 0]
     assert got.change[1] == pytest.approx(-(pull[1] + inner[1, 0]) / (inner[1, 1] + 1.0))
+
+
+def test_a_constant_that_is_never_below_another_one() -> None:
+    """Static friction below sliding friction, as the data ask for, is no part of the evidence."""
+    rng = np.random.default_rng(7)
+    columns = rng.normal(size=(40, 2)) + rng.normal(size=(40, 1))
+    rows = np.column_stack([-columns @ (1.0, 0.9) + 0.3 * rng.normal(size=40), columns])
+    none = NONE * np.ones(2)
+    belief = Belief(np.zeros(2), np.array([1.0, 2.0]), -none, none, floors=((1, 0),))
+    given = np.array([0.4, 0.7])
+
+    def density(peak: float, low: float) -> float:
+        left = rows[:, 0] + columns @ (low, low + peak)
+        weight = norm.pdf(low) * 2.0 * norm.pdf(peak, 0.0, 2.0)
+        return float(np.exp(-0.5 * (40 * np.log(2.0 * np.pi) + left @ left) + 50.0) * weight)
+
+    wanted = np.log(dblquad(density, 0.0, 2.0, 0.0, 2.0, epsrel=1e-6)[0]) - 50.0
+    moved = rows[:, 0] + columns @ given
+    about = np.column_stack([moved, columns])
+    gram = Gram(about.T @ about, 0.0, 40)
+    found = gram.mode(belief.mixing, belief.about(given), scaled=False)
+    assert found.log_evidence == pytest.approx(wanted, abs=5e-3)
+    low, high = given + found.change
+    assert high == pytest.approx(low)  # on the edge
+    summed = columns.sum(axis=1)
+    assert low == pytest.approx(-(summed @ rows[:, 0]) / (summed @ summed + 1.0))
+    assert belief.inside(np.array([1.0, 0.5])).tolist() == [1.0, 1.0]

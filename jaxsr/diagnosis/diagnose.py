@@ -109,6 +109,7 @@ def diagnose(
     """
     progress = progress or Silent()
     budget = as_budget(budget)
+    began = budget.elapsed  # after the start of the program, which is no measure of what follows
     rng = np.random.default_rng(seed)
     if simulator.function is not None:
         simulator = with_function(simulator.model, simulator.function)
@@ -127,11 +128,11 @@ def diagnose(
     progress.stage("screening mechanisms in the weak view")
     screened = failures.attempt("screening", lambda: screen_all(simulator, prepared, early), None)
     # What was slow to read and to screen is slow to report.
-    reading = max(budget.elapsed, time_for(whole, budget.seconds))
+    reading = max(budget.elapsed - began, time_for(whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress, failures, quiet=quiet)
-    evidence = None if with_many_equations(case) else decided_clearly(case)
+    evidence = decided_clearly(case)
     if evidence is not None:
         (decision, headline, grown), weights = evidence
     elif with_many_equations(case):

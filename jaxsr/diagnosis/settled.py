@@ -34,7 +34,7 @@ from jaxsr.models.segments import Prepared
 LEFT = 0.1
 """Size of the latent force beside the answer, in that beside re-calibration alone, that is little:
 a hundredth of its power."""
-WEIGHING = 0.5
+WEIGHING = 0.75
 """Share of the time left that the posterior may take."""
 MOST = 12_000
 """Samples times states that the posterior is asked about."""
@@ -67,13 +67,18 @@ def weighed(case: Case) -> Posterior | None:
     model = case.simulator.model
     if case.simulator.function is not None or model.events:
         return None
+    if case.search.exhausted:
+        return None
     patience = case.search.share(WEIGHING)
     case.progress.stage("weighing mechanisms by the evidence of the recordings")
     begun = patience.elapsed
 
+    def slow() -> bool:
+        return FOLLOWINGS * (patience.elapsed - begun) > patience.seconds or patience.exhausted
+
     def found_in(prepared: Sequence[Prepared]) -> Posterior | None:
-        course = followed(model, prepared)
-        if course is None or FOLLOWINGS * (patience.elapsed - begun) > patience.seconds:
+        course = followed(model, prepared, slow)
+        if course is None or slow():
             return None
         return posterior_along(model, course, case.screened, lambda: patience.exhausted)
 

@@ -131,8 +131,8 @@ def screen_all(
 ) -> Screened | None:
     """Screen every force mechanism, where the equations can be read off the sensors.
 
-    Memories, each of which is integrated along the recordings, are screened as long as the
-    `budget` lasts.
+    Memories, each of which is integrated along the recordings, and sets of more than one are
+    screened as long as the `budget` lasts.
     """
     budget = budget or Budget()
     model = simulator.model
@@ -157,15 +157,18 @@ def screen_all(
         return Screened(super_model, system, screen_each(system, super_model), grid)
     candidates += memory_candidates(model, scale, sample_step(prepared))
     super_model = SuperModel.build(model, candidates)
-    system = with_memory(
-        with_candidates(columns, given, super_model), super_model, grid, lambda: budget.exhausted
-    )
+
+    def stop() -> bool:
+        return budget.exhausted
+
+    system = with_memory(with_candidates(columns, given, super_model), super_model, grid, stop)
     left = [
         c.label
         for i, c in enumerate(super_model.candidates)
         if c.states and budget.exhausted and not system.jacobian[:, super_model.index(i)].any()
     ]
-    return Screened(super_model, system, screen(system, super_model), grid, frozenset(left))
+    screening = screen(system, super_model, stop)
+    return Screened(super_model, system, screening, grid, frozenset(left))
 
 
 def enough_rows(system: WeakSystem, free: int) -> bool:

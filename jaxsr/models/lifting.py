@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from jaxsr.models.alone import alone
+from jaxsr.models.corners import Corners
 from jaxsr.models.delays import delayed_stages, stage_of
 from jaxsr.models.directions import Directions
 from jaxsr.models.field import Field, Point
@@ -149,14 +150,20 @@ def readings_along(
 
     Shapes are (outputs, samples, segments) and (outputs, states + active, samples, segments).
     """
+    return _Ground.of(simulator, stepping, segments, theta, active).read(path, late)
+
+
+def one_step_and_readings(
+    simulator: Simulator,
+    stepping: Stepping,
+    segments: Segments,
+    theta: Array,
+    path: Array,
+    active: Sequence[int],
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return what `one_step` and, with delays and clocks, `readings_along` do of one path."""
     ground = _Ground.of(simulator, stepping, segments, theta, active)
-    values, rows = ground.field.readings(ground.at(path))
-    names = [*simulator.model.states, *(list(simulator.model.parameters)[i] for i in active)]
-    y, none = np.stack(values), np.zeros(path.shape[1:])
-    by = np.array([[row.get(name, 0.0) + none for row in rows] for name in names])
-    if late:
-        y, by = late_readings(simulator, segments, ground.values, ground.to, (y, by))
-    return y, by.swapaxes(0, 1)
+    return ground.step(path), ground.read(path, late=True)
 
 
 def carried_errors(
@@ -179,16 +186,21 @@ def carried_errors(
 
 
 def simulated(
-    simulator: Simulator, stepping: Stepping, segments: Segments, theta: Array, x0: Array
+    simulator: Simulator,
+    stepping: Stepping,
+    segments: Segments,
+    theta: Array,
+    x0: Array,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Array | None:
-    """Simulate every segment from its start; None where the path does not close.
+    """Simulate every segment from its start; None where the path does not close, or `stop` says so.
 
     Newton's method on the states at all samples; the sensors' states are the first guess.
     Returned are the outputs, shape (outputs, samples, segments).
     """
     path = segments.course.copy()
     path[:, 0] = x0
-    path = closed(simulator, stepping, segments, theta, path)
+    path = closed(simulator, stepping, segments, theta, path, stop)
     if path is None:
         return None
     ground = _Ground.of(simulator, stepping, segments, theta, ())
@@ -241,6 +253,7 @@ class _Ground:
     stages: tuple[Array, dict[int, Array]]
     jumps: Jumps | None
     switches: Switches | None
+    corners: Corners | None
     own: Array  # 0 where a recording has a value of its own
 
     @staticmethod
@@ -263,7 +276,9 @@ class _Ground:
         stages = delayed_stages(model, segments, values, chosen)
         jumps = Jumps.of(field, Point(segments.time, list(segments.course), list(segments.inputs)))
         switches = Switches.of(field, segments.course) if field.switched else None
-        return _Ground(stepping, segments, values, field, to, stages, jumps, switches, own)
+        corners = Corners.of(field, stepping.widths, stepping.parts)
+        bends = jumps, switches, corners
+        return _Ground(stepping, segments, values, field, to, stages, *bends, own)
 
     def step(self, path: Array, first: int = 0, tangents: bool = True) -> tuple[Array, Array]:
         """Integrate from every sample to the next, with derivatives in all directions.
@@ -273,7 +288,7 @@ class _Ground:
         here = slice(first, first + path.shape[1] - 1)
         inputs, rates = self.stages
         stages = inputs[:, :, here], {i: rate[:, here] for i, rate in rates.items()}
-        field, jumps = self.field, self.jumps
+        field, jumps = self.field, self.jumps or self.corners
         if self.switches is not None:
             field, jumps = self.switches.begun(path[:, :-1])
         ends, slopes = advanced(
@@ -287,6 +302,17 @@ class _Ground:
             jumps,
         )
         return np.stack(ends), slopes
+
+    def read(self, path: Array, late: bool) -> tuple[Array, Array]:
+        """Return readings of a path and their derivatives in all directions."""
+        values, rows = self.field.readings(self.at(path))
+        y, none, place = np.stack(values), np.zeros(path.shape[1:]), self.to.columns
+        names = [*self.to.states, *sorted(place, key=lambda name: place[name])]
+        by = np.array([[row.get(name, 0.0) + none for row in rows] for name in names])
+        if late:
+            own = self.field.simulator, self.segments, self.values, self.to
+            y, by = late_readings(*own, (y, by))
+        return y, by.swapaxes(0, 1)
 
     def newton(
         self, path: Array, iterations: int, stop: Callable[[], bool], first: int = 0

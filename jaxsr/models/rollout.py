@@ -24,13 +24,15 @@ TANGENT_BUCKETS = (0, 12, 24, 48, 96)
 class Stepping:
     """How segments are integrated: method, steps between samples, smoothing widths.
 
-    `smooth` tells how a model without jumps is, whose steps need not resolve any.
+    `smooth` tells how a model without jumps is, whose steps need not resolve any. Where a rounded
+    jump turns over, one-step maps take each of them in `parts` (`corners`).
     """
 
     method: Literal["rk4", "rodas3"] = "rk4"
     substeps: int = 1
     widths: tuple[float, ...] = ()
     smooth: Stepping | None = None
+    parts: int = 1
 
 
 def outputs(

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr.models.corners import Corners
 from jaxsr.models.directions import Directions, Stages
 from jaxsr.models.field import Field, Point
 from jaxsr.models.jumps import Jumps
@@ -31,7 +32,7 @@ def advanced(
     time: Array,
     length: Array,
     stages: Callable[[int], Stages],
-    jumps: Jumps | Crossings | None = None,
+    jumps: Jumps | Crossings | Corners | None = None,
 ) -> tuple[list[Array], Array]:
     """Advance by all substeps between neighbouring samples.
 
@@ -45,8 +46,9 @@ def advanced(
     length : ndarray, shape (steps, substeps, segments)
     stages : callable
         Number of a substep to its inputs.
-    jumps : Jumps or Crossings, optional
-        Of the states, where the model has events, or of the rates, where it has switches.
+    jumps : Jumps, Crossings or Corners, optional
+        Of the states, where the model has events, of the rates, where it has switches, or
+        rounded.
 
     Returns
     -------

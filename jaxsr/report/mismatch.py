@@ -45,7 +45,7 @@ def mismatches(
     findings : sequence of mapping
         Their sites give the order, their regions are shaded.
     stop : callable
-        Asked before every figure but the first.
+        Asked before every figure.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def mismatches(
     order = sorted(sites, key=lambda site: found.index(site) if site in found else len(found))
     drawings = []
     for number, site in enumerate(order[:MOST_SITES], start=1):
-        if drawings and stop():
+        if stop():
             break
         panel = _Panel(sites[site], _regions(findings, site, sites[site][0].state_name))
         drawings.append(

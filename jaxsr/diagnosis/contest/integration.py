@@ -95,18 +95,22 @@ def with_smooth(
 
 def steady(problem: Problem, theta: np.ndarray) -> Problem:
     """Return the problem of a set, stepped stably with these constants, explicitly if it can be."""
+    stepping, needed = problem.stepping, stable_substeps(problem, theta)
+    if needed <= FINEST["rk4"]:
+        least = stepping.substeps if stepping.method == "rk4" else 1
+        return with_steps(problem, "rk4", max(needed, least))
+    return problem if stepping.method == "rodas3" else with_steps(problem, "rodas3", 2)
+
+
+def stable_substeps(problem: Problem, theta: np.ndarray) -> int:
+    """Return the fewest explicit steps between two samples, a power of two, that are stable."""
     stepping, segments = problem.stepping, problem.segments
     inside = np.arange(segments.time.shape[0])[:, None] < segments.count
     pick = np.linspace(0, inside.sum() - 1, min(POINTS, inside.sum())).astype(int)
     x, u = (np.moveaxis(a, 0, -1)[inside][pick] for a in (segments.course, segments.inputs))
     x, u = np.concatenate([x, np.zeros((1, x.shape[1]))]), np.concatenate([u, u[:1]])
     fastest = _fastest(problem.simulator, theta, stepping.widths, x, u)
-    step = float(np.max(segments.length)) * stepping.substeps
-    needed = _substeps(fastest * step)
-    if needed <= FINEST["rk4"]:
-        least = stepping.substeps if stepping.method == "rk4" else 1
-        return with_steps(problem, "rk4", max(needed, least))
-    return problem if stepping.method == "rodas3" else with_steps(problem, "rodas3", 2)
+    return _substeps(fastest * float(np.max(segments.length)) * stepping.substeps)
 
 
 def accurate(problem: Problem, theta: np.ndarray, path: np.ndarray) -> Problem:

@@ -146,11 +146,15 @@ def _runs(
         del models["explained"]
     horizons = _horizons(parts)
     if whole is None:
+        last = parts.case.budget.keeping(LEFT * parts.case.budget.seconds)
 
         def run(name: str, horizon: float) -> FreeRun:
             lean, theta = models[name]
             length = None if horizon == horizons[-1] else horizon
-            return lean.free_run(prepared, theta, length, like=parts.case.prepared)
+            needed = horizon == parts.headline
+            return lean.free_run(
+                prepared, theta, length, parts.case.prepared, lambda: last.exhausted and not needed
+            )
 
         at = _in_time(parts, horizons)
         done = {h: {name: run(name, h) for name in models} for h in at}

@@ -101,12 +101,15 @@ def _open_mass(parts: Ingredients, judged: Judged) -> OpenMass:
     """Mass of what was not compared, where something ended the search before its time.
 
     A model whose squared error is above the variance of the readings follows them worse than
-    their mean.
+    their mean. What the evidence decided follows them down to the noise, if only from start to
+    start: no simulation of what is unstable stays near a recording for long.
     """
     case, fitted = parts.case, judged.explained
     horizon = None if parts.headline == parts.horizons[-1] else parts.headline
-    run = fitted.lean.free_run(case.prepared, fitted.theta, horizon, like=case.prepared)
-    follows = not run.nrmse >= CONSTANT
+    follows = parts.weights is not None
+    if not follows:
+        run = fitted.lean.free_run(case.prepared, fitted.theta, horizon, like=case.prepared)
+        follows = not run.nrmse >= CONSTANT
     ended = parts.stopped in (StoppedBy.BUDGET, StoppedBy.INTERRUPTED)
     if not (ended or case.budget.interrupted or case.failures.lines):
         return open_mass([], follows)

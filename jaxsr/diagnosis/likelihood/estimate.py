@@ -45,16 +45,39 @@ class Belief:
     Attributes
     ----------
     mean, deviation, low, high : ndarray, shape (constants,)
+    floors : tuple of (int, int)
+        Constants that are never below another one, and that one: believed is how far they are above
+        it, which is their deviation and at least 0.
     """
 
     mean: np.ndarray
     deviation: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    floors: tuple[tuple[int, int], ...] = ()
 
     def about(self, theta: np.ndarray) -> Prior:
-        """Return the priors of changes from these values."""
-        return Prior(self.mean - theta, self.deviation, self.low - theta, self.high - theta)
+        """Return the priors of changes from these values; `mixing` says of what."""
+        mean, low, high = self.mean - theta, self.low - theta, self.high - theta
+        for above, below in self.floors:
+            mean[above] = low[above] = theta[below] - theta[above]
+            high[above] += theta[below] - self.low[below]
+        return Prior(mean, self.deviation, low, high)
+
+    @property
+    def mixing(self) -> np.ndarray:
+        """Changes of constants by the changes that the priors are of, shape (constants,) * 2."""
+        matrix = np.eye(len(self.mean))
+        for above, below in self.floors:
+            matrix[above, below] = 1.0
+        return matrix
+
+    def inside(self, theta: np.ndarray) -> np.ndarray:
+        """Return the values nearest to some that bounds leave."""
+        found = np.clip(theta, self.low, self.high)
+        for above, below in self.floors:
+            found[above] = max(found[above], found[below])
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +196,7 @@ def estimated(
     belief: Belief,
     scales: Scales,
     best: float = -np.inf,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Estimate | None:
     """Iterate to the mode of a set; None where its steps are not finite.
 
@@ -189,17 +213,19 @@ def estimated(
         Of the chosen parameters.
     best : float
         Log evidence of the best set known: one that cannot catch up is left as it is.
+    stop : callable
+        Whether time is over: the set is left where it is, not settled.
     """
     size = len(chosen)
     active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
     scales = replace(scales, forces=tuple(active.index(int(j)) for j in helpers))
-    climb = _Climb(problem, chosen, active, belief, best)
+    climb = _Climb(problem, chosen, active, belief, best, stop)
     point = climb.weighed(theta, path, scales, scales.shares)
     if point is None:
         return None
     point, settled = climb.to_the_mode(point, scales)
     for _ in range(len(scales.decays) - 1):
-        if point.share == 0.0 or left(point.log, 0.0, best):
+        if point.share == 0.0 or stop() or left(point.log, 0.0, best):
             break
         other = climb.in_other_time(point, scales)
         if other is None or other[0].log < point.log + CALM:
@@ -227,6 +253,8 @@ class _Climb:
         Of the chosen ones.
     best : float
         Log evidence of the best set known.
+    stop : callable
+        Whether time is over.
     """
 
     problem: Problem
@@ -234,6 +262,7 @@ class _Climb:
     active: list[int]
     belief: Belief
     best: float
+    stop: Callable[[], bool]
 
     def weighed(
         self, theta: np.ndarray, path: np.ndarray, scales: Scales, shares: np.ndarray
@@ -254,9 +283,9 @@ class _Climb:
         shares: np.ndarray,
         made: Callable[[], list[Gram]],
     ) -> _Point | None:
-        prior = self.belief.about(theta[self.chosen])
+        prior, mixing = self.belief.about(theta[self.chosen]), self.belief.mixing
         try:
-            modes = [g.evidence(range(len(self.chosen)), prior) for g in made()]
+            modes = [g.mode(mixing, prior) for g in made()]
         except np.linalg.LinAlgError:  # derivatives that are no numbers
             return None
         logs = np.array([m.log_evidence for m in modes])
@@ -272,7 +301,9 @@ class _Climb:
         chosen, spare = self.chosen, np.zeros(len(self.active) - len(self.chosen))
         settled, calm = False, False
         for number in range(MOST):
-            there = np.clip(theta[chosen] + point.mode.change, belief.low, belief.high)
+            if self.stop():
+                return point, False
+            there = belief.inside(theta[chosen] + point.mode.change)
             change = there - theta[chosen]
             little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
             local = point.local.moved(np.concatenate([change, spare]))

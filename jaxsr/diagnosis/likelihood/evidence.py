@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
 from scipy.special import log_ndtr
 
 from jaxsr.diagnosis.likelihood.kalman import Whitened
@@ -32,6 +34,11 @@ class Prior:
     deviation: np.ndarray
     low: np.ndarray
     high: np.ndarray
+
+    @functools.cached_property
+    def inside(self) -> float:
+        """Log of the share of the prior that lies inside the bounds."""
+        return _inside(self.mean, self.deviation, self)
 
     def of(self, chosen: Sequence[int]) -> Prior:
         """Return the priors of some of the constants."""
@@ -84,6 +91,26 @@ class Gram:
         determinant = float(found.log_determinant[lanes].sum())
         return Gram(rows.T @ rows, determinant, found.count, loudest)
 
+    def mode(self, mixing: np.ndarray, prior: Prior, scaled: bool = True) -> Mode:
+        """Return the mode of the first constants, where the prior is of combinations of them.
+
+        Parameters
+        ----------
+        mixing : ndarray, shape (constants, constants)
+            Changes of constants by those that the prior is of.
+        prior : Prior
+        scaled : bool
+            As in `evidence`.
+        """
+        size = 1 + len(mixing)
+        whole = np.eye(size)
+        whole[1:, 1:] = mixing
+        products = whole.T @ self.products[:size, :size] @ whole
+        found = replace(self, products=products).evidence(range(len(mixing)), prior, scaled)
+        # Deviations of combinations as if these were independent.
+        deviation = np.sqrt(mixing**2 @ found.deviation**2)
+        return replace(found, change=mixing @ found.change, deviation=deviation)
+
     def evidence(self, chosen: Sequence[int], prior: Prior, scaled: bool = True) -> Mode:
         r"""Return the mode and the log evidence of a set of constants.
 
@@ -131,9 +158,9 @@ class Gram:
             + away @ (precision * away)
             + 2.0 * np.log(np.diag(factor)).sum()
         )
-        inverse = np.linalg.inv(factor)
+        inverse = _inverted(factor)
         deviation = prior.deviation * np.sqrt((inverse**2).sum(axis=0))
-        log += _inside(change, deviation, prior) - _inside(prior.mean, prior.deviation, prior)
+        log += _inside(change, deviation, prior) - prior.inside
         return Mode(float(log), _bounded(change, matrix, prior), deviation, noise)
 
 
@@ -143,19 +170,27 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
     Sums over many precise readings are positive up to rounding alone: an eigenvalue below one is
     one.
     """
-    try:
-        return np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        if not np.isfinite(matrix).all():
-            raise
-        values, vectors = np.linalg.eigh(matrix)
-        root = np.sqrt(np.maximum(values, 1.0))[:, None] * vectors.T
-        triangle = np.asarray(np.linalg.qr(root, mode="r"))
-        return (triangle * np.sign(np.diag(triangle))[:, None]).T
+    if not len(matrix):
+        return matrix
+    # Of matrices of a few rows the checks around LAPACK cost more than LAPACK.
+    factor, failed = dpotrf(matrix, lower=1, clean=1)
+    if not failed:
+        return factor
+    if not np.isfinite(matrix).all():
+        raise np.linalg.LinAlgError("a product of innovations is no number")
+    values, vectors = np.linalg.eigh(matrix)
+    root = np.sqrt(np.maximum(values, 1.0))[:, None] * vectors.T
+    triangle = np.asarray(np.linalg.qr(root, mode="r"))
+    return (triangle * np.sign(np.diag(triangle))[:, None]).T
 
 
 def _solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
-    return np.linalg.solve(factor.T, np.linalg.solve(factor, right))
+    return dpotrs(factor, right, lower=1)[0] if len(right) else right
+
+
+def _inverted(factor: np.ndarray) -> np.ndarray:
+    """Return the inverse of a lower triangle."""
+    return dtrtri(factor, lower=1)[0] if len(factor) else factor
 
 
 def _inside(mean: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,13 +18,14 @@ from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace, start_of
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.diagnosis.mechanisms.site import Threshold
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.segments import build_segments
 
-EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.015, 4.0, (2.0, 1.4)
+EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.015, 4.0, (2.0, 1.4, 1.2, 1.1)
 """Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, from
-where the law itself is found; where a rounded one is more probable, by a coarse factor, and two
-finer ones about the best."""
+where the law itself is found; where a rounded one is more probable, by a coarse factor, and finer
+ones about the best, the last two as long as they show."""
 STANDING = 4.0
 """Distance from the largest reading, in deviations of the noise, in which a sensor stands at its
 limit."""
@@ -101,6 +102,8 @@ def hypothesis(
     if near is not None:  # what it has and this set has not does nothing here
         theta[chosen] = near.theta[chosen]
     theta = model.switched(members, model.seeded(fresh, theta))
+    if near is not None:
+        theta = _inherited(model, members, near, theta)
     reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
     pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
     belief = _belief(work, table, chosen, theta)
@@ -114,7 +117,7 @@ def hypothesis(
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
     sharp = any(model.candidates[i].jumps for i in members)
     values = theta[reduced.parameters]
-    follow = _Following(*places, belief, best)
+    follow = _Following(*places, belief, best, work.stop)
     hidden = beyond_limits(work, fresh)
     if hidden.any():
         values, own = _led_on(reduced.problem, hidden, sharp, values, own, follow, scales)
@@ -125,13 +128,19 @@ def hypothesis(
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
     problem, at_mode, width = found
-    hopeless = left(at_mode.log_evidence, 0.0, best)
+    hopeless = work.stop() or left(at_mode.log_evidence, 0.0, best)
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
         anew = replace(scales, noise=likely, decay=at_mode.decay)
-        after = follow(problem, at_mode.theta, at_mode.path, anew)
-        if after is not None and after.log_evidence > at_mode.log_evidence:
-            at_mode, scales = after, anew
+        here = at_mode.theta, at_mode.path
+        if sharp and width > EXACT:  # less noise tells more of how round the corner is
+            follow = replace(follow, width=width)
+            after = _at_its_mode(reduced.problem, sharp, *here, follow, anew)
+        else:
+            again = follow(problem, *here, anew)
+            after = None if again is None else (problem, again, width)
+        if after is not None and after[1].log_evidence > at_mode.log_evidence:
+            (_, at_mode, width), scales = after, anew
     values = theta.copy()
     values[reduced.parameters] = at_mode.theta
     names = list(model.model.parameters)
@@ -154,6 +163,31 @@ def hypothesis(
     )
 
 
+def _inherited(
+    model: SuperModel, members: Sequence[int], near: Hypothesis, theta: np.ndarray
+) -> np.ndarray:
+    """Return values in which laws begin with coefficients of those that they stand for.
+
+    A coefficient is taken over by its name, from a law at the same place; one that is never below
+    another begins there.
+    """
+    theta, order = theta.copy(), list(model.model.parameters)
+    for gone in set(near.members) - set(members):
+        known = {
+            own: near.constants[full][0]
+            for own, full in near.names[gone].items()
+            if full in near.constants
+        }
+        for i in set(members) - set(near.members):
+            if model.candidates[i].site != model.candidates[gone].site:
+                continue
+            for spec in model.candidates[i].parameters:
+                source = spec.name if spec.name in known else spec.floor
+                if spec.coefficient and source in known:
+                    theta[order.index(model.names[i][spec.name])] = known[source]
+    return theta
+
+
 @dataclass(frozen=True, eq=False)
 class _Following:
     """Which parameters are followed to their mode, with what belief, and from which jumps."""
@@ -162,7 +196,17 @@ class _Following:
     helpers: np.ndarray
     belief: Belief
     best: float
+    stop: Callable[[], bool]
     width: float | None = None
+
+    @property
+    def active(self) -> list[int]:
+        """Parameters that steps are differentiated by."""
+        return list(dict.fromkeys([*map(int, self.chosen), *map(int, self.helpers)]))
+
+    def lost(self, found: Estimate) -> bool:
+        """Whether an estimate is too far behind the best to be followed."""
+        return left(found.log_evidence, 0.0, self.best)
 
     def __call__(
         self, problem: Problem, theta: np.ndarray, path: np.ndarray, scales: Scales
@@ -170,7 +214,7 @@ class _Following:
         """Estimate; None where nothing finite comes of it."""
         with np.errstate(all="ignore"):
             try:
-                args = self.chosen, self.helpers, self.belief, scales, self.best
+                args = self.chosen, self.helpers, self.belief, scales, self.best, self.stop
                 return estimated(problem, theta, path, *args)
             except (np.linalg.LinAlgError, FloatingPointError):
                 return None
@@ -191,13 +235,22 @@ def _at_its_mode(
     tried: dict[float, tuple[Problem, Estimate]] = {}
 
     def better(factor: float, than: float | None) -> bool:
-        """Estimate with jumps of some width, from where another one led."""
+        """Estimate with jumps of some width, from where another one led, if there is time."""
+        if tried and follow.stop():
+            return False
         begun = (values, path) if than is None else (tried[than][1].theta, tried[than][1].path)
         with np.errstate(all="ignore"):
-            stepped = _stepped(problem, factor, *begun, scales)
+            stepped = _stepped(problem, factor, begun, scales, follow.active)
         # Round jumps leave more than sharp ones: what is behind with them may yet be ahead.
         hopeful = follow if factor <= 1.0 else replace(follow, best=-np.inf)
         found = None if stepped is None else hopeful(stepped, *begun, scales)
+        while stepped is not None and found is not None and not hopeful.lost(found):
+            # Steps that do for a law that is off may be too long once it acts.
+            here = found.theta, found.path, scales.noise, scales.start
+            finer = resolved(stepped, *here, follow.active)
+            if finer.stepping == stepped.stepping:
+                break
+            stepped, found = finer, hopeful(finer, found.theta, found.path, scales)
         if stepped is None or found is None:
             return False
         tried[factor] = stepped, found
@@ -218,10 +271,13 @@ def _at_its_mode(
         """Take finer steps about a width, unless the set is far behind, and the best of all."""
         if best > EXACT and not left(tried[best][1].log_evidence, 0.0, follow.best):
             for step in FINER:
+                before = best
                 for factor in (step, 1.0 / step):
                     if better(best * factor, best):
                         best *= factor
                         break
+                if step not in FINER[:1] and best == before:
+                    break
         best = max((EXACT, best), key=lambda w: tried[w][1].log_evidence if w in tried else -np.inf)
         return *tried[best], best
 
@@ -245,23 +301,23 @@ def _at_its_mode(
 
 
 def _stepped(
-    problem: Problem, factor: float, theta: np.ndarray, path: np.ndarray, scales: Scales
+    problem: Problem, factor: float, begun: tuple, scales: Scales, active: Sequence[int]
 ) -> Problem | None:
     """Widen or sharpen the jumps of a problem, and step it finely enough for that.
 
-    None where they cannot be switched exactly.
+    None where they cannot be switched exactly. It begins with some constants and a path.
     """
     stepping = problem.stepping
     if factor == EXACT:
-        exact = switched(problem, theta)
+        exact = switched(problem, begun[0])
         if exact is None:
             return None
         problem = exact
     elif stepping.widths:
         widths = tuple(factor * w for w in stepping.widths)
         problem = replace(problem, stepping=replace(stepping, widths=widths))
-        problem = steady(problem, theta)
-    return resolved(problem, theta, path, scales.noise, scales.start)
+        problem = steady(problem, begun[0])
+    return resolved(problem, *begun, scales.noise, scales.start, active)
 
 
 def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
@@ -330,4 +386,18 @@ def _belief(work: Workspace, table: Table, chosen: Sequence[int], theta: np.ndar
         size = abs(value) if value else min(high - low, 1.0)
         rows.append((value, size, low - 1e-12 * size, high + 1e-12 * size))
     columns = np.array(rows, dtype=float).reshape(-1, 4).T
-    return Belief(*columns)
+    mean, deviation, low, high = columns
+    floors = _floors(work.super_model, chosen)
+    return Belief(mean, deviation, low, high, floors)
+
+
+def _floors(model: SuperModel, chosen: Sequence[int]) -> tuple[tuple[int, int], ...]:
+    """Return which chosen constants are never below which other ones, by their places."""
+    names, at = list(model.model.parameters), {j: k for k, j in enumerate(chosen)}
+    place = {name: at[j] for j, name in enumerate(names) if j in at}
+    return tuple(
+        (place[own[spec.name]], place[own[spec.floor]])
+        for candidate, own in zip(model.candidates, model.names, strict=True)
+        for spec in candidate.parameters
+        if spec.floor in own and {own[spec.name], own[spec.floor]} <= place.keys()
+    )

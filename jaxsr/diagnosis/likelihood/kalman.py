@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.local import LocalModel
+from jaxsr.diagnosis.likelihood.recursions import compiled
 
 FEW = 2
 """Readings up to which one after the other is faster than all at once."""
@@ -175,17 +176,41 @@ class System:
             np.array([v.white for v in noise])[:, None],
         )
 
+    @property
+    def plain(self) -> tuple[np.ndarray, ...]:
+        """The arrays in the order of the attributes, contiguous; of choices without their axis."""
+        shared = self.transition, self.entering, self.reading, self.measured, self.seen
+        own = (v[:, 0] for v in (self.decay, self.start, self.process, self.noise))
+        return tuple(np.ascontiguousarray(v) for v in (*shared, *own))
+
 
 def whitened(system: System) -> Whitened:
     r"""Turn residuals and derivatives into independent innovations.
 
     The gains of the filter do not depend on the constants, so that innovations are linear in
-    them: v(c) = v(0) + W c. Few readings of a sample are taken in one after the other, many at
-    once. Spread and mean lie side by side in one array, `both`: what reads the one reads the other.
+    them: v(c) = v(0) + W c.
 
     References
     ----------
     Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), 3.4.
+    """
+    recursions = compiled()
+    if recursions is None:
+        return _stepped(system)
+    times, pieces, outputs, width = system.measured.shape
+    choices = len(system.start)
+    rows = np.zeros((choices * pieces, times * outputs, width))
+    determinants = np.zeros((choices, pieces))
+    by_lane = rows.reshape(choices, pieces, times, outputs, width)
+    recursions.filtered(*system.plain, by_lane, determinants)
+    return Whitened(rows, determinants.reshape(-1), int(system.seen.sum()))
+
+
+def _stepped(system: System) -> Whitened:
+    """Whiten sample by sample, all lanes at once.
+
+    Few readings of a sample are taken in one after the other, many at once. Spread and mean lie
+    side by side in one array, `both`: what reads the one reads the other.
     """
     times, pieces, outputs, width = system.measured.shape
     choices, size = len(system.start), system.start.shape[2]
@@ -288,6 +313,18 @@ def smoothed(system: System, states: int) -> np.ndarray:
     ----------
     Durbin and Koopman, Time Series Analysis by State Space Methods (2012), 4.4 and 6.4.
     """
+    recursions = compiled()
+    if recursions is None:
+        return _returned(system, states)
+    times, pieces = system.measured.shape[:2]
+    result = np.zeros((states, times, pieces))
+    *shared, decay, start, process, noise = system.plain
+    recursions.returned(*shared, decay[0], start[0], process[0], noise[0], result)
+    return result
+
+
+def _returned(system: System, states: int) -> np.ndarray:
+    """Smooth sample by sample, all pieces at once."""
     times, lanes, outputs, _ = system.measured.shape
     size = system.start.shape[2]
     mean, spread = np.zeros((lanes, size)), np.repeat(_diagonal(system.start[0]), lanes, axis=0)

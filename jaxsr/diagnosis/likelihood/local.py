@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from jaxsr.models.least_squares import LARGEST
-from jaxsr.models.lifting import one_step, readings_along
+from jaxsr.models.lifting import one_step_and_readings
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments
 from jaxsr.models.simulator import Simulator
@@ -77,22 +78,89 @@ def linearised(
     active : sequence of int
         Constants to differentiate by. Derivatives that are not finite become zero: along such a
         direction nothing is known.
+
+    Notes
+    -----
+    The last few results are kept: what ends an estimate, or tells how fine steps have to be, is
+    where the next estimate begins.
     """
+    place = simulator, stepping, segments, theta, path
+    for known in tuple(_RECENT):
+        found = known.asked(*place, active)
+        if found is not None:
+            return found
+    local = _linearised(*place, active)
+    _RECENT.append(
+        _Known(simulator, stepping, segments, theta.copy(), path.copy(), (*active,), local)
+    )
+    return local
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """A linearisation, and of what."""
+
+    simulator: Simulator
+    stepping: Stepping
+    segments: Segments
+    theta: np.ndarray
+    path: np.ndarray
+    active: tuple[int, ...]
+    local: LocalModel
+
+    def asked(
+        self,
+        simulator: Simulator,
+        stepping: Stepping,
+        segments: Segments,
+        theta: np.ndarray,
+        path: np.ndarray,
+        active: Sequence[int],
+    ) -> LocalModel | None:
+        """Return the part of it that is asked for; None where it is another one."""
+        same = simulator is self.simulator and segments is self.segments
+        if not same or stepping != self.stepping or not set(active) <= set(self.active):
+            return None
+        if not np.array_equal(theta, self.theta) or not np.array_equal(path, self.path):
+            return None
+        if tuple(active) == self.active:
+            return self.local
+        at = [self.active.index(j) for j in active]
+        by, read = self.local.by_constant[..., at], self.local.reading_by_constant[..., at]
+        return replace(self.local, by_constant=by, reading_by_constant=read)
+
+
+_RECENT: deque[_Known] = deque(maxlen=2)
+
+
+def _linearised(
+    simulator: Simulator,
+    stepping: Stepping,
+    segments: Segments,
+    theta: np.ndarray,
+    path: np.ndarray,
+    active: Sequence[int],
+) -> LocalModel:
+    """Return what `linearised` does, calculated."""
     with np.errstate(all="ignore"):
-        ends, slopes = one_step(simulator, stepping, segments, theta, path, active)
-        y, by = readings_along(simulator, stepping, segments, theta, path, active, late=True)
+        args = simulator, stepping, segments, theta, path, active
+        (ends, slopes), (y, by) = one_step_and_readings(*args)
     n = len(path)
-    inside = np.arange(1, path.shape[1])[:, None] < segments.count
-    defect = np.where(inside, ends - path[:, 1:], 0.0)
     slopes = _bounded(slopes)
     return LocalModel(
-        defect.transpose(1, 2, 0),
+        defects(ends, path, segments).transpose(1, 2, 0),
         np.ascontiguousarray(slopes[:, :n].transpose(2, 3, 0, 1)),
         np.ascontiguousarray(slopes[:, n:].transpose(2, 3, 0, 1)),
         (segments.outputs - y).transpose(1, 2, 0),
         np.ascontiguousarray(_bounded(by[:, :n]).transpose(2, 3, 0, 1)),
         np.ascontiguousarray(_bounded(by[:, n:]).transpose(2, 3, 0, 1)),
     )
+
+
+def defects(ends: np.ndarray, path: np.ndarray, segments: Segments) -> np.ndarray:
+    """Return where samples lead, less the path's next ones; shape (states, steps, segments)."""
+    inside = np.arange(1, path.shape[1])[:, None] < segments.count
+    return np.where(inside, ends - path[:, 1:], 0.0)
 
 
 def _bounded(slopes: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,8 +22,8 @@ SWAPPED, RIVAL, PAIRED = 3, 12.0, 2
 """Sets with one member exchanged that are estimated about one leader, how far behind it they may
 promise to be, and sets with a pair that shows only together."""
 MOST_MEMBERS = 4
-PEAKED = 2.0
-"""Deviations by which static friction may be estimated below sliding friction."""
+RENEWED = 1.0
+"""Log evidence by which a set must have gained for its rivals to be estimated again."""
 Members = tuple[int, ...]
 
 
@@ -38,11 +38,14 @@ class State:
         Estimated sets; None where nothing finite came of one.
     grown : frozenset of tuple
         Sets about whose path all additions were looked at.
+    rivalled : dict of tuple to float
+        Sets beside which their rivals were estimated, and their log evidence then.
     """
 
     work: Workspace
     known: dict[Members, Hypothesis | None]
     grown: frozenset[Members] = field(default_factory=frozenset)
+    rivalled: Mapping[Members, float] = field(default_factory=dict)
 
     @property
     def leader(self) -> Hypothesis:
@@ -68,7 +71,7 @@ class State:
 
 
 def believable(work: Workspace, found: Hypothesis) -> bool:
-    """Whether every member is what its name says: friction dissipates, a Stribeck peak is one."""
+    """Whether every member is what its name says: friction dissipates."""
     for number in found.members:
         candidate = work.super_model.candidates[number]
         of = {
@@ -80,10 +83,6 @@ def believable(work: Workspace, found: Hypothesis) -> bool:
             {name: value for name, (value, _) in of.items()}
         ):
             return False
-        if {"Fc", "Fs"} <= of.keys():
-            (fc, fc_error), (fs, fs_error) = of["Fc"], of["Fs"]
-            if fs + PEAKED * (fc_error + fs_error) < fc:
-                return False
     return True
 
 
@@ -99,10 +98,8 @@ def begun(work: Workspace, near: Hypothesis | None = None) -> tuple[State, Table
     return State(work, {(): hypothesis(work, table, (), near)}), table
 
 
-def search(
-    work: Workspace, near: Hypothesis | None = None, stop: Callable[[], bool] = lambda: False
-) -> State:
-    """Grow the leading set until nothing that was offered adds to it.
+def search(work: Workspace, near: Hypothesis | None = None) -> State:
+    """Grow the leading set until nothing that was offered adds to it, or time is over.
 
     Parameters
     ----------
@@ -112,12 +109,12 @@ def search(
     state, table = begun(work, near)
     if state.known[()] is None:
         return state
-    while not stop() and state.leader.members not in state.grown:
-        state = step(state, table, stop)
+    while not work.stop() and state.leader.members not in state.grown:
+        state = step(state, table)
     return state
 
 
-def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -> State:
+def step(state: State, table: Table) -> State:
     """Estimate what promises most about the leader's path, beside the leader's noise.
 
     Parameters
@@ -130,25 +127,47 @@ def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -
     here = table
     if leader.members:
         here = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
-    known = dict(state.known)
-    proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
-    smaller = [tuple(m for m in leader.members if m != i) for i in leader.members]
     every, size = work.super_model, np.log(state.offered)
-    rivals = smaller + swaps(every, here, leader.members, SWAPPED, RIVAL)
-    rivals += [r for r in kin(every, leader.members) if r not in rivals]
-    proposed += [*rivals, *pairs(every, here, leader.members, PAIRED, PROMISING + size)]
+    if leader.log_evidence > state.rivalled.get(leader.members, -np.inf) + RENEWED:
+        rivals = [tuple(m for m in leader.members if m != i) for i in leader.members]
+        rivals += swaps(every, here, leader.members, SWAPPED, RIVAL)
+        rivals += [r for r in kin(every, leader.members) if r not in rivals]
+        # A rival that is known was estimated beside another noise: the same is due to it, and all
+        # the way to its mode.
+        known = _estimated(state, table, leader, rivals, again=True)
+        if work.stop():  # the rest was not looked at
+            return replace(state, known=known)
+        rivalled = {**state.rivalled, leader.members: leader.log_evidence}
+        state = replace(state, known=known, rivalled=rivalled)
+        if state.leader.members != leader.members:
+            return state  # nothing is added to what is not the best of its kind
+    proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
+    proposed += pairs(every, here, leader.members, PAIRED, PROMISING + size)
     if len(leader.members) >= MOST_MEMBERS:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
+    known = _estimated(state, table, leader, proposed)
+    if work.stop():
+        return replace(state, known=known)
+    return replace(state, known=known, grown=state.grown | {leader.members})
+
+
+def _estimated(
+    state: State,
+    table: Table,
+    leader: Hypothesis,
+    proposed: Sequence[Members],
+    again: bool = False,
+) -> dict[Members, Hypothesis | None]:
+    """Return what is known once proposals about a leader are estimated, or estimated `again`."""
+    known = dict(state.known)
     for members in proposed:
         members = tuple(sorted(members))
         before = known.get(members)
-        # A rival that is known was estimated beside another noise: the same is due to it, and all
-        # the way to its mode.
-        if stop() or (members in known and (before is None or members not in rivals)):
+        if state.work.stop() or (members in known and (before is None or not again)):
             continue
-        needed = -np.inf if members in rivals else state.needed(known, members)
-        known[members] = better(before, hypothesis(work, table, members, leader, needed))
-    return replace(state, known=known, grown=state.grown | {leader.members})
+        needed = -np.inf if again else state.needed(known, members)
+        known[members] = better(before, hypothesis(state.work, table, members, leader, needed))
+    return known
 
 
 def better(before: Hypothesis | None, after: Hypothesis | None) -> Hypothesis | None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.integration import with_steps
+from jaxsr.diagnosis.contest.integration import stable_substeps, with_steps
 from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, whitened
-from jaxsr.diagnosis.likelihood.local import linearised
+from jaxsr.diagnosis.likelihood.local import LocalModel, defects, linearised
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.lifting import one_step
 
@@ -16,34 +17,83 @@ TOLERABLE = 0.5
 """Log likelihood that errors of integration may cost."""
 FINEST = 16
 """Steps between two samples."""
+MOST_PARTS, SHORTEST = 64, 256
+"""Parts that a step is taken in where a rounded jump turns over, and steps between two samples
+there."""
+FLAT = 1e6
+"""Factor on the width of a jump with which it asks for no short steps."""
 
 
 def resolved(
-    problem: Problem, theta: np.ndarray, path: np.ndarray, noise: Noise, start: np.ndarray
+    problem: Problem,
+    theta: np.ndarray,
+    path: np.ndarray,
+    noise: Noise,
+    start: np.ndarray,
+    active: Sequence[int] = (),
 ) -> Problem:
     """Return the problem with the fewest steps whose errors the sensors would not see.
 
     The difference to twice as many steps enters the filter as a defect; half the sum of the squared
-    innovations that it causes is what it may cost.
+    innovations that it causes is what it may cost. Looked at first are the parts that steps are
+    taken in where rounded jumps turn over.
 
     Parameters
     ----------
     noise : Noise
     start : ndarray, shape (states,)
         Variances of the states at the start of a piece.
+    active : sequence of int
+        Constants that what comes next differentiates by, so that it is done once (`linearised`).
     """
-    count = problem.stepping.substeps
-    while count < FINEST:
-        fine = with_steps(problem, problem.stepping.method, 2 * count)
-        loss = _loss(problem, fine, theta, path, noise, start)
-        if not np.isfinite(loss) or loss <= TOLERABLE:
+    problem = _cornered(problem, theta)
+    while True:
+        with np.errstate(all="ignore"):
+            args = problem.simulator, problem.stepping, problem.segments, theta, path
+            local = linearised(*args, active)
+        for finer in _finer(problem):
+            loss = _loss(local, finer, theta, path, noise, start)
+            if np.isfinite(loss) and loss > TOLERABLE:
+                problem = finer
+                break
+        else:
             return problem
-        problem, count = fine, 2 * count
-    return problem
+
+
+def _cornered(problem: Problem, theta: np.ndarray) -> Problem:
+    """Return the problem with explicit steps, short where its rounded jumps turn over alone.
+
+    As it is where nothing is rounded, and where explicit steps would have to be too many.
+    """
+    stepping = problem.stepping
+    if not any(stepping.widths):
+        return problem
+    flat = replace(stepping, widths=tuple(FLAT * w for w in stepping.widths))
+    needed = stable_substeps(problem, theta)
+    steps = stable_substeps(replace(problem, stepping=flat), theta)
+    steps = max(steps, stepping.substeps if stepping.method == "rk4" else 1)
+    parts = max(needed // steps, stepping.parts)
+    if steps > FINEST or parts > MOST_PARTS or parts <= 1:
+        return problem
+    if (stepping.method, stepping.substeps, stepping.parts) == ("rk4", steps, parts):
+        return problem
+    problem = with_steps(problem, "rk4", steps)
+    return replace(problem, stepping=replace(problem.stepping, parts=parts))
+
+
+def _finer(problem: Problem) -> Iterator[Problem]:
+    """Return the problem with corners taken in more parts, and in shorter steps elsewhere."""
+    stepping = problem.stepping
+    steps, parts = stepping.substeps, stepping.parts
+    if any(stepping.widths) and stepping.method == "rk4" and steps * parts < SHORTEST:
+        yield replace(problem, stepping=replace(stepping, parts=2 * parts))
+    if steps < FINEST:
+        finer = with_steps(problem, stepping.method, 2 * steps)
+        yield replace(finer, stepping=replace(finer.stepping, parts=max(parts // 2, 1)))
 
 
 def _loss(
-    coarse: Problem,
+    coarse: LocalModel,
     fine: Problem,
     theta: np.ndarray,
     path: np.ndarray,
@@ -52,18 +102,16 @@ def _loss(
 ) -> float:
     """Half the squared innovations that the difference of two ways to integrate causes."""
     with np.errstate(all="ignore"):
-        args = coarse.simulator, coarse.stepping, coarse.segments, theta, path
-        local = linearised(*args, ())
-        ends = [
-            one_step(p.simulator, p.stepping, p.segments, theta, path, (), tangents=False)[0]
-            for p in (coarse, fine)
-        ]
-    apart = (ends[1] - ends[0]).transpose(1, 2, 0)
+        args = fine.simulator, fine.stepping, fine.segments, theta, path
+        defect = defects(one_step(*args, tangents=False)[0], path, fine.segments)
+    apart = defect.transpose(1, 2, 0) - coarse.defect
     if not np.isfinite(apart).all():
         return np.inf
-    nothing = np.where(np.isfinite(local.innovation), 0.0, np.nan)
-    local = replace(local, defect=apart, innovation=nothing)
+    nothing = np.where(np.isfinite(coarse.innovation), 0.0, np.nan)
     steps, pieces, n = apart.shape
+    local = replace(coarse.moved(np.zeros(coarse.by_constant.shape[3])), defect=apart)
+    local = replace(local, innovation=nothing)
     free = Latent(np.zeros((steps, pieces, n, 0)), np.zeros(0), 0.0)
-    rows = whitened(System.of(local, [free], [noise], start)).rows[..., 0]
-    return 0.5 * float(np.sum(rows**2))
+    with np.errstate(all="ignore"):
+        rows = whitened(System.of(local, [free], [noise], start)).rows[..., 0]
+        return 0.5 * float(np.sum(rows**2))

@@ -24,6 +24,10 @@ TOGETHER = 4
 """Memories that are integrated in one model: each adds states to all of its derivatives."""
 
 
+SAME = 1e-9
+"""Cosine, less than 1, from which two effects in the sensors are one: rounding."""
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """Columns of all candidates about one path, and what is believed of them.
@@ -138,7 +142,8 @@ def tabled(
         by_constant=np.stack(columns.steps, -1),
         reading_by_constant=np.stack(columns.readings, -1),
     )
-    value, *belief = np.array(columns.rows, dtype=float).reshape(-1, 5).T
+    value, mean, deviation, low, high = np.array(columns.rows, dtype=float).reshape(-1, 5).T
+    belief = Belief(mean, deviation, low, high)
     scales = replace(
         work.scales,
         forces=places,
@@ -149,7 +154,30 @@ def tabled(
     )
     base = tuple(range(len(model.base_index())))
     table = grams(local, scales, scales.shares)
-    return Table(table, base, value, Belief(*belief), own, names, scales)
+    own = _without_duplicates(work.super_model, table[0], own)
+    return Table(table, base, value, belief, own, names, scales)
+
+
+def _without_duplicates(
+    model: SuperModel, gram: Gram, own: dict[int, tuple[int, ...]]
+) -> dict[int, tuple[int, ...]]:
+    """Leave out candidates whose effect a wrong value has as well: nothing new has to be there."""
+    products = gram.products[1:, 1:]
+    size = np.sqrt(np.diag(products)) + 1e-300
+    values = [
+        at[0]
+        for i, at in own.items()
+        if model.candidates[i].fixed_parameter is not None and len(at) == 1
+    ]
+
+    def doubled(i: int, at: tuple[int, ...]) -> bool:
+        if model.candidates[i].fixed_parameter is not None or len(at) != 1 or not values:
+            return False
+        (k,) = at
+        alike = np.abs(products[k, values]) / (size[k] * size[values])
+        return bool(np.max(alike) > 1.0 - SAME)
+
+    return {i: at for i, at in own.items() if not doubled(i, at)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,6 +42,8 @@ class ParameterSpec:
         Whether it is written but never estimated: it only sets the scale of a state.
     hard : bool
         Whether `high` stands for a hard edge, so that an estimate may end there.
+    floor : str or None
+        Constant of the same mechanism that it is never below, by its own name.
     """
 
     name: str
@@ -52,6 +54,7 @@ class ParameterSpec:
     coefficient: bool = True
     fixed: bool = False
     hard: bool = False
+    floor: str | None = None
 
 
 @dataclass(frozen=True)

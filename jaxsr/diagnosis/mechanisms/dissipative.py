@@ -64,7 +64,7 @@ def dissipative(site: Site) -> Iterator[Candidate]:
                 "stribeck_friction",
                 f"- ({{Fc}} + ({{Fs}} - {{Fc}})*exp(-(Abs({v})/{{vs}}){power}))*sign({v})",
                 ParameterSpec("Fc", f, low=0.0),
-                ParameterSpec("Fs", f, low=0.0),
+                ParameterSpec("Fs", f, low=0.0, floor="Fc"),
                 ParameterSpec("vs", vs_unit, 1e-3 * top, top, share * top, False),
                 sentence="Dry friction along {site} is higher near standstill (Stribeck effect).",
             )
@@ -85,12 +85,24 @@ def is_speed(site: Site) -> bool:
     """Whether a state without a position is a speed: by its unit, else if it changes its sign.
 
     A motor whose angle nobody needs is written so. A current changes its sign too, and has a
-    unit of its own; levels and temperatures do not.
+    unit of its own; levels and temperatures do not. Nor does a car's speed: there the model tells,
+    where its own equation multiplies by the sign or the size of that state. (What only keeps a root
+    real, ``sqrt(Abs(h))``, does not.)
     """
     unit = site.model.units.get(site.state)
     if unit is not None:
         return dimension(unit) in (dimension("m/s"), dimension("rad/s"))
-    return site.scale.get(site.state) is not None and site.reverses
+    factors = [
+        factor
+        for node in site.model.equation_terms[site.state].distinct()
+        if node.op == "mul"
+        for factor in (arg.args[0] if arg.op == "neg" else arg for arg in node.args)
+    ]
+    signed = any(
+        factor.op in ("sign", "abs") and factor.args[0].variables == {site.state}
+        for factor in factors
+    )
+    return signed or (site.scale.get(site.state) is not None and site.reverses)
 
 
 def position_dependent(site: Site) -> Iterator[Candidate]:

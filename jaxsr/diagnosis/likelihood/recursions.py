@@ -1,0 +1,252 @@
+"""The recursions of a Kalman filter and smoother, lane by lane and number by number.
+
+Written for a compiler (Numba), number by number: as Python they are slow. Thousands of steps with
+matrices of a few rows cost NumPy its calls, not its arithmetic.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+Array = np.ndarray
+
+
+class Recursions(NamedTuple):
+    """Compiled recursions: `filtered` and `returned`."""
+
+    filtered: Callable[..., None]
+    returned: Callable[..., None]
+
+
+@functools.lru_cache(maxsize=1)
+def compiled() -> Recursions | None:
+    """Return the recursions as machine code, None where Numba is not installed.
+
+    Compiled once an installation: Numba keeps what it made beside this file, or in the user's
+    cache.
+    """
+    try:
+        from numba import njit
+    except ImportError:
+        return None
+    try:
+        compiling = njit(cache=True, error_model="numpy")
+        return Recursions(compiling(filtered), compiling(returned))
+    except RuntimeError:  # no folder to keep it in
+        compiling = njit(error_model="numpy")
+        return Recursions(compiling(filtered), compiling(returned))
+
+
+def filtered(
+    transition: Array,
+    entering: Array,
+    reading: Array,
+    measured: Array,
+    seen: Array,
+    decay: Array,
+    start: Array,
+    process: Array,
+    noise: Array,
+    rows: Array,
+    log_determinant: Array,
+) -> None:
+    """Fill the innovations of unit variance of every lane, and the logarithms of variances.
+
+    Readings of a sample are taken in one after the other. Spread and means lie side by side in
+    `both`; entries of a transition that are zero are passed over.
+
+    Parameters
+    ----------
+    transition, entering, reading, measured, seen : ndarray
+        Of a `System`.
+    decay, start, process : ndarray, shape (choices, size)
+    noise : ndarray, shape (choices, outputs)
+    rows : ndarray, shape (choices, pieces, samples, outputs, width)
+        Zero before; filled.
+    log_determinant : ndarray, shape (choices, pieces)
+        Filled.
+    """
+    times, pieces, outputs, width = measured.shape
+    choices, size = start.shape
+    whole = size + width
+    both, moved = np.zeros((size, whole)), np.zeros((size, whole))
+    read, gain = np.zeros(whole), np.zeros(size)
+    for choice in range(choices):
+        for piece in range(pieces):
+            for i in range(size):
+                for j in range(whole):
+                    both[i, j] = 0.0
+                both[i, i] = start[choice, i]
+            total = 0.0
+            for t in range(times):
+                for k in range(outputs):
+                    if not seen[t, piece, k]:
+                        continue
+                    for j in range(whole):
+                        read[j] = 0.0
+                    for i in range(size):
+                        a = reading[t, piece, k, i]
+                        if a != 0.0:
+                            for j in range(whole):
+                                read[j] += a * both[i, j]
+                    variance = noise[choice, k]
+                    for i in range(size):
+                        variance += reading[t, piece, k, i] * read[i]
+                    if not variance > 0.0:  # digits were lost: no answer
+                        variance = np.nan
+                    total += np.log(variance)
+                    for i in range(size):
+                        gain[i] = read[i] / variance
+                    scale = -1.0 / np.sqrt(variance)
+                    for j in range(width):
+                        read[size + j] -= measured[t, piece, k, j]
+                        rows[choice, piece, t, k, j] = scale * read[size + j]
+                    for i in range(size):
+                        a = gain[i]
+                        if a != 0.0:
+                            for j in range(whole):
+                                both[i, j] -= a * read[j]
+                if t + 1 == times:
+                    break
+                for i in range(size):
+                    for j in range(whole):
+                        moved[i, j] = 0.0
+                    for k in range(size):
+                        a = transition[t, piece, i, k]
+                        if a != 0.0:
+                            for j in range(whole):
+                                moved[i, j] += a * both[k, j]
+                for i in range(size):
+                    shrunk = decay[choice, i]
+                    for j in range(width):
+                        both[i, size + j] = shrunk * moved[i, size + j] + entering[t, piece, i, j]
+                    for j in range(i, size):
+                        spread = 0.0
+                        for k in range(size):
+                            spread += moved[i, k] * transition[t, piece, j, k]
+                        both[i, j] = shrunk * decay[choice, j] * spread
+                        both[j, i] = both[i, j]
+                    both[i, i] += process[choice, i]
+            log_determinant[choice, piece] = total
+
+
+def returned(
+    transition: Array,
+    entering: Array,
+    reading: Array,
+    measured: Array,
+    seen: Array,
+    decay: Array,
+    start: Array,
+    process: Array,
+    noise: Array,
+    result: Array,
+) -> None:
+    """Fill the smoothed deviations of every piece: forth as `filtered`, and back.
+
+    Readings are taken in one after the other (univariate treatment): with v an innovation of
+    variance F, k its gain and h what is read, the score goes back by r -> r + h (v / F - k' r).
+
+    Parameters
+    ----------
+    transition, entering, reading, measured, seen : ndarray
+        Of a `System`, as `filtered` has them; of `entering` and `measured` the first column.
+    decay, start, process : ndarray, shape (size,)
+    noise : ndarray, shape (outputs,)
+    result : ndarray, shape (states, samples, pieces)
+        Filled; the first states of the system.
+
+    References
+    ----------
+    Durbin and Koopman, Time Series Analysis by State Space Methods (2012), 6.4.
+    """
+    times, pieces, outputs, _ = measured.shape
+    size, states = len(start), len(result)
+    mean, spread = np.zeros(size), np.zeros((size, size))
+    moved, score, before = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+    means, spreads = np.zeros((times, size)), np.zeros((times, size, size))
+    gains, lefts = np.zeros((times, outputs, size)), np.zeros((times, outputs))
+    for piece in range(pieces):
+        for i in range(size):
+            mean[i] = 0.0
+            for j in range(size):
+                spread[i, j] = 0.0
+            spread[i, i] = start[i]
+        for t in range(times):
+            for i in range(size):
+                means[t, i] = mean[i]
+                for j in range(size):
+                    spreads[t, i, j] = spread[i, j]
+            for k in range(outputs):
+                if not seen[t, piece, k]:
+                    continue
+                left, variance = measured[t, piece, k, 0], noise[k]
+                for j in range(size):
+                    before[j] = 0.0
+                for i in range(size):
+                    a = reading[t, piece, k, i]
+                    if a != 0.0:
+                        left -= a * mean[i]
+                        for j in range(size):
+                            before[j] += a * spread[i, j]
+                for i in range(size):
+                    variance += reading[t, piece, k, i] * before[i]
+                if not variance > 0.0:  # digits were lost: no answer
+                    variance = np.nan
+                for i in range(size):
+                    a = before[i] / variance
+                    gains[t, k, i] = a
+                    mean[i] += a * left
+                    for j in range(size):
+                        spread[i, j] -= a * before[j]
+                lefts[t, k] = left / variance
+            if t + 1 == times:
+                break
+            for i in range(size):
+                total = 0.0
+                for j in range(size):
+                    moved[i, j] = 0.0
+                for k in range(size):
+                    a = transition[t, piece, i, k]
+                    if a != 0.0:
+                        total += a * mean[k]
+                        for j in range(size):
+                            moved[i, j] += a * spread[k, j]
+                before[i] = decay[i] * total + entering[t, piece, i, 0]
+            for i in range(size):
+                mean[i] = before[i]
+                for j in range(i, size):
+                    total = 0.0
+                    for k in range(size):
+                        total += moved[i, k] * transition[t, piece, j, k]
+                    spread[i, j] = decay[i] * decay[j] * total
+                    spread[j, i] = spread[i, j]
+                spread[i, i] += process[i]
+        for i in range(size):
+            score[i] = 0.0
+        for t in range(times - 1, -1, -1):
+            if t + 1 < times:
+                for j in range(size):
+                    before[j] = 0.0
+                for i in range(size):
+                    a = decay[i] * score[i]
+                    for j in range(size):
+                        before[j] += a * transition[t, piece, i, j]
+                for j in range(size):
+                    score[j] = before[j]
+            for k in range(outputs - 1, -1, -1):
+                if seen[t, piece, k]:
+                    pulled = lefts[t, k]
+                    for i in range(size):
+                        pulled -= gains[t, k, i] * score[i]
+                    for i in range(size):
+                        score[i] += pulled * reading[t, piece, k, i]
+            for i in range(states):
+                total = means[t, i]
+                for j in range(size):
+                    total += spreads[t, i, j] * score[j]
+                result[i, t, piece] = total
