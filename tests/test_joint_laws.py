@@ -164,6 +164,12 @@ def test_friction_that_depends_on_the_place_is_no_friction_of_the_load() -> None
     assert odds_against(state, "load_dependent_friction") > 5.0
 
 
+@pytest.mark.slow
+def test_friction_of_constant_size_is_no_friction_of_the_load() -> None:
+    state = searched(ARM, arm_with(lambda q, load: 0.6 + 0.0 * q), DRY)
+    assert [c.mechanism for c in named(state)] == ["coulomb_friction"]
+
+
 def test_the_sides_of_a_joint_are_read_off_its_equation() -> None:
     (site,) = sites_of(ARM, {})
     assert loads(site) == ["u", "sin(q)*w", "(u + sin(q)*w)/2"]
