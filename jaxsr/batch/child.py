@@ -11,6 +11,8 @@ import sys
 import threading
 import time
 
+from jaxsr._process import listen
+
 _LOOK = 0.5  # seconds between looks at the parent
 
 
@@ -20,7 +22,8 @@ def main() -> int:
     _limit(memory)
     threading.Thread(target=_follow, args=(parent,), daemon=True).start()
     sys.argv = ["jaxsr", *sys.argv[3:]]
-    from jaxsr.__main__ import main as run
+    listen()  # before the imports, which take seconds on a busy machine
+    from jaxsr.cli import main as run
 
     return run()
 
