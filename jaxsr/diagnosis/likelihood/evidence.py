@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs, dtrtri
+from scipy.linalg import get_lapack_funcs
 from scipy.special import log_ndtr
 
 from jaxsr.diagnosis.likelihood.kalman import Whitened
 
+_potrf, _potrs, _trtri = get_lapack_funcs(("potrf", "potrs", "trtri"), dtype=float)
 SETTLING, SCALED = 4, 1e-4
 """Fixed-point steps for the scale of the noise, which converge by a factor of samples a step, and
 the relative step that ends them: of N samples, its square times N is what the log evidence errs by.
@@ -173,7 +174,7 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
     if not len(matrix):
         return matrix
     # Of matrices of a few rows the checks around LAPACK cost more than LAPACK.
-    factor, failed = dpotrf(matrix, lower=1, clean=1)
+    factor, failed = _potrf(matrix, lower=1, clean=1)
     if not failed:
         return factor
     if not np.isfinite(matrix).all():
@@ -185,12 +186,12 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
 
 
 def _solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
-    return dpotrs(factor, right, lower=1)[0] if len(right) else right
+    return _potrs(factor, right, lower=1)[0] if len(right) else right
 
 
 def _inverted(factor: np.ndarray) -> np.ndarray:
     """Return the inverse of a lower triangle."""
-    return dtrtri(factor, lower=1)[0] if len(factor) else factor
+    return _trtri(factor, lower=1)[0] if len(factor) else factor
 
 
 def _inside(mean: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:
