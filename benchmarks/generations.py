@@ -18,7 +18,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -26,7 +26,7 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks.systems import two_mass, variables
-from jaxsr.evaluation import compile_terms
+from jaxsr.evaluation import Evaluator, compile_terms
 from jaxsr.evolution import SearchConfig, init
 from jaxsr.evolution.breed import breed
 from jaxsr.evolution.fitness import fitness, next_state
@@ -42,10 +42,20 @@ SETTLING = 5  # generations before the recorded ones
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def interpreted(terms: Sequence[Term], data: Mapping[str, np.ndarray]) -> np.ndarray:
+class Interpreted(Evaluator):
     """Evaluate terms on the vmapped stack machine."""
-    batch = compile_terms(list(terms), list(data))
-    return batch.evaluate(np.column_stack(list(data.values())), "interpreter")
+
+    def columns(self, terms: Sequence[Term], *, keep: bool = True) -> np.ndarray:
+        """Return the columns (samples, terms)."""
+        batch = compile_terms(list(terms), list(self.variables))
+        return batch.evaluate(np.column_stack(list(self.variables.values())), "interpreter")
+
+    def reduced(
+        self, terms: Sequence[Term], use: Callable[[Any, slice], Any], samples: int | None = None
+    ) -> list[Any]:
+        """Return what ``use`` makes of the columns."""
+        columns = np.ascontiguousarray(self.columns(terms).T)
+        return [use(columns, slice(0, columns.shape[1]))]
 
 
 def two_mass_problem(samples: int, engine: Engine) -> RegressionProblem:
@@ -53,7 +63,7 @@ def two_mass_problem(samples: int, engine: Engine) -> RegressionProblem:
     parts = [variables(recording) for recording in two_mass(samples)]
     columns = {n: np.concatenate([p[n] for p in parts]) for n in ("t", "z1", "z2", "z3", "z4")}
     target = np.concatenate([p["dz3"] for p in parts])
-    evaluator = interpreted if engine == "interpreter" else None
+    evaluator = Interpreted if engine == "interpreter" else Evaluator
     return RegressionProblem(target, columns, evaluator=evaluator)
 
 

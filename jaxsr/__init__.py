@@ -15,12 +15,17 @@ TYPE_CHECKING = False  # for type checkers true: ``typing`` takes longer to load
 if TYPE_CHECKING:
     from typing import Any
 
+    from jaxsr._interval import Interval
     from jaxsr._result import InputError
     from jaxsr._saved import load
-    from jaxsr.diagnosis import diagnose, learn_simulator
-    from jaxsr.discovery import SymbolicSparseRegressor, discover
+    from jaxsr.batch import diagnose_many
+    from jaxsr.diagnosis import Diagnosis, Finding, diagnose, learn_simulator
+    from jaxsr.diagnosis.mechanisms import register_mechanism
+    from jaxsr.discovery import Discovery, Prior, Roles, Run, SymbolicSparseRegressor, discover
+    from jaxsr.discovery.treatment import Treatment
     from jaxsr.evaluation import compile_terms
-    from jaxsr.models import Simulator
+    from jaxsr.evolution import SearchConfig
+    from jaxsr.models import Model, Simulator
     from jaxsr.recordings import Recording, read_recording
 
     __version__: str
@@ -28,10 +33,22 @@ if TYPE_CHECKING:
 __all__ = [
     "Recording",
     "read_recording",
+    "Model",
     "Simulator",
     "diagnose",
+    "diagnose_many",
+    "Diagnosis",
+    "Finding",
+    "Interval",
     "learn_simulator",
+    "register_mechanism",
     "discover",
+    "Discovery",
+    "Roles",
+    "Prior",
+    "SearchConfig",
+    "Run",
+    "Treatment",
     "SymbolicSparseRegressor",
     "compile_terms",
     "load",
@@ -42,10 +59,22 @@ __all__ = [
 _HOMES = {
     "Recording": "jaxsr.recordings",
     "read_recording": "jaxsr.recordings",
+    "Model": "jaxsr.models",
     "Simulator": "jaxsr.models",
     "diagnose": "jaxsr.diagnosis",
+    "diagnose_many": "jaxsr.batch",
+    "Diagnosis": "jaxsr.diagnosis",
+    "Finding": "jaxsr.diagnosis",
+    "Interval": "jaxsr._interval",
     "learn_simulator": "jaxsr.diagnosis",
+    "register_mechanism": "jaxsr.diagnosis.mechanisms",
     "discover": "jaxsr.discovery",
+    "Discovery": "jaxsr.discovery",
+    "Roles": "jaxsr.discovery",
+    "Prior": "jaxsr.discovery",
+    "SearchConfig": "jaxsr.evolution",
+    "Run": "jaxsr.discovery",
+    "Treatment": "jaxsr.discovery.treatment",
     "SymbolicSparseRegressor": "jaxsr.discovery",
     "compile_terms": "jaxsr.evaluation",
     "load": "jaxsr._saved",

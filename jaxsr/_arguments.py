@@ -59,41 +59,45 @@ def expand_file_lists(argv: Sequence[str]) -> list[str]:
     return expanded
 
 
-FORMATS = (".xml", ".urdf")
-"""Endings of the files of simulators that formulas are made of."""
+FORMATS = (".xml", ".urdf", ".fmu")
+"""Endings of the files of simulators that people have."""
 
 
 def is_format(argument: str) -> bool:
-    """Return whether a positional argument names a robot: ``robot.xml`` or ``robot.urdf``."""
+    """Return whether an argument names ``robot.xml``, ``robot.urdf`` or ``plant.fmu``."""
     return argument.lower().endswith(FORMATS) and ".py:" not in argument
 
 
 def written_back(model: str | None) -> tuple[str, ...]:
-    """Return the names of the files in which a diagnosis edits a robot."""
+    """Return the names of the files in which a diagnosis edits a simulator in its own format."""
     if model is None or not is_format(model):
         return ()
+    if model.lower().endswith(".fmu"):
+        return "explained.ssv", "explained.py"
     names = "explained.xml", "explained.py"
     return (*names, "explained.urdf") if model.lower().endswith(".urdf") else names
 
 
 def is_model(argument: str) -> bool:
-    """Return whether a positional argument names a model: a TOML, a robot, a Python function."""
+    """Return whether a positional argument names a model: a TOML, a simulator, a function."""
     return argument.lower().endswith(".toml") or ".py:" in argument or is_format(argument)
 
 
 def table_of(model: str | None, table: str | None) -> list[str]:
-    """Return the model file that ``--model`` names beside a function or a robot, in a list.
+    """Return the model file that ``--model`` names beside a function or a simulator, in a list.
 
     Raises
     ------
     InputError
-        If the model is neither a Python function nor a robot.
+        If the model is neither a Python function nor a simulator's own file.
     """
     if table is None:
         return []
     if model is None or not (".py:" in model or is_format(model)):
         raise InputError(
-            "--model goes with file.py:function or robot.xml", f"--model {table}", "Leave it out"
+            "--model goes with file.py:function, robot.xml or plant.fmu",
+            f"--model {table}",
+            "Leave it out",
         )
     return [table]
 

@@ -156,8 +156,10 @@ class Budget:
 
     def share(self, fraction: float) -> Budget:
         """Return a budget of `fraction` of the time left that hears the same interrupt."""
-        left = max(self.remaining * fraction, sys.float_info.min)
-        return Budget(left, _clock.now(), self._interrupt)
+        left, now = self.remaining * fraction, _clock.now()
+        if left == 0.0:  # over at once, whatever the resolution of the clock
+            return Budget(sys.float_info.min, now - 1.0, self._interrupt)
+        return Budget(left, now, self._interrupt)
 
     def keeping(self, seconds: float) -> Budget:
         """Return a budget that ends so many seconds earlier and hears the same interrupt."""

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from jaxsr._result import InputError
-from jaxsr.diagnosis.result import SCHEMA, verdict_sentence
-from jaxsr.models import Model, read_model
+from jaxsr.diagnosis.answer import Answer
+from jaxsr.diagnosis.result import SCHEMA
+from jaxsr.models import Model, Simulator, read_model
+from jaxsr.models.exports import Exported
 
 _KINDS = {"diagnosis.json": "explained.toml", "discovery.json": "model.toml"}
 _DISCOVERY = "jaxsr.discovery/1"
 
 
-@dataclass(frozen=True, eq=False)
-class SavedDiagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class SavedDiagnosis(Answer):
     """A diagnosis as its folder holds it.
 
     Attributes
@@ -30,33 +32,12 @@ class SavedDiagnosis:
     """
 
     directory: Path
-    document: Mapping[str, Any] = field(repr=False)
-    model: Model = field(repr=False)
-
-    @property
-    def verdict(self) -> str:
-        """The verdict: nothing, parameter, structure, measurement, external_input, undecided."""
-        return str(self.document["verdict"])
-
-    @property
-    def findings(self) -> list[dict[str, Any]]:
-        """The findings, the largest share first."""
-        return list(self.document["findings"])
-
-    @property
-    def fit(self) -> dict[str, Any]:
-        """Free-run and force errors of the given, re-calibrated and explained model."""
-        return dict(self.document["fit"])
-
-    @property
-    def sentence(self) -> str:
-        """The verdict in a sentence."""
-        left_open = (self.document.get("provenance") or {}).get("open") or {}
-        return verdict_sentence(self.verdict, self.findings, left_open.get("message", ""))
+    document: Mapping[str, Any]
+    model: Model
 
 
-@dataclass(frozen=True, eq=False)
-class SavedDiscovery:
+@dataclass(frozen=True, eq=False, repr=False)
+class SavedDiscovery(Exported):
     """A discovery as its folder holds it.
 
     Attributes
@@ -69,8 +50,13 @@ class SavedDiscovery:
     """
 
     directory: Path
-    document: Mapping[str, Any] = field(repr=False)
-    model: Model = field(repr=False)
+    document: Mapping[str, Any]
+    model: Model
+
+    @property
+    def simulator(self) -> Simulator:
+        """The equations found, to be run: ``found.simulator.simulate(recording)``."""
+        return Simulator(self.model)
 
     @property
     def verdict(self) -> str:
@@ -86,6 +72,25 @@ class SavedDiscovery:
     def equations(self) -> list[dict[str, Any]]:
         """The equations, one for each state."""
         return list(self.document["equations"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``discovery.json`` holds."""
+        return dict(self.document)
+
+    def __repr__(self) -> str:
+        """Return verdict and states in a line."""
+        states = ", ".join(str(row["state"]) for row in self.equations)
+        return f"<SavedDiscovery {self.verdict}: rates of {states}>"
+
+    def __str__(self) -> str:
+        """Return the equations, one a line, as they were written."""
+        return "\n".join(f"d({row['state']})/dt = {row['expression']}" for row in self.equations)
+
+    def _repr_html_(self) -> str:
+        """Return the card of the report, for notebooks."""
+        from jaxsr.report.card import discovery_card
+
+        return discovery_card(self.document)
 
 
 def load(directory: str | Path) -> SavedDiagnosis | SavedDiscovery:

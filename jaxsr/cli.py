@@ -1,4 +1,4 @@
-"""The commands ``jaxsr discover | diagnose | simulate | demo | datasets``.
+"""The commands ``jaxsr discover | diagnose | batch | simulate | export | demo | datasets``.
 
 Parsing and checking come first, inside typer; the job runs afterwards, outside of it, and imports
 what it needs: ``jaxsr --help`` loads no numerical library.
@@ -28,7 +28,9 @@ from jaxsr._arguments import (
     table_of,
     written_back,
 )
+from jaxsr._batch_command import batch
 from jaxsr._datasets_app import datasets_app
+from jaxsr._export_command import export
 from jaxsr._job import RUN, command_budget, loaded, save, session
 from jaxsr._output import close_stdout, print_line
 from jaxsr._process import INTERRUPTED, listen, listening, say
@@ -65,7 +67,7 @@ Table = Annotated[
         "--model",
         metavar="FILE.toml",
         help="With file.py:function, the model file that stands on it, such as an explained.toml; "
-        "with robot.xml, its sidecar; file.toml and robot.toml by default.",
+        "with robot.xml or plant.fmu, its sidecar; file.toml, robot.toml or plant.toml by default.",
     ),
 ]
 
@@ -125,16 +127,11 @@ def discover(
         raise InputError(f"must be auto or a whole number above 0, got {modes!r}", "--modes")
     folder = results_folder(out, roles, ("model.toml", "discovery.json", "report.html"))
     names = split_names(states, "--states")
-    options: dict[str, Any] = {
-        "derivatives": split_names(derivatives, "--derivatives") or None,
-        "inputs": split_names(inputs, "--inputs"),
-        **{"order": order, "time": time, "units": units, "known": known, "modes": modes},
-        **{"seed": seed, "held_out": held_out or [], "columns": split_pairs(columns, "--columns")},
-    }
-    if options["derivatives"] and len(options["derivatives"]) != len(names):
-        raise InputError(
-            f"{len(options['derivatives'])} names for {len(names)} states", "--derivatives"
-        )
+    rates = split_names(derivatives, "--derivatives") or None
+    driving = split_names(inputs, "--inputs")
+    pairs = split_pairs(columns, "--columns")
+    if rates and len(rates) != len(names):
+        raise InputError(f"{len(rates)} names for {len(names)} states", "--derivatives")
     limit = command_budget(budget)
 
     def job(command: str) -> None:
@@ -144,12 +141,16 @@ def discover(
 
             found = loaded(jaxsr.discover)(
                 data,
-                states=names,
-                validation=validation or [],
-                budget=reserve(limit, len(names)),
-                progress=progress,
-                command=command,
-                **options,
+                jaxsr.Roles(names, rates, order, driving, time, columns=pairs),
+                prior=jaxsr.Prior(units=units, known=known, modes=modes),
+                run=jaxsr.Run(
+                    validation=validation or [],
+                    held_out=held_out or [],
+                    seed=seed,
+                    budget=reserve(limit, len(names)),
+                    progress=progress,
+                    command=command,
+                ),
             )
         save(found, folder, found.summary(), budget=limit)
 
@@ -162,8 +163,8 @@ def diagnose(
         list[str],
         typer.Argument(
             metavar="[MODEL] DATA...",
-            help="The simulator (a .toml, robot.xml, or file.py:function), and recordings to learn "
-            "from. "
+            help="The simulator (a .toml, robot.xml, plant.fmu, or file.py:function), and "
+            "recordings to learn from. "
             "With --simulated, recordings alone.",
         ),
     ],
@@ -194,7 +195,7 @@ def diagnose(
     limit = command_budget(budget)
 
     def job(command: str) -> None:
-        with session() as progress:
+        with session() as progress, contextlib.ExitStack() as ending:
             import jaxsr
 
             learnt: dict[str, Any] = {}
@@ -211,6 +212,7 @@ def diagnose(
 
                 read = jaxsr.Simulator.from_file
                 opened = open_simulator(model, tables, data, folder, read)
+                ending.callback(opened.close)
                 simulator = opened.simulator
                 if opened.drafted is not None:
                     progress.stage(f"drafted {opened.drafted}: what it assumes stands in it")
@@ -236,7 +238,8 @@ def diagnose(
 @app.command()
 def simulate(
     model: Annotated[
-        str, typer.Argument(metavar="MODEL", help="A .toml, robot.xml, or file.py:function.")
+        str,
+        typer.Argument(metavar="MODEL", help="A .toml, robot.xml, plant.fmu, or file.py:function."),
     ],
     out: Annotated[str, typer.Option(metavar="FILE.csv", help="File for the outputs.")],
     data: Annotated[
@@ -276,15 +279,16 @@ def simulate(
         from jaxsr.models.formats.opening import open_simulator, simulated_table
 
         opened = open_simulator(model, tables, [data] if data is not None else [])
-        if opened.drafted is not None:
-            say(f"drafted {opened.drafted}: what it assumes stands in it")
-        recording = None
-        if data is not None:
-            given = opened.simulator.model
-            recording = jaxsr.read_recording(
-                data, time=given.columns.get(given.time), sample_time=given.sample_time
-            )
-        run = simulated_table(opened, recording, duration, dt)
+        with contextlib.closing(opened):
+            if opened.drafted is not None:
+                say(f"drafted {opened.drafted}: what it assumes stands in it")
+            recording = None
+            if data is not None:
+                given = opened.simulator.model
+                recording = jaxsr.read_recording(
+                    data, time=given.columns.get(given.time), sample_time=given.sample_time
+                )
+            run = simulated_table(opened, recording, duration, dt)
         atomic_write_text(target, run.to_csv(index=False, lineterminator="\n"))
         RUN.get().outcome = f"{target} is whole"
         print_line(f"{len(run)} rows in {target}")
@@ -315,6 +319,10 @@ def demo(out: Out = "jaxsr-demo") -> Job:
         save(diagnosis, folder, _verdict(diagnosis), budget=limit)
 
     return job
+
+
+app.command()(batch)
+app.command()(export)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,13 +1,18 @@
-"""Run a form, in a process of its own or in this one, and list what is wrong with the answer."""
+"""Run a form, in a process of its own or in this one, and list what is wrong with the answer.
+
+Budgets and times are of processor time (`jaxsr._clock`): what runs beside changes no answer.
+"""
 
 from __future__ import annotations
 
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 import tomllib
 import traceback
@@ -17,6 +22,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import diagnosis_schema
 import numpy as np
@@ -26,12 +32,14 @@ from forms import Form
 ROOT = Path(__file__).resolve().parents[1]
 GRACE = 8.0
 """Budgets after which a job that has not ended is killed."""
-STARTING = 6.0
-"""Seconds that the start may take beyond the budget on a machine with other work."""
-ALONE = 1.2
-"""Load average below which a job has a core of its own."""
-PATIENCE = 20.0
-"""Seconds more that a job in this process may take: it compiles, on a machine with other work."""
+LATE = 1.1
+"""Budgets within which a command ends."""
+PATIENCE = 10.0
+"""Seconds more that a job in this process may take: it compiles."""
+ASLEEP = 1200.0
+"""Seconds of wall time after which a job hangs that takes no processor time."""
+SIMULATING = 60.0
+"""Seconds that a simulation may take."""
 _FRAME = re.compile(r'File "([^"]+)", line (\d+), in (\S+)')
 
 
@@ -44,8 +52,8 @@ class Outcome:
     label : str
     status : int or None
         Exit status; None where it had to be killed.
-    seconds, load : float
-        Wall time, and the load average before.
+    seconds : float
+        Processor time, of the process and of those that it began.
     verdict : str
     problems : tuple of str
         Empty where all is right. The part before ``": "`` tells the kind.
@@ -54,7 +62,6 @@ class Outcome:
     label: str
     status: int | None
     seconds: float
-    load: float
     verdict: str = ""
     problems: tuple[str, ...] = field(default=())
 
@@ -62,23 +69,20 @@ class Outcome:
 def run_form(form: Form, folder: Path, budget: float) -> Outcome:
     """Run the command on a form in a process of its own."""
     form.write(folder)
-    load, start = os.getloadavg()[0], time.monotonic()
-    limit = GRACE * budget * crowded(load)
-    try:
-        done = _command([*form.arguments(), "--budget", f"{budget:g}"], folder, limit)
-    except subprocess.TimeoutExpired as expired:
-        text = expired.stderr.decode() if isinstance(expired.stderr, bytes) else ""
-        last = text.strip().splitlines()[-1:] or [""]
-        problem = f"hang: no end after {limit:.0f} s, last word: {last[0]}"
-        return Outcome(form.label, None, time.monotonic() - start, load, "", (problem,))
-    seconds = time.monotonic() - start
-    found = [*_answer(form, done.returncode, done.stderr), *_late(seconds, load, budget)]
+    limit = GRACE * budget
+    done, seconds = _command([*form.arguments(), "--budget", f"{budget:g}"], folder, limit)
+    if done is None:
+        return Outcome(form.label, None, seconds, "", (f"hang: no end after {limit:.0f} s",))
+    found = _answer(form, done.returncode, done.stderr)
+    if seconds > LATE * budget:
+        over = "over" if seconds <= LATE * budget + budget else "far over"
+        found.append(f"{over} budget: {seconds:.1f} s at a budget of {budget:g} s")
     verdict = ""
     if done.returncode == 0:
         verdict, more = _document(form, folder, (folder / "out" / "diagnosis.json").read_text())
         found += more
         found += _explained(form, folder)
-    return Outcome(form.label, done.returncode, seconds, load, verdict, tuple(found))
+    return Outcome(form.label, done.returncode, seconds, verdict, tuple(found))
 
 
 class Hang(BaseException):
@@ -86,19 +90,20 @@ class Hang(BaseException):
 
 
 @contextmanager
-def _alarm(seconds: float) -> Iterator[None]:
-    """Raise `Hang` in the main thread after a time."""
+def _on_processor_time(seconds: float) -> Iterator[None]:
+    """Count budgets in processor time, and raise `Hang` in the main thread after so much of it."""
 
     def ring(number: int, frame: Any) -> None:
         raise Hang
 
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    before = signal.signal(signal.SIGPROF, ring)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
-        yield
+        with patch.dict(os.environ, JAXSR_CLOCK="processor"):
+            yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def diagnose_here(form: Form, folder: Path, budget: float) -> Outcome:
@@ -109,10 +114,10 @@ def diagnose_here(form: Form, folder: Path, budget: float) -> Outcome:
     from jaxsr.models import model_text
 
     form.write(folder)
-    load, start = os.getloadavg()[0], time.monotonic()
+    began = time.process_time()
     status, verdict, found = 0, "", []
     try:
-        with _alarm((GRACE * budget + PATIENCE) * crowded(load)), warnings.catch_warnings():
+        with _on_processor_time(GRACE * budget + PATIENCE), warnings.catch_warnings():
             warnings.simplefilter("error")
             warnings.filterwarnings("ignore", category=DeprecationWarning)
             given = folder / form.simulator
@@ -135,12 +140,7 @@ def diagnose_here(form: Form, folder: Path, budget: float) -> Outcome:
         (folder / "out").mkdir(exist_ok=True)
         (folder / "out" / "explained.toml").write_text(explained, encoding="utf-8")
         found += _explained(form, folder, here=True)
-    seconds = time.monotonic() - start
-    if seconds > (GRACE * budget + STARTING) * crowded(load):
-        found.append(
-            f"far over budget: {seconds:.1f} s at a budget of {budget:g} s, load {load:.1f}"
-        )
-    return Outcome(form.label, status, seconds, load, verdict, tuple(found))
+    return Outcome(form.label, status, time.process_time() - began, verdict, tuple(found))
 
 
 def crash(text: str) -> str:
@@ -155,15 +155,34 @@ def crash(text: str) -> str:
     return f"traceback: {words.split(':')[0]} {inside}:{line} {name}: {words[:100]}"
 
 
-def _command(arguments: list[str], folder: Path, limit: float) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
+def _command(
+    arguments: list[str], folder: Path, limit: float
+) -> tuple[subprocess.CompletedProcess[str] | None, float]:
+    """Run a command, and return its end and its processor time in s.
+
+    None is returned where it had to be killed.
+    """
+    environment = {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg", "JAXSR_CLOCK": "processor"}
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    process = subprocess.Popen(
         [sys.executable, "-m", "jaxsr", *arguments],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"},
-        capture_output=True,
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-        timeout=limit,
     )
+    hard = int(limit) + 1
+    resource.prlimit(process.pid, resource.RLIMIT_CPU, (hard, hard))
+    asleep = threading.Timer(ASLEEP, process.kill)
+    asleep.start()
+    out, err = process.communicate()
+    asleep.cancel()
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    if process.returncode in (-signal.SIGKILL, -signal.SIGXCPU):
+        return None, seconds
+    return subprocess.CompletedProcess(arguments, process.returncode, out, err), seconds
 
 
 def _answer(form: Form, status: int, stderr: str) -> list[str]:
@@ -198,20 +217,6 @@ def _refusal(form: Form, message: str) -> list[str]:
     if not any(name.rpartition(".")[0] in message for name in form.files) and "form" not in message:
         found.append(f"refusal: names no file: {message[:160]}")
     return found
-
-
-def crowded(load: float) -> float:
-    """Return by what factor other jobs slow one down."""
-    return max(1.0, (load + 1.0) / (os.cpu_count() or 1))
-
-
-def _late(seconds: float, load: float, budget: float) -> list[str]:
-    alone = load < ALONE
-    limit = 1.1 * budget + (0.0 if alone else STARTING * crowded(load))
-    if seconds <= limit:
-        return []
-    over = "over budget" if seconds <= limit + budget else "far over budget"
-    return [f"{over}: {seconds:.1f} s at a budget of {budget:g} s, load {load:.1f}"]
 
 
 def _document(form: Form, folder: Path, text: str) -> tuple[str, list[str]]:
@@ -297,17 +302,17 @@ def _explained(form: Form, folder: Path, here: bool = False) -> list[str]:
     first = form.data[0]
     if here:
         return _runs_here(form, run / simulator, folder / first)
-    try:
-        arguments = ["simulate", str(simulator), str((folder / first).resolve()), "--out", "s.csv"]
-        done = _command(arguments, run, 120.0)
-    except subprocess.TimeoutExpired:
-        return ["explained: simulate did not end in 120 s"]
+    arguments = ["simulate", str(simulator), str((folder / first).resolve()), "--out", "s.csv"]
+    done, _ = _command(arguments, run, SIMULATING)
+    if done is None:
+        return [f"explained: simulate did not end in {SIMULATING:g} s"]
     if "Traceback" in done.stderr:
         return [f"explained: {crash(done.stderr.rpartition('jaxsr: this is')[0])}"]
     if done.returncode != 0:
         # A law may have no simulation over the whole recording with any values.
-        given = _command(["simulate", form.simulator, first, "--out", "given.csv"], folder, 120.0)
-        hopeless = form.wild or given.returncode == 2
+        arguments = ["simulate", form.simulator, first, "--out", "given.csv"]
+        given, _ = _command(arguments, folder, SIMULATING)
+        hopeless = form.wild or (given is not None and given.returncode == 2)
         return [] if hopeless else [f"explained: does not run: {done.stderr.strip()[:160]}"]
     return _finite(pd.read_csv(run / "s.csv"), form)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping, outputs, states
-from jaxsr.models.segments import Prepared, build_segments
+from jaxsr.models.segments import Prepared, Segments, build_segments
 from jaxsr.models.states import StateEstimate, input_table
 from jaxsr.recordings import Recording
 
@@ -39,16 +39,28 @@ def model(
 
 def rolled(
     simulator: Simulator, recording: Recording, x0: list[float], stepping: Stepping
-) -> tuple[np.ndarray, np.ndarray]:
-    """Roll out one recording; states (samples, states) and outputs (samples, outputs)."""
+) -> np.ndarray:
+    """Roll out one recording; states (samples, states)."""
+    return states(*_rolling(simulator, recording, x0, stepping))[..., 0].T
+
+
+def read_off(
+    simulator: Simulator, recording: Recording, x0: list[float], stepping: Stepping
+) -> np.ndarray:
+    """Roll out one recording; outputs (samples, outputs)."""
+    return outputs(*_rolling(simulator, recording, x0, stepping))[..., 0].T
+
+
+def _rolling(
+    simulator: Simulator, recording: Recording, x0: list[float], stepping: Stepping
+) -> tuple[Simulator, Stepping, Segments, np.ndarray, np.ndarray]:
     time = recording.time
     nothing = np.full((time.size, len(simulator.model.outputs)), np.nan)
     estimate = StateEstimate(np.tile(x0, (time.size, 1)), {}, frozenset())
     item = Prepared(recording, time, input_table(simulator.model, recording), nothing, estimate)
     segments = build_segments(simulator.model, [item], [(0, 0, time.size)], stepping.substeps)
     theta, start = np.array(simulator.values()), np.array(x0, dtype=float)[:, None]
-    x = states(simulator, stepping, segments, theta, start)[..., 0].T
-    return x, outputs(simulator, stepping, segments, theta, start)[..., 0].T
+    return simulator, stepping, segments, theta, start
 
 
 def quiet(duration: float, dt: float, **channels: np.ndarray) -> Recording:

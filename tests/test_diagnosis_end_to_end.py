@@ -15,12 +15,12 @@ from diagnosis_systems import ARM, DEMO, RAIL
 
 from jaxsr._files import dump_json
 from jaxsr.diagnosis import Diagnosis, diagnose
-from jaxsr.diagnosis.result import verdict_sentence
 from jaxsr.models import Simulator, apply_edit, model_text, parse_model, read_model
 from jaxsr.models.edits import Edit
 from jaxsr.models.model import Parameter
 from jaxsr.models.simulation import simulate_to_csv
 from jaxsr.recordings import Recording
+from jaxsr.report.words import verdict_sentence
 
 ROOT = Path(__file__).resolve().parents[1]
 TRUTH = json.loads((ROOT / "benchmarks" / "demo_truth.json").read_text())["sets"]
@@ -306,6 +306,9 @@ def test_a_verdict_of_several_findings_reads_as_a_sentence():
     rows = [
         {"mechanism": m, "site": "equation:v"} for m in ("drift", "coulomb_friction", "gravity")
     ]
-    named = "drift at equation:v, coulomb friction at equation:v and gravity at equation:v"
-    assert verdict_sentence("structure", rows) == f"Physics is missing: {named}."
-    assert verdict_sentence("structure", rows[:1]) == "Physics is missing: drift at equation:v."
+    at, names = "in the equation of v", ("a slow drift", "Coulomb friction")
+    named = f"{names[0]} {at}, {names[1]} {at} and gravity {at}"
+    document = {"verdict": "structure", "findings": rows}
+    assert verdict_sentence(document) == f"The model leaves out {named}."
+    document["findings"] = rows[:1]
+    assert verdict_sentence(document) == f"The model leaves out {names[0]} {at}."

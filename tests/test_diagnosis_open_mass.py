@@ -15,9 +15,8 @@ from jaxsr.diagnosis.compared import UNNAMED, Compared
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.open_mass import NOTHING_FOLLOWS, Proposal, open_mass, priors
-from jaxsr.diagnosis.result import verdict_sentence
 from jaxsr.models import parse_model
-from jaxsr.report.words import left_open
+from jaxsr.report.words import left_open, whole_sentence
 from jaxsr.report.words import verdict_sentence as first_screen
 
 
@@ -71,7 +70,7 @@ def test_words_say_who_ended_the_search_and_what_was_left(stopped: StoppedBy, wh
 def test_sentences_of_an_open_search_do_not_blame_the_recordings() -> None:
     said = open_mass(proposals(1, 4)).in_words(StoppedBy.INTERRUPTED)
     document = {"verdict": "undecided", "findings": [], "provenance": {"open": {"message": said}}}
-    terminal = verdict_sentence("undecided", [], said)
+    terminal = whole_sentence(document)
     assert said in terminal and "no mechanism tried explains" not in terminal
     assert left_open(document) == said
     assert "cannot tell" not in first_screen(document)

@@ -9,6 +9,7 @@ import pytest
 from diagnosis_systems import SPRUNG
 from scipy.integrate import solve_ivp
 
+from jaxsr._progress import Budget
 from jaxsr.diagnosis.screening.screen import ScreenedSet
 from jaxsr.diagnosis.search.contenders import _best_variants
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
@@ -144,6 +145,16 @@ def test_planted_coupling_is_the_best_single_candidate(seed):
     best = min((s for s in found.screening.sets if len(s.members) == 1), key=lambda s: s.error)
     assert labels(found, best) == {"coupling_stiffness@equation:v1"}
     assert values(found, best)["kc"] == pytest.approx(5.0, rel=0.05)
+
+
+def test_single_candidates_are_screened_whatever_the_time():
+    recording = one_axis(PLANTED["cubic_stiffness"][0], 1)
+    model = parse_model(SPRUNG)
+    found = screen_all(Simulator(model), prepare(model, [recording]), Budget(1e-9))
+    assert found is not None
+    assert max(len(s.members) for s in found.screening.sets) == 1
+    best = min(found.screening.sets, key=lambda s: s.error)
+    assert labels(found, best) == {"cubic_stiffness@equation:v"}
 
 
 def test_negative_friction_is_never_proposed():

@@ -8,6 +8,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from jaxsr._clock import now
+from jaxsr._progress import Budget
 from jaxsr._result import Verdict
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis import settled as module
@@ -125,6 +127,25 @@ def test_the_evidence_decides_without_a_contest(
     first = document["findings"][0]["mechanism"] if document["findings"] else None
     assert first == mechanism
     assert not document["provenance"].get("open")
+
+
+def test_the_start_of_the_program_takes_nothing_of_the_search(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What is slow to read is slow to report; what the interpreter took to load is neither."""
+    import importlib
+
+    class Seen(BaseException):
+        pass
+
+    def see(case: Any) -> None:
+        raise Seen(case)
+
+    monkeypatch.setattr(importlib.import_module("jaxsr.diagnosis.diagnose"), "decided_clearly", see)
+    run = recorded(np.random.default_rng(2), lambda q, v: 0.0)
+    with pytest.raises(Seen) as seen:
+        diagnose(Simulator(parse_model(MODEL)), [run], budget=Budget(1000.0, now() - 400.0))
+    assert seen.value.args[0].search.remaining > 100.0
 
 
 def test_a_model_with_events_is_left_to_the_contest() -> None:

@@ -236,6 +236,21 @@ def test_runs_in_pieces_are_the_runs_of_the_whole(monkeypatch):
             assert run.simulated == []
 
 
+def test_runs_over_whole_recordings_end_with_their_time(monkeypatch):
+    monkeypatch.setattr(judging_whole, "MOST", 8_000)
+    arena, estimate, whole = searched()
+    own = lean(arena.super_model, arena.problem.simulator, arena.problem.stepping, ())
+    stops = (lambda: True, lambda: True)
+    runs = whole_runs(whole, {"given": (own, estimate.theta)}, [2.0, 479.98], 2.0, stops)
+    short, long = runs.models["given"]
+    assert np.isfinite(short.nrmse) and np.isnan(long.nrmse)
+    items = (Prepared.build(MODEL, whole.recordings[0].select(slice(0, 400))),)
+    asked = iter([False, True])
+    ended = own.free_run(items, estimate.theta, None, stop=lambda: next(asked, True))
+    assert np.isnan(ended.nrmse)
+    assert np.isfinite(own.free_run(items, estimate.theta, None).nrmse)  # which is not kept
+
+
 @pytest.mark.slow
 def test_a_diagnosis_of_thinned_data_speaks_of_the_whole(monkeypatch, tmp_path):
     """Coulomb friction left out; times, errors and checksums are those of the recording."""

@@ -19,6 +19,7 @@ from jaxsr import cli
 from jaxsr._arguments import expand_file_lists
 from jaxsr._job import RUN
 from jaxsr._process import Run
+from jaxsr.batch import read_cases
 from jaxsr.models import parse_model
 
 README, START = ROOT / "README.md", ROOT / "docs" / "start-here.md"
@@ -72,8 +73,12 @@ def test_nothing_names_files_that_readers_lack(page: Path) -> None:
 
 
 @pytest.mark.parametrize("block", of("toml"), ids=str)
-def test_toml_blocks_are_model_files(block: Block) -> None:
-    assert parse_model(block.text, str(block)).states
+def test_toml_blocks_are_model_files_or_cases(block: Block, tmp_path: Path) -> None:
+    if block.title == "cases.toml":
+        (tmp_path / block.title).write_text(block.text)
+        assert len(read_cases(tmp_path / block.title)) > 1
+    else:
+        assert parse_model(block.text, str(block)).states
 
 
 @pytest.mark.parametrize("block", of("json"), ids=str)
@@ -127,7 +132,7 @@ def test_commands_are_understood(
     out = arguments[arguments.index("--out") + 1] if "--out" in arguments else None
     for word in arguments:
         path = Path(word.split(":")[0])
-        if path.suffix in (".toml", ".csv", ".py") and word != out:
+        if path.suffix in (".toml", ".csv", ".py", ".fmu", ".xml") and word != out:
             path.parent.mkdir(exist_ok=True)
             path.write_text(word)
     token = RUN.set(Run(0.0, lambda run: None))

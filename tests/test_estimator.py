@@ -224,12 +224,21 @@ def test_bad_data_are_refused(X, y, match):
 @pytest.mark.parametrize(
     "options",
     [{"validation_fraction": 1.0}, {"functions": ("nope",)}, {"population": 3}, {"budget": -1.0},
-     {"generations": 0}],
+     {"generations": 0}, {"n_jobs": 0}],
 )  # fmt: skip
 def test_bad_parameters_are_refused_at_fit(options):
     with pytest.raises(ValueError) as error:
         _quick(**options).fit(*_law(np.random.default_rng(0)))
     assert "\n" not in str(error.value)
+
+
+def test_a_configuration_stands_for_the_single_settings_and_jobs_change_nothing():
+    X, y = _law(np.random.default_rng(0))
+    config = jaxsr.SearchConfig(population=60, generations=5)
+    single = _quick(generations=5).fit(X, y)
+    whole = _quick(population=7, generations=1, config=config, n_jobs=1).fit(X, y)
+    assert whole.terms_ == single.terms_
+    np.testing.assert_array_equal(whole.coef_, single.coef_)
 
 
 def test_where_a_term_is_not_finite_the_prediction_is_nan_with_a_warning():

@@ -1,8 +1,8 @@
 """Every form of model and recording ends in an answer: a diagnosis, or one clear line.
 
 The slow test runs ``JAXSR_FORMS`` forms (500) from number ``JAXSR_FORMS_FROM`` (0) on, each in a
-process of its own with a budget of ``JAXSR_FORMS_BUDGET`` seconds (5), and writes what went wrong,
-by kind, to the folder ``JAXSR_FORMS_OUT`` if it is given.
+process of its own with a budget of ``JAXSR_FORMS_BUDGET`` seconds of processor time (5), and
+writes what went wrong, by kind, to the folder ``JAXSR_FORMS_OUT`` if it is given.
 """
 
 from __future__ import annotations

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from jaxsr.diagnosis.likelihood import estimate
+from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.estimate import _about
-from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
+from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior, posterior_along
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.segments import Prepared
@@ -121,6 +123,40 @@ def test_what_a_neighbouring_set_has_does_nothing_in_a_set_without_it() -> None:
     assert labels == {"constant_force", "cubic_stiffness"}
     alone = [h for h in found.hypotheses if len(h.members) == 1]
     assert max(h.log_evidence for h in alone) < found.leader.log_evidence - 20.0
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """What grows by one with every linearisation of an estimate."""
+    done, linearised = [], estimate.linearised
+
+    def one_more(*args):
+        done.append(1)
+        return linearised(*args)
+
+    monkeypatch.setattr(estimate, "linearised", one_more)
+    return done
+
+
+def test_an_estimate_ends_with_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    done = counted(monkeypatch)
+    model = Simulator(parse_model(MODEL)).model
+    run = recorded(np.random.default_rng(1), lambda q, v: -3.0 * q**3)
+    assert followed(model, [Prepared.build(model, run)], lambda: len(done) >= 2) is None
+    assert len(done) <= 2 + len(estimate.HALVED)
+
+
+def test_a_search_that_time_ends_amid_a_step_has_not_looked_at_everything(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done = counted(monkeypatch)
+    model = Simulator(parse_model(MODEL)).model
+    run = recorded(np.random.default_rng(1), lambda q, v: 0.0)
+    course = followed(model, [Prepared.build(model, run)])
+    assert course is not None
+    before = len(done)
+    found = posterior_along(model, course, stop=lambda: len(done) > before + 12)
+    assert found is not None and not found.finished
+    assert len(done) <= before + 13 + len(estimate.HALVED)
 
 
 def test_a_latent_force_is_never_far_larger_than_the_net_force() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from model_runs import model, quiet, rolled
+from model_runs import model, quiet, read_off, rolled
 
 from jaxsr._result import InputError
 from jaxsr.models import Simulator
@@ -32,7 +32,7 @@ def test_zero_hold_against_the_exact_recursion() -> None:
     exact = [0.0]
     for k in range(20):
         exact.append(decay * exact[-1] + (1 - decay) * u[k])
-    x, _ = rolled(lag("zero"), recording, [0.0], Stepping("rk4", 8))
+    x = rolled(lag("zero"), recording, [0.0], Stepping("rk4", 8))
     np.testing.assert_allclose(x[:, 0], exact, atol=1e-8)
     run = free_run(lag("zero"), recording, np.zeros(1))
     np.testing.assert_allclose(run.states[:, 0], exact, atol=1e-7)
@@ -51,7 +51,7 @@ def test_zero_hold_with_delay(delay: str) -> None:
 def test_linear_hold_against_the_ramp_response() -> None:
     recording = quiet(2.0, 0.1, u=np.arange(21) * 0.1)
     exact = lag_of_line(recording.time, 0.5)
-    x, _ = rolled(lag(), recording, [0.0], Stepping("rk4", 8))
+    x = rolled(lag(), recording, [0.0], Stepping("rk4", 8))
     np.testing.assert_allclose(x[:, 0], exact, atol=1e-8)
     run = free_run(lag(), recording, np.zeros(1))
     np.testing.assert_allclose(run.states[:, 0], exact, atol=1e-7)
@@ -98,7 +98,7 @@ def test_delay_on_an_input(delay: str) -> None:
     recording = quiet(2.0, 0.1, u=np.arange(21) * 0.1)
     simulator = lag(extra=f"[delays]\nu = {delay}\n")
     exact = lag_of_line(recording.time - 0.13, 0.5)
-    x, _ = rolled(simulator, recording, [0.0], Stepping("rk4", 32))
+    x = rolled(simulator, recording, [0.0], Stepping("rk4", 32))
     # The kink at 0.13 s lies inside a step.
     np.testing.assert_allclose(x[:, 0], exact, atol=1e-4)
     run = free_run(simulator, recording, np.zeros(1))
@@ -111,13 +111,13 @@ def test_delay_and_clock_on_an_output() -> None:
     run = free_run(late, recording, np.ones(1))
     exact = np.exp(-np.maximum(recording.time - 0.13, 0.0) / 0.5)
     np.testing.assert_allclose(run.outputs[:, 0], exact, atol=1e-7)
-    _, y = rolled(late, recording, [1.0], Stepping("rk4", 1))
+    y = read_off(late, recording, [1.0], Stepping("rk4", 1))
     np.testing.assert_allclose(y[:, 0], exact, atol=3e-8)  # cubics between samples
     fast = lag(extra='[clock]\ny = "1 - d"\n')
     run = free_run(fast, recording, np.ones(1))
     exact = np.exp(-recording.time * (1 - 0.13) / 0.5)
     np.testing.assert_allclose(run.outputs[:, 0], exact, atol=1e-7)
-    _, y = rolled(fast, recording, [1.0], Stepping("rk4", 1))
+    y = read_off(fast, recording, [1.0], Stepping("rk4", 1))
     np.testing.assert_allclose(y[:, 0], exact, atol=3e-8)
 
 

@@ -26,6 +26,8 @@ from jaxsr.report import (
     write_diagnosis_report,
     write_discovery_report,
 )
+from jaxsr.report.mismatch import mismatches
+from jaxsr.report.trajectories import free_runs
 
 VOID = {"meta", "img", "br", "mspace", "link", "hr"}
 NUMBER = re.compile(r"−?\d+\.?\d*(?:×10[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+)?")
@@ -323,6 +325,12 @@ def test_many_long_diverging_outputs_stay_small(tmp_path: Path) -> None:
     assert page.tags.count("img") <= 10
     assert (tmp_path / "report.html").stat().st_size < 2_000_000
     assert all(figure.stat().st_size < 250_000 for figure in tmp_path.glob("*.png"))
+
+
+def test_after_the_time_no_figure_is_drawn_but_the_first() -> None:
+    evidence = drive_evidence()
+    assert len(free_runs(evidence.trajectories, None, lambda: True)) == 1
+    assert mismatches(evidence.residuals, [], lambda: True) == []
 
 
 def test_same_input_gives_the_same_bytes(drive: tuple[Page, Path], tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def diagnosed(folder: Path) -> Path:
 def test_a_diagnosis_reads_back_and_its_model_runs(tmp_path: Path) -> None:
     found = jaxsr.load(diagnosed(tmp_path / "results"))
     assert found.verdict == "structure" and found.fit == {"headline_s": 1.0}
-    assert found.sentence == "Physics is missing: viscous damping at equation:v."
+    assert found.sentence == "The model leaves out viscous damping in the equation of v."
     assert found.model.parameters["k"].value == 0.5
     assert jaxsr.Simulator(found.model).model is found.model
 
@@ -57,6 +57,14 @@ def test_a_discovery_reads_back(tmp_path: Path) -> None:
     assert again.verdict == found.verdict and again.reason == found.reason
     assert again.equations == json.loads(json.dumps(found.to_dict()["equations"]))
     assert again.model.equations == found.model.equations
+    assert repr(found) == f"<Discovery {found.verdict}: rates of x>"
+    assert repr(again) == repr(found).replace("Discovery", "SavedDiscovery")
+    assert found._repr_html_() == again._repr_html_() and "<math" in found._repr_html_()
+    (term,) = found["x"].terms
+    assert term.interval == term.ci95 and term.coefficient in term.interval
+    assert found.export("c") == again.export("c") and "dx[0] = " in again.export("c")
+    run = jaxsr.Recording.from_arrays(t, {"x": np.exp(-t)})
+    np.testing.assert_allclose(again.simulator.simulate(run).channels["x"], np.exp(-t), atol=1e-4)
 
 
 @pytest.mark.parametrize("damage", ["empty", "both", "cut", "other form", "list"])

@@ -9,7 +9,7 @@ import pytest
 
 from jaxsr import cli
 from jaxsr._result import InputError
-from jaxsr.models import Simulator, parse_model
+from jaxsr.models import Simulator, parse_model, simulation
 from jaxsr.models.simulation import simulate_to_csv
 from jaxsr.recordings import Recording, read_recording
 
@@ -43,6 +43,16 @@ def test_oscillator_follows_the_cosine() -> None:
     assert len(table) == 101 and table.t.iloc[-1] == pytest.approx(10.0)
     assert np.abs(table.position - 0.5 * np.cos(3.0 * table.t)).max() < 1e-6
     assert np.abs(table.v + 1.5 * np.sin(3.0 * table.t)).max() < 1e-5
+
+
+def test_few_steps_in_numbers_are_those_of_a_compiled_program(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    runs = []
+    for most in (10_000, 0):
+        monkeypatch.setattr(simulation, "INTERPRETED", most)
+        runs.append(simulate_to_csv(simulator(OSCILLATOR), duration=3.0, dt=0.1))
+    np.testing.assert_allclose(runs[0], runs[1], rtol=1e-12, atol=1e-12)
 
 
 def test_a_long_gap_of_rows_is_crossed_with_steps_of_its_own() -> None:
@@ -114,7 +124,11 @@ def test_free_start_is_estimated_on_the_first_samples() -> None:
         (('outputs = ["q', 'inputs = ["u"]\noutputs = ["q'), "inputs u are unknown"),
     ],
 )
-def test_runs_that_cannot_be_done_say_why(change: tuple[str, str], message: str) -> None:
+def test_runs_that_cannot_be_done_say_why(
+    change: tuple[str, str], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Each of them is a program of its own: three are as many failures as eight.
+    monkeypatch.setattr(simulation, "ATTEMPTS", (*simulation.ATTEMPTS[:2], simulation.ATTEMPTS[4]))
     with pytest.raises(InputError, match=message):
         simulate_to_csv(simulator(OSCILLATOR.replace(*change)), duration=10.0, dt=0.1)
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.generations import memory
-from jaxsr.evaluation import compile_terms
+from benchmarks.generations import Interpreted, memory
 from jaxsr.expressions import parse
 from jaxsr.regression import (
     GramBatch,
@@ -237,14 +236,10 @@ def test_a_problem_forgets_and_finds_the_same_again():
 
 @pytest.mark.parametrize("rows", [400, 2 * ROWS])
 def test_another_evaluator_gives_the_same_losses(rows):
-    def interpreted(terms, variables):
-        batch = compile_terms(list(terms), list(variables))
-        return batch.evaluate(np.column_stack(list(variables.values())), "interpreter")
-
     sets = _sets(np.random.default_rng(10), count=10)
     limit = 192 * 2**20 if rows == 400 else 2**20
     own = _problem(rows, limit_bytes=limit).solve(sets)[1]
-    other = _problem(rows, limit_bytes=limit, evaluator=interpreted).solve(sets)[1]
+    other = _problem(rows, limit_bytes=limit, evaluator=Interpreted).solve(sets)[1]
     np.testing.assert_allclose(own, other, rtol=1e-9)
 
 

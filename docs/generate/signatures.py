@@ -17,6 +17,8 @@ import numpy as np
 
 from jaxsr.diagnosis.mechanisms import Candidate, Threshold, force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
+from jaxsr.diagnosis.mechanisms.presliding import presliding
+from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.expressions import evaluate, parse
 from jaxsr.models import parse_model
@@ -129,6 +131,7 @@ def offered() -> dict[str, list[Candidate]]:
         candidates = [
             *force_candidates(model, scale),
             *memory_candidates(model, scale, step),
+            *(c for site in sites_of(model, scale) for c in presliding(site)),
             *sensor_candidates(model),
             *timing_candidates(model, step, SECONDS),
         ]
@@ -146,6 +149,7 @@ def values_of(candidate: Candidate) -> dict[str, float]:
     own |= {"qs": 1.0, "ks": 4.0} if candidate.mechanism == "end_stop" else {}
     own |= {"t0": 4.0} if candidate.family == "external" else {}
     own |= {"b": 1.2, "g": 0.7} if candidate.mechanism == "hysteresis" else {}
+    own |= {"gc": 0.1, "g1": 0.3} if candidate.family == "actuator" else {}
     found = {}
     for spec in candidate.parameters:
         start = spec.seed if isinstance(spec, Threshold) else spec.neutral + spec.coefficient

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from jaxsr.diagnosis.diagnose import diagnose
+from jaxsr.diagnosis.finding import Estimate, Finding, Rival
 from jaxsr.diagnosis.result import Diagnosis
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.learned import Learned, learn_simulator
 
-__all__ = ["Diagnosis", "Learned", "diagnose", "learn_simulator"]
+__all__ = ["Diagnosis", "Estimate", "Finding", "Learned", "Rival", "diagnose", "learn_simulator"]
 
 
 def __getattr__(name: str) -> Any:

@@ -8,6 +8,7 @@ from jaxsr._progress import Budget, Progress, Silent
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.compared import Compared
 from jaxsr.diagnosis.failures import Failures
+from jaxsr.diagnosis.rectified import Rectified
 from jaxsr.diagnosis.setup import Screened
 from jaxsr.models import Simulator
 from jaxsr.models.segments import Prepared
@@ -33,6 +34,8 @@ class Case:
         What the search has compared so far.
     quiet : tuple of str
         Inputs whose noise did not act and was smoothed out.
+    rectified : tuple of Rectified
+        Sensors that read no signs; in `prepared` they have them.
     """
 
     simulator: Simulator
@@ -44,6 +47,7 @@ class Case:
     failures: Failures = field(default_factory=lambda: Failures(Silent()))
     compared: Compared = field(default_factory=Compared)
     quiet: tuple[str, ...] = ()
+    rectified: tuple[Rectified, ...] = ()
 
     def stopped_by(self, grown: StoppedBy) -> StoppedBy:
         """Why no more sets are tried, where larger ones are not tried by `grown`."""

@@ -27,6 +27,7 @@ from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
 from jaxsr.diagnosis.laws.renaming import with_names
+from jaxsr.diagnosis.rectified import signed
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.search.choice import (
     Decision,
@@ -39,6 +40,7 @@ from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_e
 from jaxsr.diagnosis.settled import decided_by_evidence, weighed, weights_of
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.diagnosis.thinning import prepare_search, time_for
+from jaxsr.diagnosis.unsigned import rectified_sensors
 from jaxsr.models import Simulator
 from jaxsr.models.python_base import with_function
 from jaxsr.recordings import Recording
@@ -109,12 +111,20 @@ def diagnose(
     """
     progress = progress or Silent()
     budget = as_budget(budget)
+    began = budget.elapsed  # after the start of the program, which is no measure of what follows
     rng = np.random.default_rng(seed)
     if simulator.function is not None:
         simulator = with_function(simulator.model, simulator.function)
     simulator = Simulator(simulator.model.pinned())
     prepared, whole = prepare_search(simulator.model, data, seconds=budget.seconds)
     failures, early = Failures(progress), budget.share(SCREENING)
+    rectified = failures.attempt(
+        "telling signs of readings", lambda: rectified_sensors(simulator, prepared), ()
+    )
+    if rectified:
+        recorded = [p.recording for p in prepared] if whole is None else whole.recordings
+        items = signed(simulator.model, recorded, rectified)
+        prepared, whole = prepare_search(simulator.model, items, seconds=budget.seconds)
     quiet = ()
     if whole is None:
         first = budget.share(HEARING)
@@ -127,11 +137,12 @@ def diagnose(
     progress.stage("screening mechanisms in the weak view")
     screened = failures.attempt("screening", lambda: screen_all(simulator, prepared, early), None)
     # What was slow to read and to screen is slow to report.
-    reading = max(budget.elapsed, time_for(whole, budget.seconds))
+    reading = max(budget.elapsed - began, time_for(whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
-    case = Case(simulator, prepared, screened, budget, search, progress, failures, quiet=quiet)
-    evidence = None if with_many_equations(case) else decided_clearly(case)
+    case = Case(simulator, prepared, screened, budget, search, progress, failures)
+    case = replace(case, quiet=quiet, rectified=rectified)
+    evidence = decided_clearly(case)
     if evidence is not None:
         (decision, headline, grown), weights = evidence
     elif with_many_equations(case):

@@ -85,7 +85,11 @@ def learn_simulator(
     InputError
         The numbers of files differ, no channel differs, or no equations reproduce the files.
     """
-    from jaxsr.discovery import discover  # slow to load, and few simulators are black boxes
+    from jaxsr.discovery import (  # slow to load, and few simulators are black boxes
+        Roles,
+        Run,
+        discover,
+    )
 
     if len(simulated) != len(data):
         raise InputError(f"{len(simulated)} simulated files for {len(data)} of DATA", "--simulated")
@@ -108,7 +112,9 @@ def learn_simulator(
     for order in (1, 2):
         show.stage(f"learning the simulator from its output, equations of order {order}")
         found = discover(
-            given, states=chosen, inputs=inputs, order=order, seed=seed, budget=limit, progress=show
+            given,
+            Roles(chosen, inputs=inputs, order=order),
+            run=Run(seed=seed, budget=limit, progress=show),
         )
         simulator = Simulator(_with_free_coefficients(found))
         learned = Learned(simulator, _error(simulator, given), inputs, chosen)

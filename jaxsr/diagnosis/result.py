@@ -3,55 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from jaxsr._files import atomic_directory, atomic_write_text, dump_json
 from jaxsr._progress import Budget, Repeated
 from jaxsr._result import InputError
+from jaxsr.diagnosis.answer import Answer
 from jaxsr.models import Model, model_text
+from jaxsr.report import Evidence
 
 SCHEMA = "jaxsr.diagnosis/1"
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Answer):
     """What a diagnosis found.
 
     Attributes
     ----------
-    verdict : str
-        nothing, parameter, structure, measurement, external_input or undecided.
-    findings : list of dict
-        Sorted by share; the form is that of ``diagnosis.json`` (docs/files.md).
     model : Model
         The explained model.
     given : Model
-    fit : dict
-        Free-run and force errors of the given, re-calibrated and explained model.
     document : dict
         All of ``diagnosis.json``.
-    evidence : object
+    evidence : Evidence or None
         Data of the figures, for the report.
     unread : tuple of InputError
         Why held-out recordings could not be used; what was found stands without them.
     """
 
-    verdict: str
-    findings: list[dict[str, Any]]
     model: Model
     given: Model
-    fit: dict[str, Any]
     document: dict[str, Any]
-    evidence: Any = field(repr=False, default=None)
+    evidence: Evidence | None = None
     unread: tuple[InputError, ...] = ()
-
-    @property
-    def sentence(self) -> str:
-        """The verdict in a sentence."""
-        left_open = (self.document.get("provenance") or {}).get("open") or {}
-        return verdict_sentence(self.verdict, self.findings, left_open.get("message", ""))
 
     def save(
         self,
@@ -90,24 +77,5 @@ class Diagnosis:
         for name, text in (more or {}).items():
             atomic_write_text(folder / name, text)
         figures = Repeated(budget or Budget())
-        write_diagnosis_report(self.document, self.evidence, folder, figures.too_long)
-
-
-def verdict_sentence(verdict: str, findings: list[dict[str, Any]], left_open: str = "") -> str:
-    """Say the verdict in one plain sentence, and in another what was left open."""
-    *most, last = [f"{f['mechanism'].replace('_', ' ')} at {f['site']}" for f in findings] or [""]
-    named = f"{', '.join(most)} and {last}" if most else last
-    if verdict == "undecided" and not findings:
-        plain = "There is a mismatch that no mechanism tried explains."
-        return f"{left_open} Until then nothing was found." if left_open else plain
-    if verdict == "undecided" and left_open:
-        return f"{left_open} Leading among those compared: {named}."
-    sentence = {
-        "nothing": "No mismatch above the noise.",
-        "parameter": f"The structure is right, a value is wrong: {named}.",
-        "structure": f"Physics is missing: {named}.",
-        "measurement": f"A sensor is wrong: {named}.",
-        "external_input": f"Something acted that no column records: {named}.",
-        "undecided": f"A mismatch is there, the data cannot tell its cause; leading: {named}.",
-    }[verdict]
-    return f"{sentence} {left_open}".strip()
+        evidence = self.evidence or Evidence(self.given.name)
+        write_diagnosis_report(self.document, evidence, folder, figures.too_long)

@@ -67,13 +67,18 @@ def weighed(case: Case) -> Posterior | None:
     model = case.simulator.model
     if case.simulator.function is not None or model.events:
         return None
+    if case.search.exhausted:
+        return None
     patience = case.search.share(WEIGHING)
     case.progress.stage("weighing mechanisms by the evidence of the recordings")
     begun = patience.elapsed
 
+    def slow() -> bool:
+        return FOLLOWINGS * (patience.elapsed - begun) > patience.seconds or patience.exhausted
+
     def found_in(prepared: Sequence[Prepared]) -> Posterior | None:
-        course = followed(model, prepared)
-        if course is None or FOLLOWINGS * (patience.elapsed - begun) > patience.seconds:
+        course = followed(model, prepared, slow)
+        if course is None or slow():
             return None
         return posterior_along(model, course, case.screened, lambda: patience.exhausted)
 

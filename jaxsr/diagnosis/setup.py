@@ -32,14 +32,18 @@ QUANTILES = np.linspace(0.0, 1.0, 21)
 
 
 def open_recording(model: Model, item: str | Path | Recording) -> Recording:
-    """Read a file with the model's time column; angles that wrap are counted on."""
+    """Read a file with the model's time column; angles that wrap are counted on.
+
+    Samples that the model's equations do not cover (`Model.within`) are left out.
+    """
     if not isinstance(item, Recording):
         time = model.columns.get(model.time)
         item = read_recording(item, time=time, sample_time=model.sample_time)
     # a model that reads an angle within one turn wants it so
     folded = {y for y, e in model.readings.items() if re.search(r"\b(floor|atan2)\s*\(", e)}
     used = [c for c in (*model.inputs, *model.outputs) if c not in folded]
-    return unwrap(item, [model.column(c) for c in used])
+    item = unwrap(item, [model.column(c) for c in used])
+    return item if model.within is None else model.within(item)
 
 
 def prepare(model: Model, items: Sequence[str | Path | Recording]) -> tuple[Prepared, ...]:
@@ -131,8 +135,8 @@ def screen_all(
 ) -> Screened | None:
     """Screen every force mechanism, where the equations can be read off the sensors.
 
-    Memories, each of which is integrated along the recordings, are screened as long as the
-    `budget` lasts.
+    Memories, each of which is integrated along the recordings, and sets of more than one are
+    screened as long as the `budget` lasts.
     """
     budget = budget or Budget()
     model = simulator.model
@@ -155,17 +159,20 @@ def screen_all(
         super_model = SuperModel.build(model, candidates)
         system = with_candidates(columns, given, super_model)
         return Screened(super_model, system, screen_each(system, super_model), grid)
-    candidates += memory_candidates(model, scale, sample_step(prepared))
+    candidates += memory_candidates(model, scale, sample_step(prepared), motion)
     super_model = SuperModel.build(model, candidates)
-    system = with_memory(
-        with_candidates(columns, given, super_model), super_model, grid, lambda: budget.exhausted
-    )
+
+    def stop() -> bool:
+        return budget.exhausted
+
+    system = with_memory(with_candidates(columns, given, super_model), super_model, grid, stop)
     left = [
         c.label
         for i, c in enumerate(super_model.candidates)
         if c.states and budget.exhausted and not system.jacobian[:, super_model.index(i)].any()
     ]
-    return Screened(super_model, system, screen(system, super_model), grid, frozenset(left))
+    screening = screen(system, super_model, stop)
+    return Screened(super_model, system, screening, grid, frozenset(left))
 
 
 def enough_rows(system: WeakSystem, free: int) -> bool:

@@ -4,12 +4,22 @@ from typing import TYPE_CHECKING, Any
 
 from jaxsr.discovery.discover import discover
 from jaxsr.discovery.equation import Equation, FittedTerm
+from jaxsr.discovery.request import Prior, Roles, Run
 from jaxsr.discovery.result import Discovery
 
 if TYPE_CHECKING:
     from jaxsr.discovery.estimator import SymbolicSparseRegressor
 
-__all__ = ["Discovery", "Equation", "FittedTerm", "SymbolicSparseRegressor", "discover"]
+__all__ = [
+    "Discovery",
+    "Equation",
+    "FittedTerm",
+    "Prior",
+    "Roles",
+    "Run",
+    "SymbolicSparseRegressor",
+    "discover",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxsr._interval import Interval
 from jaxsr._result import StoppedBy
 from jaxsr.discovery.choose import Candidate, predict
 from jaxsr.discovery.samples import Samples
@@ -36,6 +37,11 @@ class FittedTerm:
     def expression(self) -> str:
         """Return the term in the model grammar."""
         return to_text(self.term)
+
+    @property
+    def interval(self) -> Interval:
+        """Return the 95 % interval of the coefficient."""
+        return Interval(*self.ci95)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,9 +17,9 @@ from jaxsr._result import InputError
 from jaxsr.discovery import plots
 from jaxsr.discovery.equation import Equation, FittedTerm, cut_short
 from jaxsr.discovery.find import Task, find_equation
-from jaxsr.discovery.result import front_table, latex_text, term_at
+from jaxsr.discovery.fronts import front_table, latex_text, term_at
 from jaxsr.discovery.samples import Samples, thinned
-from jaxsr.evolution import PrimitiveSet, SearchConfig, SizeLimits
+from jaxsr.evolution import PrimitiveSet, SearchConfig
 from jaxsr.evolution.config import DEFAULT_FUNCTIONS
 from jaxsr.expressions import is_identifier, parse, to_jax, to_numpy, to_sympy
 from jaxsr.expressions.editing import ONE, edit
@@ -51,6 +52,10 @@ class SymbolicSparseRegressor(RegressorMixin, BaseEstimator):
     warm_start : bool
         True: a further ``fit`` starts from the front of the last one.
     random_state : int, RandomState or None
+    config : SearchConfig, optional
+        All settings of the search, in place of ``population``, ``generations`` and ``functions``.
+    n_jobs : int, optional
+        Threads that evaluate terms; None or -1: one for each core.
 
     Attributes
     ----------
@@ -89,6 +94,8 @@ class SymbolicSparseRegressor(RegressorMixin, BaseEstimator):
         budget: float | None = None,
         warm_start: bool = False,
         random_state: Any = None,
+        config: SearchConfig | None = None,
+        n_jobs: int | None = None,
     ) -> None:
         self.population = population
         self.generations = generations
@@ -98,6 +105,8 @@ class SymbolicSparseRegressor(RegressorMixin, BaseEstimator):
         self.budget = budget
         self.warm_start = warm_start
         self.random_state = random_state
+        self.config = config
+        self.n_jobs = n_jobs
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -128,6 +137,8 @@ class SymbolicSparseRegressor(RegressorMixin, BaseEstimator):
             raise InputError(
                 f"validation_fraction must lie in [0, 1), got {self.validation_fraction}"
             )
+        if self.n_jobs is not None and self.n_jobs != -1 and self.n_jobs < 1:
+            raise InputError(f"n_jobs must be -1 or at least 1, got {self.n_jobs}", "n_jobs")
         rng = np.random.default_rng(check_random_state(self.random_state).randint(2**31 - 1))
         previous = getattr(self, "found_", ()) if self.warm_start else ()
         before = getattr(self, "names_", None)
@@ -167,15 +178,16 @@ class SymbolicSparseRegressor(RegressorMixin, BaseEstimator):
         aside = int(self.validation_fraction * count)
         aside = aside if aside >= _LEAST_HELD else 0
         train, judge = samples.take(np.sort(order[aside:])), samples.take(np.sort(order[:aside]))
-        usual = SizeLimits()
-        config = SearchConfig(
+        config = self.config or SearchConfig(
             population=self.population,
             generations=self.generations,
             primitives=PrimitiveSet(functions=tuple(self.functions)),
-            # as many terms as samples would pass through all of them and say nothing
-            sizes=SizeLimits(terms=max(1, min(usual.terms, len(train) // 2))),
         )
-        task = Task(name, "", config=config, guesses=tuple(guesses))
+        # as many terms as samples would pass through all of them and say nothing
+        most = max(1, min(config.sizes.terms, len(train) // 2))
+        config = replace(config, sizes=replace(config.sizes, terms=most))
+        threads = None if self.n_jobs == -1 else self.n_jobs
+        task = Task(name, "", config=config, guesses=tuple(guesses), threads=threads)
         return find_equation(rng, task, train, judge if aside else train, samples, budget=budget)
 
     def _samples(self, X: np.ndarray, targets: dict[str, np.ndarray]) -> Samples:

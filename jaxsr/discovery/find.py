@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from jaxsr.discovery.choose import choose, predict, resolved
 from jaxsr.discovery.equation import Equation, FittedTerm
 from jaxsr.discovery.rounding import rounded
 from jaxsr.discovery.samples import Samples, thinned
+from jaxsr.evaluation import Evaluator
 from jaxsr.evolution import Keeper, SearchConfig, SearchInfo, best_subsets, search
 from jaxsr.expressions.editing import edit, split
 from jaxsr.expressions.term import Term
@@ -63,6 +65,8 @@ class Task:
         Of the whole discovery: once it is exhausted, what only betters a law is left out.
     strict : bool
         Whether everything asked of the regressions ends with the limit, by ``OutOfTime``.
+    threads : int or None
+        That evaluate terms; None: one for each core.
     """
 
     state: str
@@ -76,6 +80,7 @@ class Task:
     checkpoint: Checkpoint | None = None
     limit: Budget = field(default_factory=Budget)
     strict: bool = False
+    threads: int | None = None
 
     def expired(self) -> bool:
         """Tell whether the time of the whole discovery is over."""
@@ -129,6 +134,7 @@ class Task:
             group=samples.group,
             admits=self.admits,
             instants=samples.variables.get(self.time),
+            evaluator=partial(Evaluator, threads=self.threads),
         )
         if self.strict:
             problem.expired = self.expired

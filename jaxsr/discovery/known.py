@@ -116,7 +116,7 @@ class Admitted:
 
 
 @dataclass(frozen=True)
-class Prior:
+class PriorTerms:
     """What is known before the search.
 
     Attributes

@@ -14,7 +14,7 @@ from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.experiments import Experiments
 from jaxsr.discovery.find import Checkpoint, Task, find_equation
 from jaxsr.discovery.hybrid import Hybrid, ModeFinder, RareMode
-from jaxsr.discovery.known import Prior, obeys
+from jaxsr.discovery.known import PriorTerms, obeys
 from jaxsr.discovery.recognise import kinematic, recognised
 from jaxsr.discovery.samples import Roles
 from jaxsr.discovery.settle import settle
@@ -26,7 +26,11 @@ _MODES = 0.6  # share of that rest for modes
 
 
 def tasks_of(
-    part: Roles, prior: Prior, config: SearchConfig, checkpoint: Checkpoint | None, limit: Budget
+    part: Roles,
+    prior: PriorTerms,
+    config: SearchConfig,
+    checkpoint: Checkpoint | None,
+    limit: Budget,
 ) -> dict[str, Task]:
     """Return what is to be found, by state."""
     return {

@@ -15,13 +15,14 @@ from jaxsr._files import atomic_directory, atomic_write_text, dump_json
 from jaxsr._progress import Budget
 from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation, weighted_sum
+from jaxsr.discovery.fronts import front_table, latex_text
 from jaxsr.discovery.hybrid import Hybrid, Mode, RareMode
 from jaxsr.discovery.samples import Samples
 from jaxsr.discovery.verdict import OUT_OF_TIME, SEVERAL, UNDECIDED, Verdict
 from jaxsr.expressions import to_jax, to_numpy, to_sympy, to_text
-from jaxsr.expressions.editing import ONE
-from jaxsr.expressions.term import Term
+from jaxsr.models.exports import export_text
 from jaxsr.models.model import Model
+from jaxsr.models.simulator import Simulator
 from jaxsr.models.writing import model_text
 from jaxsr.recordings import DataCheck
 
@@ -29,12 +30,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from jaxsr.discovery.plots import Fitted
+    from jaxsr.models.exports.exported import Language
 
 _SAID = ("time_unit", "wrap", "reading")  # checks that a terminal shows too
-_EXACT = 1e-30  # two losses below this share of the largest differ by rounding alone
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Discovery:
     """Equations of motion found in recordings.
 
@@ -135,11 +136,15 @@ class Discovery:
         told.append(f"{claim}. Free run over data held back: {error}" if error else claim)
         return "\n".join(told)
 
-    def _repr_html_(self) -> str:
-        """Return the equations as MathML, for notebooks."""
-        from jaxsr.report.mathml import equation
+    def __repr__(self) -> str:
+        """Return verdict and states in a line."""
+        return f"<Discovery {self.verdict}: rates of {', '.join(e.state for e in self.equations)}>"
 
-        return "".join(f"<p>{equation(e.state, e.expression)}</p>" for e in self.equations)
+    def _repr_html_(self) -> str:
+        """Return verdict and equations as a card, for notebooks."""
+        from jaxsr.report.card import discovery_card
+
+        return discovery_card(self.to_dict())
 
     def __getitem__(self, state: str) -> Equation:
         """Return the equation of a state."""
@@ -167,6 +172,15 @@ class Discovery:
         states = [e.state for e in self.equations]
         function = to_jax([e.term for e in self.equations])
         return lambda values: dict(zip(states, function(values), strict=True))
+
+    @property
+    def simulator(self) -> Simulator:
+        """The equations found, to be run: ``found.simulator.simulate(recording)``."""
+        return Simulator(self.model)
+
+    def export(self, to: Language, name: str | None = None) -> str:
+        """Return the equations found as source for another program, see `Simulator.export`."""
+        return export_text(self.model, to, name)
 
     def plot_front(self, state: str, ax: Axes | None = None) -> Axes:
         """Plot the candidates of a state: error over size, the pick ringed."""
@@ -284,82 +298,6 @@ class Discovery:
         for name, text in (more or {}).items():
             atomic_write_text(folder / name, text)
         write_page(self, folder, budget)
-
-
-def term_at(equation: Equation, index: int | None = None) -> Term:
-    """Return the picked right-hand side, or that of row ``index`` of the front.
-
-    Raises
-    ------
-    InputError
-        The front has no such row.
-    """
-    if index is None:
-        return equation.term
-    rows = max(len(equation.front), 1)
-    if not -rows <= index < rows:
-        raise InputError(f"there is no equation {index}", "index", f"Count from 0 to {rows - 1}.")
-    if not equation.front:
-        return equation.term
-    fit = equation.front[index].fit
-    return weighted_sum(fit.terms, list(fit.coefficients))
-
-
-def latex_text(term: Term, digits: int = 4) -> str:
-    """Return a term in LaTeX, its numbers to ``digits`` significant ones."""
-    import sympy
-
-    expression = to_sympy(term)
-    rounded = {n: sympy.Float(n, digits) for n in expression.atoms(sympy.Float)}
-    return sympy.latex(expression.xreplace(rounded))
-
-
-def front_table(equation: Equation) -> pd.DataFrame:
-    r"""Return the candidates of one equation, smallest first, the pick marked.
-
-    Columns: complexity (terms), size (nodes and coefficients), loss and validation_loss (mean
-    squares), score (:math:`-\Delta\log loss / \Delta size` to the best smaller one), equation,
-    picked.
-    """
-    rows = [
-        {
-            "complexity": len(c.fit.terms),
-            "size": c.size,
-            "loss": c.train_mse,
-            "validation_loss": c.validation_mse,
-            "equation": to_text(weighted_sum(c.fit.terms, list(c.fit.coefficients)), 6),
-            "picked": k == equation.pick,
-        }
-        for k, c in enumerate(equation.front)
-    ]
-    if not rows:  # recognised or constant: nothing to choose from
-        size = sum(1 + (0 if t.term == ONE else t.term.size) for t in equation.terms)
-        rows = [
-            {
-                "complexity": equation.complexity,
-                "size": size,
-                "loss": equation.train_mse,
-                "validation_loss": equation.validation_mse,
-                "equation": to_text(equation.term, 6),
-                "picked": True,
-            }
-        ]
-    table = pd.DataFrame(rows)
-    table.insert(4, "score", _scores(table["size"].to_numpy(), table["loss"].to_numpy()))
-    return table
-
-
-def _scores(size: np.ndarray, loss: np.ndarray) -> np.ndarray:
-    """Return how fast the log of the loss falls with size; 0 for what no smaller one beats."""
-    floor = max(_EXACT * float(np.max(loss)), np.finfo(float).tiny)
-    level = np.log(np.maximum(loss, floor))
-    score = np.zeros(len(size))
-    last = 0
-    for k in range(1, len(size)):
-        if level[k] < level[last] and size[k] > size[last]:
-            score[k] = (level[last] - level[k]) / (size[k] - size[last])
-            last = k
-    return score
 
 
 def _equation_dicts(

@@ -56,6 +56,15 @@ class ColumnCache:
     def __len__(self) -> int:
         return len(self._columns)
 
+    def __contains__(self, term: Term) -> bool:
+        return term in self._columns
+
+    def hold(self, term: Term, column: Array) -> None:
+        """Keep a column (samples,) that was computed elsewhere."""
+        self._columns[term] = column
+        while len(self._columns) > self._room:
+            del self._columns[next(iter(self._columns))]
+
     def column(self, term: Term, *, keep: bool = True) -> Array:
         """Return the column (samples,) of a term.
 
@@ -90,9 +99,7 @@ class ColumnCache:
         value = np.asarray(raw, dtype=self._dtype)
         storable = all(ok for _, ok in parts)
         if storable and value.shape == self._shape:
-            self._columns[term] = value
-            while len(self._columns) > self._room:
-                del self._columns[next(iter(self._columns))]
+            self.hold(term, value)
         return value, storable
 
     def _integral(self, f: Array, g: Array | None = None) -> Array:

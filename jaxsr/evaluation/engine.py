@@ -23,6 +23,7 @@ Use = Callable[[Array, slice, slice], Any]
 
 _MOST_TERMS = 65536  # in one schedule, which bounds a thread's instructions
 _WINDOW = 1024  # outputs taken at a time: what a core's cache holds beside the registers
+_ROOM = 8  # instructions for a column, where one program is to serve all batches
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,17 +39,23 @@ class EngineConfig:
         instruction, short enough for a core's cache. A device that lacks memory gets smaller ones.
     device : jax.Device, optional
         Where; JAX's default device when None.
+    window : int, optional
+        Columns taken at a time; a power of two. By default what suits the batch. With a given one
+        batches of any size run the same compiled program, as long as their instructions fit.
     """
 
     threads: int | None = None
     chunk: int | None = None
     device: Any = None
+    window: int | None = None
 
     def __post_init__(self) -> None:
         if self.threads is not None and self.threads < 1:
             raise ValueError(f"`threads` must be at least 1, got {self.threads}")
         if self.chunk is not None and (self.chunk < 16 or self.chunk & (self.chunk - 1)):
             raise ValueError(f"`chunk` must be a power of two from 16 on, got {self.chunk}")
+        if self.window is not None and (self.window < 16 or self.window & (self.window - 1)):
+            raise ValueError(f"`window` must be a power of two from 16 on, got {self.window}")
 
     @property
     def platform(self) -> str:
@@ -103,7 +110,7 @@ class Engine:
         self.each(data, keep)
         return out
 
-    def each(self, data: Array, use: Use) -> list[Any]:
+    def each(self, data: Array, use: Use, *, whole: bool = False) -> list[Any]:
         """Call ``use(block, terms, samples)`` on blocks of columns; return what it returned.
 
         A block (terms, samples) is the machine's own memory. Blocks come from several threads at
@@ -114,22 +121,26 @@ class Engine:
         ----------
         data : ndarray, (variables, samples)
         use : callable
+        whole : bool
+            Whether terms stay together, however few the samples: blocks then hold as many terms
+            as a window.
         """
-        rows, size = data.shape[1], self._config.samples(data.shape[1])
+        size = self._config.samples(data.shape[1])
         while True:
             try:
-                return self._each(data, use, rows, size)
+                return self._each(data, use, size, whole)
             except jax.errors.JaxRuntimeError as error:
                 if "RESOURCE_EXHAUSTED" not in str(error) or size <= 16:
                     raise
                 size //= 2
 
-    def _each(self, data: Array, use: Use, rows: int, size: int) -> list[Any]:
+    def _each(self, data: Array, use: Use, size: int, whole: bool) -> list[Any]:
+        rows = data.shape[1]
         if not len(self._batch) or not rows:
             return []
         starts = range(0, rows, size)
         # few samples: terms are shared among the threads instead
-        shares = 1 if len(starts) >= self._config.workers else self._config.workers
+        shares = 1 if whole or len(starts) >= self._config.workers else self._config.workers
         programs = self._programs(self._parts(shares), data.dtype.name)
 
         def one(job: tuple[int, slice, Program]) -> list[Any]:
@@ -145,7 +156,9 @@ class Engine:
             return run(program, _chunks(data[:, start:stop], size), took)
 
         # few terms: several chunks at a time, or calling would cost as much as computing
-        together = _together(programs, len(starts) // self._config.workers)
+        together = 1
+        if self._config.window is None:
+            together = _together(programs, len(starts) // self._config.workers)
         jobs = [(start, *piece) for start in starts[::together] for piece in programs]
         if self._config.workers == 1 or len(jobs) == 1:
             answers = map(one, jobs)
@@ -169,11 +182,23 @@ class Engine:
             part = PostfixBatch(*code, batch.variables)
             # terms shared among threads mean few samples: then the smaller window wins
             most = _WINDOW if parts == 1 else _WINDOW // 2
-            plan = schedule(part, min(most, bucket(len(part), 16)))
-            return piece, load(plan, np.dtype(dtype), self._config.device)
+            window = self._config.window
+            plan = schedule(part, window or min(most, bucket(len(part), 16)))
+            room = 0 if window is None else _ROOM * window
+            return piece, load(plan, np.dtype(dtype), self._config.device, room)
 
         each = map if len(pieces) == 1 else _pool(self._config.workers).map
         return list(each(one, pieces))
+
+
+def side_by_side(
+    work: Callable[[Any], Any], items: Sequence[Any], threads: int | None = None
+) -> list[Any]:
+    """Return what ``work`` makes of each item, by default on all cores this process may use."""
+    workers = EngineConfig(threads).workers
+    if workers == 1 or len(items) == 1:
+        return [work(item) for item in items]
+    return list(_pool(workers).map(work, items))
 
 
 @functools.cache

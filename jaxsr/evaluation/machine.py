@@ -134,9 +134,12 @@ class Program:
     device: Any = None
 
 
-def load(schedule: Schedule, dtype: Any, device: Any = None) -> Program:
-    """Put a schedule's instructions where the machine reads them."""
-    length = bucket(len(schedule), _LEAST_INSTRUCTIONS)
+def load(schedule: Schedule, dtype: Any, device: Any = None, room: int = 0) -> Program:
+    """Put a schedule's instructions where the machine reads them.
+
+    ``room`` is the least number of instructions that the program is made for.
+    """
+    length = bucket(len(schedule), max(_LEAST_INSTRUCTIONS, room))
     parts = (schedule.code, schedule.left, schedule.right, schedule.target)
     with jax.enable_x64(True), jax.default_device(device):
         code = [jnp.asarray(np.pad(part, (0, length - len(part)))) for part in parts]

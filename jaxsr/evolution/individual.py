@@ -73,6 +73,12 @@ def _parts_cost(term: Term, inside: bool) -> int:
     return own + sum(_parts_cost(arg, inside or applied) for arg in term.args)
 
 
+def all_usable(problem: Problem, sets: Sequence[Sequence[Term]]) -> list[bool]:
+    """Tell for each set whether all of its terms can be used, their columns made in one batch."""
+    places = iter(problem.index([term for terms in sets for term in terms]))
+    return [-1 not in [next(places) for _ in terms] for terms in sets]
+
+
 class Problem(Protocol):
     """What a search asks of a regression problem; arrays stay on its side."""
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from math import isfinite
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ from jaxsr.evolution.config import SearchConfig
 from jaxsr.evolution.create import random_terms
 from jaxsr.evolution.fitness import FitnessState, fitness, next_state
 from jaxsr.evolution.front import ROUNDING, Front
-from jaxsr.evolution.individual import Individual, Problem
+from jaxsr.evolution.individual import Individual, Problem, all_usable
 from jaxsr.evolution.library import small_terms
 from jaxsr.evolution.offers import Offer, with_beam, with_frequencies, with_quotients, with_shapes
 from jaxsr.evolution.polish import polish, promising, settled
@@ -227,7 +228,7 @@ def step(
         better, refined = _refine(problem, sets, refined, config.sizes.terms)
         front = front.with_(better)
         _, found, refined = polish(problem, front, config, refined)
-        found = [ind for ind in found if -1 not in problem.index(ind.terms)]
+        found = list(compress(found, all_usable(problem, [ind.terms for ind in found])))
         front = front.with_(found)
         ranked = _ranked(_distinct([*found, *better, *ranked]), state.rule, config, problem)
     front = front.with_(ranked)
@@ -349,5 +350,6 @@ def _refine(
     became = [(edit(terms), loss) for terms, loss in moved]
     whole = [(t, loss) for t, loss in became if 0 < len(t) <= most and np.isfinite(loss)]
     # a constant that came to be 1 can leave a term without a meaning in units
-    out = [Individual.of(terms, x) for terms, x in whole if -1 not in problem.index(terms)]
+    kept = compress(whole, all_usable(problem, [terms for terms, _ in whole]))
+    out = [Individual.of(terms, x) for terms, x in kept]
     return out, refined.union(fresh, (terms for terms, _ in became))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import compress
 
 import numpy as np
 
 from jaxsr.evolution.config import SearchConfig
 from jaxsr.evolution.front import Front
-from jaxsr.evolution.individual import Individual, Problem
+from jaxsr.evolution.individual import Individual, Problem, all_usable
 from jaxsr.evolution.mutate import simpler_terms
 from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
@@ -117,7 +118,7 @@ def _eliminated(problem: Problem, member: Individual) -> list[Individual]:
 def _simplified(problem: Problem, member: Individual, seen: set[Terms]) -> list[Individual]:
     options = [edit(terms) for terms in simpler_terms(member.terms)]
     options = [t for t in dict.fromkeys(options) if t and t not in seen]
-    options = [t for t in options if -1 not in problem.index(t)]
+    options = list(compress(options, all_usable(problem, options)))
     if not options:
         return []
     _, losses = problem.solve(options)

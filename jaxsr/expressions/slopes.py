@@ -104,7 +104,11 @@ def _chained(op: str, args: list[Array], slopes: list[Slopes], value: Array) -> 
             return _summed([slopes[0], _scaled(slopes[1], -1.0)])
         case "max" | "min" | "piecewise":
             return _selected(op, args, slopes)
-    partials = _PARTIALS.get(op) or getattr(PRIMITIVES[op], "partials", None)
+    called = getattr(PRIMITIVES[op], "partials", None)
+    if called is not None:  # a call that costs more than arithmetic: asked for no more than needed
+        factors = called(args, [bool(s) for s in slopes])
+        return _summed([_scaled(s, f) for s, f in zip(slopes, factors, strict=True) if s])
+    partials = _PARTIALS.get(op)
     if partials is None:
         if op in _FLAT:
             return {}

@@ -10,15 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from jaxsr.expressions import PRIMITIVES, Term, evaluate, to_text
 from jaxsr.expressions.derivative import ONE, NoDerivativeError, built, derivative
 from jaxsr.models.model import Model
-from jaxsr.models.opaque import OpaquePrimitive, opaque
+from jaxsr.models.opaque import OpaquePrimitive
 
 Array = Any
 VOID = 1e-10
@@ -147,15 +145,9 @@ def _opaque_gain(
     names = [a.name for a in rate.args]
     place, called = names.index(u), primitive.called
     assert called is not None
-    others = [n for n in names if n != u]
-
-    def gain(*values: Array) -> Array:
-        every = [*values[:place], jnp.zeros_like(values[0] if values else 0.0), *values[place:]]
-        return jax.jacfwd(called.function, argnums=place)(*every)
-
-    found = opaque(f"{called.name}_by_{u}", gain, others) if others else None
-    if found is None:
-        return Term.constant(float(called.slopes([np.zeros(1)])[0][0]))
+    found = called.gain(place, names)
+    if found.is_constant:
+        return found
     size = np.shape(points[u])
     own = called.slopes([points[n] for n in names])[place]
     still = np.broadcast_to(np.asarray(evaluate(found, points)), size)

@@ -186,16 +186,21 @@ def carried_errors(
 
 
 def simulated(
-    simulator: Simulator, stepping: Stepping, segments: Segments, theta: Array, x0: Array
+    simulator: Simulator,
+    stepping: Stepping,
+    segments: Segments,
+    theta: Array,
+    x0: Array,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Array | None:
-    """Simulate every segment from its start; None where the path does not close.
+    """Simulate every segment from its start; None where the path does not close, or `stop` says so.
 
     Newton's method on the states at all samples; the sensors' states are the first guess.
     Returned are the outputs, shape (outputs, samples, segments).
     """
     path = segments.course.copy()
     path[:, 0] = x0
-    path = closed(simulator, stepping, segments, theta, path)
+    path = closed(simulator, stepping, segments, theta, path, stop)
     if path is None:
         return None
     ground = _Ground.of(simulator, stepping, segments, theta, ())

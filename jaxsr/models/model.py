@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
@@ -16,6 +16,7 @@ from jaxsr.models.rates import rate_symbols, rate_terms
 if TYPE_CHECKING:
     from jaxsr.models.force_factor import Factor
     from jaxsr.models.vector_field import VectorField
+    from jaxsr.recordings import Recording
 
 FREE = "free"
 DRIVEN = "driven"
@@ -75,6 +76,7 @@ class Model:
     no part of what makes two models equal. `forces` are forces by the state along which they act,
     in no file either: a file says in its equations, or in [additions], what they add to the rates.
     `factors` say by what they are multiplied there, where edits must not change it (`pinned`).
+    `within` takes out of a recording what the equations do not cover, such as a robot's contacts.
     """
 
     name: str
@@ -103,6 +105,7 @@ class Model:
     vector_field: VectorField | None = field(default=None, compare=False, repr=False)
     forces: Mapping[str, str] = field(default_factory=dict)
     factors: Mapping[str, Factor] | None = field(default=None, compare=False, repr=False)
+    within: Callable[[Recording], Recording] | None = field(default=None, compare=False, repr=False)
 
     def __hash__(self) -> int:
         return hash((self.name, self.states, tuple(self.equations.items())))

@@ -10,7 +10,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -25,21 +25,44 @@ LEAST = 8
 _NUMBERS = itertools.count()
 
 
+class Opaque(Protocol):
+    """A scalar function of `arity` scalars that is no formula, with its derivatives."""
+
+    @property
+    def name(self) -> str:
+        """Of its primitive."""
+        ...
+
+    def slopes(
+        self, args: Sequence[Array], wanted: Sequence[bool] | None = None
+    ) -> tuple[Array, ...]:
+        """Return the derivatives by every argument, anything for those that are not wanted."""
+        ...
+
+    def derivative(self, position: int) -> str:
+        """Register the derivative by an argument, and return its name."""
+        ...
+
+    def gain(self, position: int, names: Sequence[str]) -> Term:
+        """Return the derivative by an argument where that is zero; `names` are those of all."""
+        ...
+
+
 @dataclass(frozen=True)
 class OpaquePrimitive(Primitive):
     """A scalar JAX function of scalars as a primitive, with its derivatives."""
 
-    called: Called | None = None
+    called: Opaque | None = None
 
     def partial(self, position: int) -> str:
         """Return the name of the primitive that is the derivative by an argument."""
         assert self.called is not None
         return self.called.derivative(position)
 
-    def partials(self, *args: Array) -> tuple[Array, ...]:
-        """Return the derivatives by all arguments, the value coming last among `args`."""
+    def partials(self, args: Sequence[Array], wanted: Sequence[bool]) -> tuple[Array, ...]:
+        """Return the derivatives by the arguments, anything for those that are not wanted."""
         assert self.called is not None
-        return self.called.slopes(args[:-1])
+        return self.called.slopes(args, wanted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +91,10 @@ class Called:
         """Return the function at NumPy arrays or numbers."""
         return self._many(self._compiled, args)
 
-    def slopes(self, args: Sequence[Array]) -> tuple[Array, ...]:
-        """Return the derivatives by every argument."""
+    def slopes(
+        self, args: Sequence[Array], wanted: Sequence[bool] | None = None
+    ) -> tuple[Array, ...]:
+        """Return the derivatives by every argument: together they cost hardly more than one."""
         found = self._many(self._differentiated, args)
         return tuple(np.moveaxis(found, -1, 0))
 
@@ -87,6 +112,19 @@ class Called:
             self._derivatives[position] = Called(name, by, self.arity)
             self._derivatives[position].primitive()
         return self._derivatives[position].name
+
+    def gain(self, position: int, names: Sequence[str]) -> Term:
+        """Return the derivative by an argument where that is zero; `names` are those of all."""
+        others = [n for k, n in enumerate(names) if k != position]
+
+        def at_zero(*values: Array) -> Array:
+            zero = jnp.zeros_like(values[0] if values else 0.0)
+            every = [*values[:position], zero, *values[position:]]
+            return jax.jacfwd(self.function, argnums=position)(*every)
+
+        if not others:
+            return Term.constant(float(self.slopes([np.zeros(1)])[0][0]))
+        return opaque(f"{self.name}_by_{names[position]}", at_zero, others)
 
     @cached_property
     def _derivatives(self) -> dict[int, Called]:

@@ -15,6 +15,7 @@ from jaxsr.models.hidden import with_hidden
 from jaxsr.models.inputs import stage_inputs
 from jaxsr.models.model import FREE, Model
 from jaxsr.models.states import StateEstimate, estimate_states, input_table, output_table
+from jaxsr.models.unfolding import with_signs
 from jaxsr.recordings import Recording
 
 SHORTEST = 20
@@ -44,7 +45,8 @@ class Prepared:
         if not begins:
             model = replace(model, initial={})
         inputs, time = input_table(model, recording), recording.time
-        states = with_hidden(model, estimate_states(model, recording), time, inputs)
+        told = estimate_states(*with_signs(model, recording))
+        states = with_hidden(model, told, time, inputs)
         measured = output_table(model, recording)
         return Prepared(recording, time, inputs, measured, states, begins)
 

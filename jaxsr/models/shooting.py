@@ -18,11 +18,23 @@ RELATIVE_GAIN = 1e-5
 """Gain in cost below which an estimation has converged."""
 
 
-def simulate(problem: Problem, theta: np.ndarray, x0: np.ndarray) -> np.ndarray:
-    """Return the readings of all segments from their starts, shape (outputs, samples, segments)."""
+def simulate(
+    problem: Problem,
+    theta: np.ndarray,
+    x0: np.ndarray,
+    stop: Callable[[], bool] = lambda: False,
+) -> np.ndarray:
+    """Return the readings of all segments from their starts, shape (outputs, samples, segments).
+
+    NaN where `stop` said so before they ended.
+    """
     arguments = problem.simulator, problem.stepping, problem.segments, theta, x0
-    found = simulated(*arguments) if liftable(problem.simulator) else None
-    return outputs(*arguments) if found is None else found
+    found = simulated(*arguments, stop) if liftable(problem.simulator) else None
+    if found is not None:
+        return found
+    if stop():
+        return np.full_like(problem.segments.outputs, np.nan)
+    return outputs(*arguments)
 
 
 def linearise_fit(problem: Problem, result: Fit, active: np.ndarray) -> Fit:

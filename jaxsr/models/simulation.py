@@ -29,6 +29,8 @@ TOLERANCE = 1e-6
 """Largest estimated error, relative to the size of an output."""
 START_SHARE, START_SAMPLES = 0.05, 50  # as in the free runs that a diagnosis reports
 MOST_SAMPLES = 5_000_000
+INTERPRETED = 10_000
+"""Steps that take less time one by one, in numbers, than the compilation of a program for them."""
 _SWITCHED = frozenset({"piecewise"})
 
 
@@ -248,10 +250,13 @@ def _run(
     whole: Segments = build_segments(
         simulator.model, [item], [(0, 0, item.time.size)], stepping.substeps
     )
-    if simulator.model.events:  # which follow a state that comes to rest, as a diagnosis does
+    few = stepping.method == "rk4" and whole.length.size <= INTERPRETED and liftable(simulator)
+    # Events follow a state that comes to rest, as a diagnosis does.
+    if simulator.model.events or few:
         path = whole.course.copy()
         path[:, 0] = start
-        x = closed(simulator, stepping, whole, theta, path)
+        near = bool(simulator.model.events)
+        x = closed(simulator, stepping, whole, theta, path, near=near)
         if x is None:
             nothing = np.full((1, item.time.size), np.nan)
             return Run(nothing, nothing)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,16 +13,18 @@ import numpy as np
 
 from jaxsr._result import InputError
 from jaxsr.expressions import DISCONTINUOUS, Term, evaluate
+from jaxsr.models.exports.exported import Exported
 from jaxsr.models.mass_matrix import pivoted_rows
 from jaxsr.models.model import Model
 from jaxsr.models.stepping import factorised
+from jaxsr.recordings import Recording
 
 Array = Any
 SMOOTHED = frozenset({"sign", "heaviside"})
 DEFAULT_WIDTH = 1e-4
 
 
-class Simulator(eqx.Module):
+class Simulator(Exported, eqx.Module):
     """A model that can be run.
 
     Parameters
@@ -67,7 +69,15 @@ class Simulator(eqx.Module):
 
         text = str(path)
         if ".py:" in text or text.endswith(".py"):
+            from jaxsr.models.formats.step_map import is_step, read_steps
+
+            if is_step(text):
+                return read_steps(text, model).simulator
             return read_python_simulator(text, model)
+        if text.lower().endswith(".fmu"):
+            from jaxsr.models.formats.fmu import read_fmu
+
+            return read_fmu(text, model).simulator
         if is_format(text):
             from jaxsr.models.formats.opening import read_robot
 
@@ -88,6 +98,87 @@ class Simulator(eqx.Module):
                 f"Name it in the call: {_with_table(Path(text), found.base)}",
             )
         return Simulator(found)
+
+    @staticmethod
+    def from_sympy(
+        equations: Mapping[Any, Any],
+        parameters: Mapping[Any, Any] | None = None,
+        *,
+        inputs: Sequence[Any] = (),
+        readings: Mapping[str, Any] | None = None,
+        inertia: Any = None,
+        name: str = "model",
+        **tables: Any,
+    ) -> Simulator:
+        """Return the simulator of SymPy equations.
+
+        Parameters
+        ----------
+        equations : mapping
+            State to its rate; with `inertia`, to the generalised force along it. A state is a
+            symbol, a name, or a function of time as those of ``sympy.physics.mechanics``.
+        parameters : mapping, optional
+            Symbol or name to a value, to ``(value, low, high)`` where it may be re-calibrated, or
+            to a row of [parameters].
+        inputs : sequence of symbols, optional
+        readings : mapping, optional
+            Output to what its sensor reads; by default every state is read.
+        inertia : SymPy Matrix or mapping of mappings, optional
+            Mass matrix in the order of the states, or by state and state.
+        name : str
+        **tables
+            Other tables of a model file: ``initial``, ``units``, ``columns``, ``noise``, ...
+
+        Raises
+        ------
+        InputError
+            An expression is outside the grammar, or a table breaks a rule of model files.
+
+        Examples
+        --------
+        >>> import sympy
+        >>> q, v, u, c = sympy.symbols("q v u c")
+        >>> Simulator.from_sympy({q: v, v: u - c * v}, {c: (0.5, 0, 2)}, inputs=[u]).model.states
+        ('q', 'v')
+        """
+        from jaxsr.models.from_sympy import model_of
+
+        document = dict(inputs=inputs, readings=readings, inertia=inertia, name=name, **tables)
+        return Simulator(model_of(equations, parameters or {}, document))
+
+    def simulate(
+        self,
+        recording: Recording | None = None,
+        *,
+        duration: float | None = None,
+        dt: float | None = None,
+    ) -> Recording:
+        """Run the model freely, finely enough to be trusted.
+
+        Parameters
+        ----------
+        recording : Recording, optional
+            Time and inputs; a start that [initial] leaves free is estimated on its first 5 %.
+        duration, dt : float, optional
+            Length and interval in s, without a recording.
+
+        Returns
+        -------
+        Recording
+            Inputs and outputs under the names of their columns, and the other states.
+
+        Raises
+        ------
+        InputError
+            Inputs or starts are unknown, or no step resolves the model.
+        """
+        from jaxsr.models.simulation import simulate_to_csv
+
+        table = simulate_to_csv(self, recording, duration, dt)
+        name = self.model.name if recording is None else recording.name
+        time = table.pop(self.model.column(self.model.time))
+        channels = {str(column): values.to_numpy() for column, values in table.items()}
+        return Recording(f"simulated {name}", time.to_numpy(), channels)
 
     # Compiled runs are kept by simulator: properties already computed must not tell two apart,
     # and parameters in another order must, since they are passed by position.

@@ -17,7 +17,7 @@ class DataCheck:
     check : str
         One of ``reading``, ``time_unit``, ``wrap``, ``non_uniform_time``, ``gap``,
         ``missing_samples``, ``constant``, ``clipping``, ``quantisation``, ``noise``,
-        ``outliers``, ``lag``.
+        ``outliers``, ``lag``, ``masked``.
     message : str
         A plain sentence.
     value : float or None

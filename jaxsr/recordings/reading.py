@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -67,24 +68,29 @@ def read_recording(
     """
     path = Path(path)
     raw = _bytes(path)
-    table = _table(raw, path)
+    found = recording_of(_table(raw, path), path.name, time, sample_time)
+    return replace(found, source=path, sha256=hashlib.sha256(raw).hexdigest())
+
+
+def recording_of(
+    table: Table, name: str, time: str | None = None, sample_time: float | None = None
+) -> Recording:
+    """Return the recording that a table holds, see `read_recording`."""
     if sample_time is not None and not (np.isfinite(sample_time) and sample_time > 0):
-        raise InputError(f"sample_time is {sample_time}", path.name, "Give seconds above 0")
-    found = time_column(table, time, path.name, required=sample_time is None)
+        raise InputError(f"sample_time is {sample_time}", name, "Give seconds above 0")
+    found = time_column(table, time, name, required=sample_time is None)
     if found is None:
         assert sample_time is not None  # time_column raised otherwise
         length = max((values.size for values in table.numbers.values()), default=0)
         found = TimeColumn(np.arange(length) * sample_time, (), stated=True)
     channels, set_aside = _channels(table, found)
     return Recording(
-        path.name,
+        name,
         found.seconds,
         channels,
-        path,
-        hashlib.sha256(raw).hexdigest(),
-        set_aside,
-        tuple(_remarks(table, found, path.name)),
-        found.stated,
+        set_aside=set_aside,
+        remarks=tuple(_remarks(table, found, name)),
+        time_stated=found.stated,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +13,10 @@ from numpy.typing import ArrayLike
 from jaxsr._result import InputError
 from jaxsr.recordings.data_check import DataCheck
 from jaxsr.recordings.table import listed, quoted
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
 
 MIN_SAMPLES = 3
 RESTARTED = 8
@@ -74,6 +79,100 @@ class Recording:
                     self.name,
                     "Give one value per time, NaN where a sample is missing",
                 )
+
+    @classmethod
+    def from_arrays(
+        cls, time: ArrayLike, channels: Mapping[str, ArrayLike], name: str = "recording"
+    ) -> Recording:
+        """Return a recording of arrays.
+
+        Parameters
+        ----------
+        time : array_like, shape (samples,)
+            In seconds, strictly increasing.
+        channels : mapping of str to array_like, shape (samples,)
+            NaN marks a missing sample.
+        name : str
+            Used in messages and reports.
+
+        Raises
+        ------
+        InputError
+            As the class itself.
+        """
+        return cls(name, np.asarray(time), {key: np.asarray(v) for key, v in channels.items()})
+
+    @classmethod
+    def from_pandas(
+        cls,
+        table: pd.DataFrame,
+        time: str | None = None,
+        *,
+        name: str = "recording",
+        sample_time: float | None = None,
+    ) -> Recording:
+        """Return the recording that a DataFrame holds, read as a file would be.
+
+        Parameters
+        ----------
+        table : DataFrame
+            Numeric columns are channels. An index that is no plain count (numbers, dates, time
+            deltas) is a column too: time, unless another one is named.
+        time : str, optional
+            Column of time, found by its name otherwise (see `read_recording`).
+        name : str
+            Used in messages and reports.
+        sample_time : float, optional
+            Interval in seconds, for tables without time.
+
+        Raises
+        ------
+        InputError
+            There is no column of time, or it does not increase.
+        """
+        from jaxsr.recordings.frames import recording_of_frame
+
+        return recording_of_frame(table, time, name, sample_time)
+
+    def to_pandas(self, time: str = "t") -> pd.DataFrame:
+        """Return a DataFrame with a column for every channel; `time`, in s, is its index."""
+        import pandas as pd
+
+        return pd.DataFrame(dict(self.channels), index=pd.Index(self.time, name=time))
+
+    def plot(self, channels: Sequence[str] | None = None, figure: Figure | None = None) -> Figure:
+        """Draw channels over time, one above another.
+
+        Parameters
+        ----------
+        channels : sequence of str, optional
+            All by default, of many the first twelve.
+        figure : matplotlib Figure, optional
+            A new one of pyplot by default.
+        """
+        from jaxsr.recordings.plots import plot_recording
+
+        return plot_recording(self, channels, figure)
+
+    def __repr__(self) -> str:
+        """Return name, length and channels in a line."""
+        return f"<Recording {self.name}: {self._extent}; {listed(list(self.channels), 80)}>"
+
+    def __str__(self) -> str:
+        """Return a table of the channels: least and greatest value, missing samples."""
+        lines = [f"{self.name}: {self._extent}"]
+        for name, values in self.channels.items():
+            known = values[np.isfinite(values)]
+            span = f"{known.min():.4g} to {known.max():.4g}" if known.size else "no sample"
+            missing = values.size - known.size
+            lines.append(f"  {quoted(name)}: {span}{f', {missing} missing' if missing else ''}")
+        lines += [f"  {quoted(name)}: {reason}" for name, reason in self.set_aside.items()]
+        return "\n".join(lines)
+
+    @property
+    def _extent(self) -> str:
+        length = self.time[-1] - self.time[0]
+        return f"{len(self)} samples over {length:.4g} s, {self.sample_time:.4g} s apart"
 
     def __len__(self) -> int:
         return self.time.size

@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxsr.expressions.printing import kind
 from jaxsr.expressions.term import Term
+from jaxsr.regression.excerpt import Excerpt
 
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem
@@ -38,18 +39,18 @@ def beam(
     width : int
         Sets kept of each size.
     """
-    rows = np.linspace(0, problem.rows - 1, min(problem.rows, _ROWS)).astype(int)
+    some = Excerpt(problem, _ROWS)
     terms = [t for t in terms[:_MOST] if problem.admitted([t])]
     with np.errstate(all="ignore"):
         parts = [terms[k : k + _TOGETHER] for k in range(0, len(terms), _TOGETHER)]
-        columns = np.vstack([problem.projected(part)[rows].T for part in parts or [[]]])
+        columns = np.vstack([some.columns(part) for part in parts or [[]]])
         norms = np.linalg.norm(columns, axis=1)
     good = np.isfinite(norms) & (norms > 1e-100) & (norms < 1e100)
     kept = [term for term, ok in zip(terms, good, strict=True) if ok]
     if len(kept) < 2:
         return []
     unit = columns[good] / norms[good, None]
-    y = problem.target[rows]
+    y = some.target
     y = y / (float(np.linalg.norm(y)) or 1.0)
     kinds = [kind(term) for term in kept]
     out: list[Places] = []

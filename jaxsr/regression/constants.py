@@ -129,7 +129,7 @@ def constant_slopes(problem: RegressionProblem, terms: Sequence[Term], xi: Array
         values = constants_of(term)
         if not values:
             continue
-        _, tangents = Form.of(term).columns(np.array([values]), problem.cache.column)
+        _, tangents = Form.of(term).columns(np.array([values]), problem.evaluator.column)
         for place in range(len(values)):
             slope = np.broadcast_to(tangents.get(place, 0.0), (1, problem.samples))[0]
             slopes.append(weight * slope)

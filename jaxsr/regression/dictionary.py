@@ -21,7 +21,7 @@ _NEW = 1e-6  # share of a column's square that must be new beside the terms alre
 class Dictionary:
     """Unit-norm columns of candidate terms in a problem's view, made once.
 
-    float32 is enough: only an order of merit is read from them.
+    Some rows and float32 are enough: only an order of merit is read from them.
 
     Parameters
     ----------
@@ -31,39 +31,37 @@ class Dictionary:
     """
 
     def __init__(self, problem: RegressionProblem, terms: Sequence[Term]) -> None:
-        self._problem = problem
+        self._rows = problem.excerpt
         terms = [term for term in terms if problem.admitted([term])]
         kept: list[Term] = []
-        columns = [np.zeros((0, problem.rows), np.float32)]
+        columns = np.empty((len(terms), len(self._rows.target)), np.float32)
         for start in range(0, len(terms), _CHUNK):
-            problem.check()
             part = list(terms[start : start + _CHUNK])
-            with np.errstate(all="ignore"):
-                found = problem.projected(part)
-                norms = np.linalg.norm(found, axis=0)
-                full = np.linalg.norm(problem.columns(part, keep=False), axis=0)
-            usable = np.isfinite(norms) & (norms < 1e100) & (norms > 1e-9 * full)
+            found, norms, whole = self._rows.norms(part)
+            usable = np.isfinite(norms) & (norms < 1e100) & (norms > 1e-9 * whole)
+            here = columns[len(kept) : len(kept) + int(np.count_nonzero(usable))]
+            np.divide(found[usable], norms[usable, None], out=here, casting="same_kind")
             kept += [term for term, ok in zip(part, usable, strict=True) if ok]
-            columns.append((found[:, usable] / norms[usable]).T.astype(np.float32))
         self.terms = tuple(kept)
         self._signs = signs_of(kept, problem.signs)
-        self.columns: NDArray[np.float32] = np.concatenate(columns)
+        self.columns: NDArray[np.float32] = columns[: len(kept)]
 
     def best(self, terms: Sequence[Term], count: int) -> list[Term]:
         """Return the candidates that would lower the loss most if added to ``terms``."""
         if not self.terms:
             return []
-        problem = self._problem
-        theta = problem.projected(terms, keep=True)
+        theta, target = self._rows.columns(terms, keep=True), self._rows.target
         if not np.all(np.isfinite(theta)):
             return []
-        norms = np.linalg.norm(theta, axis=0)
-        theta = theta[:, norms > 0.0] / norms[norms > 0.0]  # a column of zeros explains nothing
+        norms = np.linalg.norm(theta, axis=1)
+        theta = theta[norms > 0.0].T / norms[norms > 0.0]  # a column of zeros explains nothing
         basis = np.linalg.qr(theta)[0] if theta.shape[1] else theta
-        residual = problem.target - basis @ (basis.T @ problem.target)
+        residual = target - basis @ (basis.T @ target)
         size = float(np.linalg.norm(residual)) or 1.0
-        shares = self.columns @ (residual / size).astype(np.float32)
-        left = 1.0 - np.sum((self.columns @ basis.astype(np.float32)) ** 2, axis=1)
+        beside = np.column_stack([residual / size, basis]).astype(np.float32)
+        products = self.columns @ beside  # the columns are gone through once
+        shares = products[:, 0]
+        left = 1.0 - np.sum(products[:, 1:] ** 2, axis=1)
         gain = np.where(left > _NEW, shares**2 / np.maximum(left, _NEW), -1.0)
         gain[shares * self._signs < 0.0] = -1.0  # it would come in with the wrong sign
         count = min(count, len(gain))

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr._result import InputError
-from jaxsr.evaluation.cache import ColumnCache
+from jaxsr.evaluation.evaluator import Evaluator
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
 
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem, View
+
+_LIMIT_BYTES = 32 * 2**20
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,7 @@ class Judge:
     group: NDArray[np.intp] | None = None
     instants: Array | None = None
     _columns: dict[Term, Array] = field(default_factory=dict, init=False, repr=False)
+    _evaluators: dict[str, Evaluator] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         y = np.asarray(self.y, dtype=np.float64)
@@ -92,8 +95,10 @@ class Judge:
             self._columns.clear()
             fresh = list(dict.fromkeys(terms))
         when = time if self.instants is None else self.instants
-        cache = ColumnCache(self.variables, time=when, group=self.group)
-        samples = np.column_stack([cache.column(term, keep=False) for term in fresh])
+        if time not in self._evaluators:
+            own = Evaluator(self.variables, _LIMIT_BYTES, time=when, group=self.group)
+            self._evaluators[time] = own
+        samples = self._evaluators[time].columns(fresh, keep=False)
         if self.view is not None:
             finite = np.all(np.isfinite(samples), axis=0)
             with np.errstate(over="ignore", invalid="ignore"):

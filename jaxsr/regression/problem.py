@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr._deadline import ensure, never
 from jaxsr._result import InputError
-from jaxsr.evaluation.cache import ColumnCache
+from jaxsr.evaluation.evaluator import Evaluator
 from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
 from jaxsr.regression.beam import beam
@@ -17,6 +18,7 @@ from jaxsr.regression.constants import Refinement, refine_many
 from jaxsr.regression.dictionary import Dictionary
 from jaxsr.regression.elastic_net import ElasticNetRule, Penalty
 from jaxsr.regression.elimination import eliminate
+from jaxsr.regression.excerpt import Excerpt
 from jaxsr.regression.fitting import Fit, fit_terms
 from jaxsr.regression.gram import Array, GramBatch, scale_columns
 from jaxsr.regression.judging import Judge
@@ -31,7 +33,7 @@ from jaxsr.regression.signs import (
 )
 from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies
 from jaxsr.regression.store import DEPENDENT, ColumnStore, Store
-from jaxsr.regression.streamed import Evaluator, StreamedStore, pieces
+from jaxsr.regression.streamed import StreamedStore
 from jaxsr.regression.threshold import HardThreshold
 from jaxsr.regression.weighing import Weighing
 
@@ -79,8 +81,7 @@ class RegressionProblem:
     instants : ndarray, (samples,), optional
         Time of each sample for integrals, where it is not among the variables.
     evaluator : callable, optional
-        What evaluates terms: terms and variables to columns (samples, terms). A cache that keeps
-        every subtree's column when None.
+        What makes the evaluator of the terms, called as :class:`jaxsr.evaluation.Evaluator`.
 
     Attributes
     ----------
@@ -107,7 +108,7 @@ class RegressionProblem:
         group: NDArray[np.intp] | None = None,
         admits: Callable[[Term], bool] | None = None,
         instants: Array | None = None,
-        evaluator: Evaluator | None = None,
+        evaluator: Callable[..., Evaluator] = Evaluator,
     ) -> None:
         self.y = np.asarray(y, dtype=np.float64)
         if self.y.ndim != 1 or not len(self.y):
@@ -142,10 +143,11 @@ class RegressionProblem:
         self.timed = instants is not None or time in self.variables
         self._evaluator, self._limit = evaluator, limit_bytes
         self._when = time if instants is None else instants
-        self.cache = self._empty_cache()
+        self.evaluator = self._new_evaluator()
         target = self.target / self._scale
         self._weighing = Weighing(self._empty_store(target), float(target @ target))
         self._waves: dict[str, Waves | None] = {}
+        self.excerpt = Excerpt(self)
 
     def _check_shapes(self) -> None:
         lengths = {name: v.shape for name, v in self.variables.items()}
@@ -155,30 +157,33 @@ class RegressionProblem:
         if self.view is None and samples != (self.rows,):
             raise InputError(f"variables have shape {samples}, y has {self.rows} rows", "variables")
 
-    def _empty_cache(self) -> ColumnCache:
+    def _new_evaluator(self) -> Evaluator:
         limit = self._limit // 2
-        return ColumnCache(self.variables, limit, time=self._when, group=self.group)
+        return self._evaluator(self.variables, limit, time=self._when, group=self.group)
 
     def _empty_store(self, target: Array) -> Store:
         capacity = self._limit // (16 * self.rows)
         if capacity < _HELD and self.view is None and not self._basis.shape[1]:
-            return StreamedStore(self._pieces, self.admits, target, self._limit)
+            return StreamedStore(self._reduced, self.admits, target, self._limit)
         project = self._project if self._basis.shape[1] else None
         return ColumnStore(self.columns, project, self.admits, target, max(256, capacity))
 
-    def _pieces(self, terms: Sequence[Term], rows: int) -> Iterator[tuple[slice, Array]]:
-        return pieces(terms, self.variables, rows, self.cache, self._evaluator)
+    def _reduced(self, terms: Sequence[Term], use: Callable[[Array, slice], Any]) -> list[Any]:
+        self.check()
+        return self.evaluator.reduced(terms, use, self.rows)
 
     def forget(self) -> None:
         """Drop all columns and their products; results stay the same, work is done again."""
         self._weighing.forget()
-        self.cache = self._empty_cache()
+        self.evaluator = self._new_evaluator()
+        self.excerpt = Excerpt(self)
 
     def check(self) -> None:
         """Raise ``OutOfTime`` where the time for the step at hand is over."""
         ensure(self.expired)
 
-    def _seen_in_time(self, samples: Array) -> Array:
+    def seen_in_time(self, samples: Array) -> Array:
+        """Return columns of samples in the view."""
         self.check()
         return samples if self.view is None else self.view(samples)
 
@@ -190,9 +195,7 @@ class RegressionProblem:
     def columns(self, terms: Sequence[Term], *, keep: bool = True) -> Array:
         """Return the viewed columns (rows, terms); what is not finite stays so."""
         self.check()
-        if self._evaluator is not None:
-            return self._viewed(self._evaluator(terms, self.variables))
-        return self._viewed(np.column_stack([self.cache.column(term, keep=keep) for term in terms]))
+        return self._viewed(self.evaluator.columns(terms, keep=keep))
 
     def _viewed(self, samples: Array) -> Array:
         if self.view is None:
@@ -348,9 +351,9 @@ class RegressionProblem:
     def waves(self, variable: str) -> Waves | None:
         """Return the sines and cosines of a variable that the spectrum is taken with."""
         if variable not in self._waves:
-            values = self.variables[variable]
             is_time = variable == self.time
-            self._waves[variable] = make_waves(values, self._seen_in_time, is_time=is_time)
+            values = self.variables[variable]
+            self._waves[variable] = make_waves(values, self.excerpt, is_time=is_time)
         return self._waves[variable]
 
     def fit(

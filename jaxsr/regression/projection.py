@@ -70,6 +70,7 @@ class Sets:
     column_of: ColumnOf
     view: View
     samples: int
+    threads: int | None
 
     def seen(self, columns: Array) -> Array:
         """Return columns (..., samples) in the view, without the fixed ones: (..., rows)."""
@@ -171,9 +172,10 @@ def prepare(
         basis,
         target,
         usable,
-        problem.cache.column,
+        problem.evaluator.column,
         problem.seen,
         problem.samples,
+        problem.evaluator.threads,
     )
 
 
@@ -184,8 +186,7 @@ def _still(
     count, rows = len(sets), problem.rows
     still = [[t for k, t in enumerate(s) if k not in m] for s, m in zip(sets, moving, strict=True)]
     flat = list(dict.fromkeys(term for terms in still for term in terms))
-    samples = np.array([problem.cache.column(term) for term in flat])
-    columns = problem.seen(samples.T).T if flat else np.zeros((0, rows))
+    columns = problem.seen(problem.evaluator.columns(flat)).T if flat else np.zeros((0, rows))
     place = {term: k for k, term in enumerate(flat)}
     width = max(map(len, still), default=0)
     stacked, present = np.zeros((count, width, rows)), np.zeros((count, width), dtype=bool)
@@ -224,11 +225,11 @@ def orthonormal(columns: Array, used: Mask, beside: Array) -> tuple[Array, Array
         Where every column is finite and depends on no other.
     """
     count, width, rows = columns.shape
-    size = np.max(np.abs(columns), axis=2, initial=0.0)
+    size = np.maximum(columns.max(axis=2, initial=0.0), -columns.min(axis=2, initial=0.0))
     good = ~used | ((size < 1e100) & (size > 1e-100))
-    norms = np.ones((count, width))
-    safe = np.where((used & good)[:, :, None], columns, 0.0)
-    norms = np.linalg.norm(safe, axis=2)
+    asked = used & good
+    safe = columns if np.all(asked) else np.where(asked[:, :, None], columns, 0.0)
+    norms = np.sqrt(np.vecdot(safe, safe))
     norms = np.where(norms > 0.0, norms, 1.0)
     left = _without(safe / norms[:, :, None], beside)
     basis, upper = np.zeros((count, width, rows)), np.zeros((count, width, width))
@@ -256,13 +257,14 @@ def evaluate(batch: Sets, constants: Array, rows: Places) -> Point:
     slopes = np.zeros((count, most, batch.samples))
     for group in batch.groups:
         asked = here[group.sets] >= 0
-        if not np.any(asked):
-            continue
-        at, places = here[group.sets[asked]], group.constants[asked]
-        value, tangents = group.form.columns(constants[at[:, None], places], batch.column_of)
-        columns[at, group.terms[asked]] = value
-        for place, slope in tangents.items():
-            slopes[at, places[:, place]] = slope
+        if np.any(asked):
+            at, places = here[group.sets[asked]], group.constants[asked]
+            form, own = group.form, constants[at[:, None], places]
+            pieces = form.pieces(own, batch.column_of, batch.samples, batch.threads)
+            for part, value, tangents in pieces:
+                columns[at, group.terms[asked], part] = value
+                for place, slope in tangents.items():
+                    slopes[at, places[:, place], part] = slope
     seen = batch.seen(columns)
     basis, upper, usable = orthonormal(seen, batch.used[rows], batch.basis[rows])
     target = batch.target[rows]

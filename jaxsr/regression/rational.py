@@ -58,6 +58,7 @@ def quotients(problem: RegressionProblem, frequencies: Sequence[float], count: i
         terms = tuple(Term.apply("div", basis[m], bottom) for m in above if m >= 0)
         sets += [terms, *((term,) for term in terms)]
     sets = list(dict.fromkeys(sets))
+    problem.index([term for terms in sets for term in terms])  # in one batch
     usable = [terms for terms in sets if -1 not in problem.index(terms)]
     if not usable:
         return []
@@ -100,12 +101,13 @@ def _gram(
     """Return the Gram matrix of [y b | b], unit columns, and the size of each y b."""
     theta = problem.columns(basis)
     theta[:, ~np.all(np.isfinite(theta), axis=0)] = 0.0
-    lifted = theta * (y / np.sqrt(np.mean(y**2)))[:, None]
-    both = np.hstack([lifted, theta])
-    size = np.linalg.norm(both, axis=0)
+    both = np.empty((2 * len(basis), len(y)))
+    np.multiply(theta.T, y / np.sqrt(np.mean(y**2)), out=both[: len(basis)])
+    both[len(basis) :] = theta.T
+    size = np.sqrt(np.vecdot(both, both))
     size[size == 0.0] = 1.0
-    both = both / size
-    return both.T @ both, size[: len(basis)]
+    both /= size[:, None]
+    return both @ both.T, size[: len(basis)]
 
 
 def _pairs(

@@ -12,6 +12,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from jaxsr.evaluation.engine import side_by_side
+from jaxsr.evaluation.evaluator import PIECE
 from jaxsr.expressions.primitives import DISCONTINUOUS, PRIMITIVES
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
@@ -162,6 +164,29 @@ class Form:
                     values.append(value)
                     slopes.append(_chain(node.op, args, value, [slopes[k] for k in node.args]))
         return values[-1], slopes[-1]
+
+    def pieces(
+        self, constants: Array, column_of: ColumnOf, samples: int, threads: int | None = None
+    ) -> list[tuple[slice, Any, Tangents]]:
+        """Return (rows, values, tangents) as :meth:`columns`, long columns piece by piece.
+
+        What lies between two steps of a piece stays in a core's cache; threads, one for each core
+        when None, take pieces.
+        """
+        if self.template is not None or samples <= 2 * PIECE:
+            return [(slice(None), *self.columns(constants, column_of))]
+        still = dict.fromkeys(node.column for node in self.nodes if node.column is not None)
+        held = {term: column_of(term) for term in still}
+
+        def piece(first: int) -> tuple[slice, Any, Tangents]:
+            part = slice(first, min(first + PIECE, samples))
+
+            def column(term: Term, *, keep: bool = True) -> Array:
+                return held[term][part]
+
+            return part, *self.columns(constants, column)
+
+        return side_by_side(piece, range(0, samples, PIECE), threads)
 
 
 def _opaque(template: Term, constants: Array, column_of: ColumnOf) -> tuple[Any, Tangents]:

@@ -13,7 +13,10 @@ from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
 
 if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem, View
+    from jaxsr.regression.excerpt import Excerpt
+    from jaxsr.regression.problem import RegressionProblem
+
+_TOGETHER = 64  # frequencies
 
 
 def residual_frequencies(
@@ -36,7 +39,7 @@ def residual_frequencies(
     waves = problem.waves(variable)
     if waves is None:
         return []
-    power = waves.power(problem.residual(terms))
+    power = waves.power(problem.excerpt.residual(terms))
     inner = power[1:-1]
     peaks = 1 + np.flatnonzero((inner >= power[:-2]) & (inner >= power[2:]))
     best = peaks[np.argsort(-power[peaks])][:count]
@@ -47,7 +50,15 @@ def residual_frequencies(
 class Waves:
     """Viewed sines and cosines of one variable at a grid of frequencies, made once.
 
-    float32 is enough: only the place of a peak is read from them, a refinement follows.
+    Some rows and float32 are enough: only the place of a peak is read from them, a refinement
+    follows.
+
+    Attributes
+    ----------
+    grid : ndarray, (frequencies,)
+    sines, cosines : ndarray, (frequencies, rows)
+    products : tuple of ndarray, (frequencies,)
+        Of sine with sine, cosine with cosine, sine with cosine.
     """
 
     grid: Array
@@ -60,27 +71,33 @@ class Waves:
         ss, cc, sc = self.products
         scale = float(np.max(np.abs(residual))) or 1.0
         short = (residual / scale).astype(np.float32)
-        rs, rc = (short @ self.sines).astype(float), (short @ self.cosines).astype(float)
+        rs, rc = ((waves @ short).astype(float) for waves in (self.sines, self.cosines))
         determinant = ss * cc - sc**2
         valid = determinant > 1e-4 * ss * cc
         share = (cc * rs**2 - 2.0 * sc * rs * rc + ss * rc**2) / np.where(valid, determinant, 1.0)
         return np.where(valid, share, 0.0)
 
 
-def make_waves(values: Array, view: View, *, is_time: bool) -> Waves | None:
-    """Return the waves of a variable's samples; None for a variable that does not move."""
+def make_waves(values: Array, rows: Excerpt, *, is_time: bool) -> Waves | None:
+    """Return the waves of a variable's samples; None for a variable that does not move.
+
+    Frequencies are multiples of the first, so each wave is the last one turned by one angle.
+    """
     span = float(np.ptp(values))
     if not span > 0.0:
         return None
     grid = _grid(values, span, is_time)
-    sines, cosines = [], []
-    for part in np.array_split(grid, 1 + len(grid) // 100):
-        angle = np.outer(values, part)
-        for wave, kept in ((np.sin(angle), sines), (np.cos(angle), cosines)):
-            kept.append(view(wave).astype(np.float32))
-    s, c = np.hstack(sines), np.hstack(cosines)
-    pairs = ((s, s), (c, c), (s, c))
-    ss, cc, sc = (np.einsum("ij,ij->j", a, b).astype(float) for a, b in pairs)
+    turn = np.exp(1j * grid[0] * rows.of(values))
+    wave = np.ones_like(turn)
+    s, c = (np.empty((len(grid), len(rows.target)), np.float32) for _ in range(2))
+    for first in range(0, len(grid), _TOGETHER):
+        part = slice(first, min(first + _TOGETHER, len(grid)))
+        turned = np.empty((part.stop - first, len(wave)), complex)
+        for row in turned:
+            np.multiply(wave, turn, out=row)
+            wave = row
+        s[part], c[part] = rows.seen(np.imag(turned).T).T, rows.seen(np.real(turned).T).T
+    ss, cc, sc = (np.vecdot(a, b).astype(float) for a, b in ((s, s), (c, c), (s, c)))
     return Waves(grid, s, c, (ss, cc, sc))
 
 

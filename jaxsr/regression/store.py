@@ -61,6 +61,11 @@ def usable_sizes(largest: Array) -> np.ndarray:
     return np.isfinite(largest) & (largest < _LARGEST) & (largest > _SMALLEST)
 
 
+def largest_of(columns: Array) -> Array:
+    """Return the largest size in each column (terms, rows); NaN where it holds one."""
+    return np.maximum(np.max(columns, axis=1, initial=0.0), -np.min(columns, axis=1, initial=0.0))
+
+
 def refined_loss(theta: Array, gram: Array, y: Array, xi: Array) -> float:
     r"""Return the least :math:`\|y - \xi\Theta\|^2`, by iterative refinement from ``xi``.
 
@@ -181,14 +186,16 @@ class ColumnStore:
         if not terms:
             self._index.update(dict.fromkeys(asked, -1))
             return
-        viewed = self._columns_of(terms)
-        usable = usable_sizes(np.max(np.abs(viewed), axis=0, initial=0.0))
-        rows = np.ascontiguousarray(np.where(usable, viewed, 0.0).T)
+        rows = np.ascontiguousarray(self._columns_of(terms).T)
+        with np.errstate(all="ignore"):
+            usable = usable_sizes(largest_of(rows))
+        if not np.all(usable):
+            rows = np.where(usable[:, None], rows, 0.0)
         if self._project is not None:
             before = np.linalg.norm(rows, axis=1)
             rows = np.array([self._project(row) for row in rows])
             usable &= np.linalg.norm(rows, axis=1) > DEPENDENT * before
-        scaled, norms = scale_columns(rows[usable])
+        scaled, norms = scale_columns(rows if np.all(usable) else rows[usable])
         self._index.update(dict.fromkeys(asked, -1))
         places = range(len(self._columns), len(self._columns) + len(scaled))
         kept = (term for term, ok in zip(terms, usable, strict=True) if ok)

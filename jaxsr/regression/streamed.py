@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
-from jaxsr.evaluation.cache import ColumnCache
-from jaxsr.expressions.primitives import PRIMITIVES
-from jaxsr.expressions.term import BOOLEAN, CONSTANT, VARIABLE, Term
+from jaxsr.evaluation.evaluator import PIECE, TOGETHER
+from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
-from jaxsr.regression.products import ROWS, Places
-from jaxsr.regression.store import usable_sizes
+from jaxsr.regression.products import Places
+from jaxsr.regression.store import largest_of, usable_sizes
 
-Evaluator = Callable[[Sequence[Term], Mapping[str, Array]], Array]
-
-_LEAVES = frozenset({CONSTANT, VARIABLE, BOOLEAN})
+Reduced = Callable[[Sequence[Term], Callable[[Array, slice], Any]], list[Any]]
 
 
 class StreamedStore:
@@ -27,8 +25,9 @@ class StreamedStore:
 
     Parameters
     ----------
-    pieces : callable
-        Terms and a number of rows to (rows, columns (terms, rows)), as :func:`pieces`.
+    reduced : callable
+        Terms, and what is to be made of their columns on each piece of the rows, to what was made
+        of the pieces; as :meth:`jaxsr.evaluation.Evaluator.reduced`.
     admits : callable or None
         Whether a term may be used at all; None for all.
     target : ndarray, (rows,)
@@ -38,14 +37,14 @@ class StreamedStore:
 
     def __init__(
         self,
-        pieces: Callable[[Sequence[Term], int], Iterator[tuple[slice, Array]]],
+        reduced: Reduced,
         admits: Callable[[Term], bool] | None,
         target: Array,
         limit_bytes: int,
     ) -> None:
-        self._of, self._admits, self._target = pieces, admits, target
+        self._reduced, self._admits, self._target = reduced, admits, target
         # half for the columns of a piece, the rest for their subtrees
-        self._together = max(64, limit_bytes // (16 * ROWS))
+        self._together = min(max(64, limit_bytes // (16 * PIECE)), TOGETHER)
         self.epoch = 0
         self.forget()
 
@@ -76,12 +75,20 @@ class StreamedStore:
         return [self._index[term] for term in terms]
 
     def _add(self, terms: Sequence[Term]) -> None:
+        def sizes(columns: Array, part: slice) -> tuple[Array, Array, Array]:
+            with np.errstate(all="ignore"):
+                square = np.vecdot(columns, columns)
+                largest = np.sqrt(square)  # as good where both lie far inside the limits
+                rest = ~((square < 1e190) & (square > 1e-190))
+                largest[rest] = largest_of(columns[rest])
+                return largest, square, np.vecdot(columns, self._target[part])
+
         largest, square, moment = np.zeros((3, len(terms)))
         with np.errstate(all="ignore"):
-            for part, columns in self._pieces(terms):
-                largest = np.maximum(largest, np.max(np.abs(columns), axis=1))  # NaN stays
-                square += np.vecdot(columns, columns)
-                moment += np.vecdot(columns, self._target[part])
+            for most, own, share in self._reduced(terms, sizes):
+                largest = np.maximum(largest, most)  # NaN stays
+                square += own
+                moment += share
             norms = np.sqrt(square)
             usable = usable_sizes(largest)
         for term, ok, norm, share in zip(terms, usable, norms, moment, strict=True):
@@ -97,10 +104,13 @@ class StreamedStore:
         for part in self._groups(first, second):
             places, at = np.unique([first[part], second[part]], return_inverse=True)
             one, other = at.reshape(2, -1).tolist()
-            for _, columns in self._pieces([self._terms[k] for k in places.tolist()]):
+
+            def dots(columns: Array, _: slice, one: list = one, other: list = other) -> Array:
                 rows = list(columns)
-                pairs = zip(one, other, strict=True)
-                out[part] += [rows[i].dot(rows[j]) for i, j in pairs]
+                return np.array([rows[i].dot(rows[j]) for i, j in zip(one, other, strict=True)])
+
+            for own in self._reduced([self._terms[k] for k in places.tolist()], dots):
+                out[part] += own
         norms = np.array(self._norms)
         return out / (norms[first] * norms[second])
 
@@ -129,13 +139,22 @@ class StreamedStore:
             used = sorted({k for row in who for k in sets[row]})
             slot = {k: n for n, k in enumerate(used)}
             norms = self.norms(used)[:, None]
-            for part, raw in self._pieces([self._terms[k] for k in used]):
-                unit = raw / norms
-                for row in who:
-                    theta = unit[[slot[k] for k in sets[row]]]
-                    residual = self._target[part] - shares[row] @ theta
-                    rss[row] += residual @ residual
-                    gains[row] += theta @ residual
+            own = [[slot[k] for k in sets[row]] for row in who]
+
+            def left(
+                raw: Array, part: slice, who: list = who, own: list = own, norms: Array = norms
+            ) -> list[tuple[float, Array]]:
+                unit, y, out = raw / norms, self._target[part], []
+                for row, places in zip(who, own, strict=True):
+                    theta = unit[places]
+                    residual = y - shares[row] @ theta
+                    out.append((float(residual @ residual), theta @ residual))
+                return out
+
+            for answer in self._reduced([self._terms[k] for k in used], left):
+                for row, (square, gain) in zip(who, answer, strict=True):
+                    rss[row] += square
+                    gains[row] += gain
         for row, (gain, gram) in enumerate(zip(gains, grams, strict=True)):
             rss[row] -= gain @ np.linalg.lstsq(gram, gain, rcond=1e-13)[0]
         return np.maximum(rss, 0.0)
@@ -151,46 +170,3 @@ class StreamedStore:
             seen |= set(places)
             who.append(row)
         yield who
-
-    def _pieces(self, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
-        return self._of(terms, len(self._target))
-
-
-def pieces(
-    terms: Sequence[Term],
-    variables: Mapping[str, Array],
-    rows: int,
-    cache: ColumnCache,
-    evaluator: Evaluator | None,
-) -> Iterator[tuple[slice, Array]]:
-    """Yield rows, and the columns (terms, rows) on them, the same array each time.
-
-    Parameters
-    ----------
-    cache : ColumnCache
-        What evaluates terms that hold integrals: they need all samples, and are held for a pass.
-    evaluator : callable or None
-        What evaluates the others on the variables of a piece; each unique subtree once when None.
-    """
-    whole = {k: cache.column(t, keep=False) for k, t in enumerate(terms) if not _pointwise(t)}
-    slots = [k for k in range(len(terms)) if k not in whole]
-    plain = [terms[k] for k in slots]
-    columns = np.empty((len(terms), min(ROWS, rows)))
-    for first in range(0, rows, ROWS):
-        part = slice(first, min(first + ROWS, rows))
-        here = columns[:, : part.stop - first]
-        samples = {name: values[part] for name, values in variables.items()}
-        if evaluator is not None and plain:
-            here[slots] = evaluator(plain, samples).T
-        elif plain:
-            subtrees = ColumnCache(samples, 8 * ROWS * max(64, len(plain)))
-            for slot, term in zip(slots, plain, strict=True):
-                here[slot] = subtrees.column(term)
-        for slot, column in whole.items():
-            here[slot] = column[part]
-        yield part, here
-
-
-def _pointwise(term: Term) -> bool:
-    """Tell whether a value depends on the same sample's variables alone."""
-    return all(node.op in _LEAVES or PRIMITIVES[node.op].pointwise for node in term.walk())

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from typing import TypeGuard
 
 DASH = "–"
-_POWERS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+_SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"
+_POWERS = str.maketrans("0123456789-", _SUPERSCRIPTS)
 
 
 def is_number(value: object) -> TypeGuard[float]:
@@ -100,6 +101,13 @@ def digits_of(value: float, low: float, high: float) -> int | None:
 def plainly(value: float, digits: int = 3) -> str:
     """Print a number in ASCII, zeros that its digits resolve included: 20.40, 1.5e-05."""
     return f"{value:#.{digits}g}".removesuffix(".") if value else "0"
+
+
+def in_ascii(text: str) -> str:
+    """Return printed numbers for a terminal: ``−1.5×10⁻⁵ … 2`` as ``-1.5e-5 to 2``."""
+    for fine, plain in (("−", "-"), ("×10", "e"), (" … ", " to "), (DASH, "-")):
+        text = text.replace(fine, plain)
+    return text.translate({ord(p): d for d, p in zip("0123456789-", _SUPERSCRIPTS, strict=True)})
 
 
 def unit_text(unit: object) -> str:

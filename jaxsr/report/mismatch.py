@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from jaxsr.report.evidence import ForceResidual
 from jaxsr.report.formatting import unit_text
@@ -45,7 +45,7 @@ def mismatches(
     findings : sequence of mapping
         Their sites give the order, their regions are shaded.
     stop : callable
-        Asked before every figure but the first.
+        Asked before every figure.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def mismatches(
     order = sorted(sites, key=lambda site: found.index(site) if site in found else len(found))
     drawings = []
     for number, site in enumerate(order[:MOST_SITES], start=1):
-        if drawings and stop():
+        if stop():
             break
         panel = _Panel(sites[site], _regions(findings, site, sites[site][0].state_name))
         drawings.append(
@@ -88,6 +88,15 @@ def _regions(
     return spans
 
 
+def paint_residuals(
+    parts: list[ForceResidual],
+    findings: Sequence[Mapping[str, Any]],
+    figure: Figure | SubFigure,
+) -> None:
+    """Paint the residual of one site over its state and over time into a figure."""
+    _Panel(parts, _regions(findings, parts[0].site, parts[0].state_name)).paint(figure)
+
+
 class _Panel:
     """Residual over the state (left) and over time (right)."""
 
@@ -103,7 +112,7 @@ class _Panel:
         time += f", the largest of {len(names)} recordings." if len(names) > 1 else "."
         self.note = over + (" Shaded: where the finding acts." if regions else "") + time
 
-    def paint(self, figure: Figure) -> None:
+    def paint(self, figure: Figure | SubFigure) -> None:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1, 1.35])
         shown = self.shown
         for start, end in self.regions:

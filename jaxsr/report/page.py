@@ -46,13 +46,18 @@ def write_page(
     InputError
         If `directory` cannot be written.
     """
-    html = _environment().get_template(template).render(context)
+    html = rendered(template, context)
     directory.mkdir(parents=True, exist_ok=True)
     for drawing in drawings:
         partial = directory / f".{drawing.name}.partial"
         partial.write_bytes(drawing.png)
         os.replace(partial, directory / drawing.name)
     atomic_write_text(directory / "report.html", html)
+
+
+def rendered(template: str, context: dict[str, Any]) -> str:
+    """Return what a template of this package makes of a context."""
+    return _environment().get_template(template).render(context)
 
 
 def _environment() -> jinja2.Environment:

@@ -28,7 +28,7 @@ MODES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#999
 
 _DPI = 150
 _COLOURS = 128  # of the PNG's palette: a third of the bytes, no visible loss on line drawings
-_RC: dict[Any, Any] = {
+SETTINGS: dict[Any, Any] = {
     "font.family": ["DejaVu Sans"],
     "font.size": 9.5,
     "axes.titlesize": 10,
@@ -114,7 +114,7 @@ def draw(size: tuple[float, float], paint: Callable[[Figure], None]) -> bytes:
 
     The settings of the user's own figures are neither read nor changed.
     """
-    with matplotlib.rc_context(_RC):
+    with matplotlib.rc_context(SETTINGS):
         figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
         canvas = FigureCanvasAgg(figure)
         paint(figure)

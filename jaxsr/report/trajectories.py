@@ -7,7 +7,7 @@ from itertools import groupby
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 
 from jaxsr.report.evidence import Trajectory
 from jaxsr.report.formatting import seconds, shorten, unit_text
@@ -105,6 +105,11 @@ def _gain(run: Trajectory) -> float:
     return rms(run.recalibrated - run.measured) / spread if spread > 0 else 0.0
 
 
+def paint_free_run(run: Trajectory, figure: Figure | SubFigure) -> None:
+    """Paint one trajectory over its error into a figure."""
+    _Panel(run).paint(figure)
+
+
 class _Panel:
     """One trajectory over its error."""
 
@@ -116,7 +121,7 @@ class _Panel:
             length = seconds(self.window[1] - self.window[0])
             self.note = f"Above: the {length} in which the re-calibrated model errs most (shaded)."
 
-    def paint(self, figure: Figure) -> None:
+    def paint(self, figure: Figure | SubFigure) -> None:
         run, window = self.run, self.window
         shared = window is None
         top, bottom = figure.subplots(2, 1, sharex=shared, height_ratios=[2, 1])

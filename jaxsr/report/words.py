@@ -8,6 +8,7 @@ from typing import Any
 from jaxsr._result import Verdict
 from jaxsr.report.formatting import (
     estimate,
+    in_ascii,
     is_number,
     listing,
     number,
@@ -31,6 +32,8 @@ _MECHANISMS = {
     "asymmetric_friction": "friction that depends on the direction",
     "stribeck_friction": "Stribeck friction",
     "position_dependent_friction": "friction that depends on the position",
+    "load_dependent_friction": "friction that grows with the load",
+    "coupled_friction": "friction on two speeds together",
     "quadratic_drag": "quadratic drag",
     "power_law_drag": "power-law drag",
     "linear_stiffness": "a linear spring",
@@ -55,12 +58,15 @@ _MECHANISMS = {
     "overflow": "overflow",
     "input_saturation": "saturation of the input",
     "input_deadzone": "a dead zone of the input",
+    "input_curve": "a gain of the input that depends on its size",
+    "input_gain_by_state": "a gain of the input that depends on a state",
     "input_gain": "wrong gain of the input",
     "input_delay": "a delay of the input",
     "sensor_gain": "wrong gain of the sensor",
     "sensor_bias": "an offset of the sensor",
     "sensor_delay": "a delay of the sensor",
     "clipping": "clipping of the sensor",
+    "rectified": "a sensor without a sign",
     "quantisation": "quantisation of the sensor",
     "clock_skew": "a clock that runs wrong",
     "transient_force": "a transient force",
@@ -117,35 +123,34 @@ def verdict_title(verdict: object) -> str:
 
 
 def verdict_sentence(document: Mapping[str, Any]) -> str:
-    """Return the sentence at the top: what is wrong, and where."""
-    findings = document.get("findings") or []
+    """Return the verdict in a sentence: what is wrong, and where.
+
+    It is the one that the terminal, the report and Python show, in ASCII but for names of the
+    user's: some terminals print no more.
+    """
     verdict = Verdict(str(document.get("verdict")))
+    names = list(dict.fromkeys(_place(finding) for finding in document.get("findings") or []))
     if verdict == Verdict.NOTHING:
         return "The model agrees with the recordings: no mismatch stands above the noise."
     if verdict == Verdict.UNDECIDED:
-        if left_open(document):
-            if not findings:
-                return "The search did not come to an answer."
-            names = list(dict.fromkeys(_place(finding) for finding in findings))
-            leading = listing(names, last="or")
-            return (
-                f"The search did not come to an answer. Leading among what was compared: {leading}."
-            )
-        if not findings:
-            return "A mismatch is there, but these recordings cannot tell its cause."
-        names = list(dict.fromkeys(_place(finding) for finding in findings))
+        ended = "The search did not come to an answer."
+        mismatch = "A mismatch is there, but these recordings cannot tell its cause."
         leading = listing(names, last="or")
-        return (
-            f"A mismatch is there, but these recordings cannot tell its cause. Leading: {leading}."
-        )
-    named = listing(list(dict.fromkeys(_place(finding) for finding in findings)))
+        if left_open(document):
+            return f"{ended} Leading among what was compared: {leading}." if names else ended
+        return f"{mismatch} Leading: {leading}." if names else mismatch
     opening = {
         Verdict.PARAMETER: "The structure is right, a value is not: {}",
         Verdict.STRUCTURE: "The model leaves out {}",
         Verdict.MEASUREMENT: "The physics is right, the measurement is not: {}",
         Verdict.EXTERNAL_INPUT: "Something acted that no column records: {}",
     }[verdict]
-    return f"{opening.format(named or 'a cause without a name')}."
+    return f"{opening.format(listing(names) or 'a cause without a name')}."
+
+
+def whole_sentence(document: Mapping[str, Any]) -> str:
+    """Return `verdict_sentence`, and in another sentence what was left open."""
+    return f"{verdict_sentence(document)} {left_open(document)}".strip()
 
 
 def figures_of(finding: Mapping[str, Any]) -> str:
@@ -181,12 +186,12 @@ def _place(finding: Mapping[str, Any]) -> str:
 
 def _wrong_value(finding: Mapping[str, Any], name: str) -> str:
     fitted = (finding.get("parameters") or {}).get(name) or {}
-    value, interval = estimate(fitted.get("value"), fitted.get("ci95"))
-    unit = unit_text(fitted.get("unit"))
     if not fitted:
         return f"the value of {name}"
-    shown = f"{name} is {value}{' ' + unit if unit else ''}"
-    return f"{shown} ({interval})" if fitted.get("ci95") else shown
+    value, interval = estimate(fitted.get("value"), fitted.get("ci95"))
+    unit = str(fitted.get("unit") or "")
+    shown = f"{name} is {in_ascii(value)}{f' {unit}' if unit not in ('', '1') else ''}"
+    return f"{shown} ({in_ascii(interval)})" if fitted.get("ci95") else shown
 
 
 def errors_at(

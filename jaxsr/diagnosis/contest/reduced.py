@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -103,6 +103,7 @@ class Lean:
         theta: np.ndarray,
         horizon: float | None,
         like: Sequence[Prepared] = (),
+        stop: Callable[[], bool] = lambda: False,
     ) -> FreeRun:
         """Score parameters of the super-model in free run; what was asked before is kept.
 
@@ -110,9 +111,12 @@ class Lean:
         """
         own = theta[self.parameters]
         key = (tuple(prepared), own.tobytes(), horizon)
-        if key not in self._known:
-            self._known[key] = free_run(self.simulator, self.stepping, prepared, own, horizon, like)
-        return self._known[key]
+        if key in self._known:
+            return self._known[key]
+        run = free_run(self.simulator, self.stepping, prepared, own, horizon, like, stop)
+        if not stop():
+            self._known[key] = run
+        return run
 
 
 def lean(

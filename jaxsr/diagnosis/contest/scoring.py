@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,17 +62,19 @@ def free_run(
     theta: np.ndarray,
     horizon: float | None,
     like: Sequence[Prepared] = (),
+    stop: Callable[[], bool] = lambda: False,
 ) -> FreeRun:
     """Simulate consecutive segments, each from a start estimated on its first 5 % only.
 
     At least 3 samples serve for the start, on a whole recording at least 50. The segments are
     padded to the shape of those of `like`, whose compiled simulation then serves here as well.
+    What `stop` ends was not run (`not_run`).
     """
     model = simulator.model
     longest = max(float(p.time[-1] - p.time[0]) for p in prepared)
     whole = horizon is None or horizon >= longest * (1 - 1e-9)
     rows = cut(prepared, None if whole else horizon)
-    if not rows:
+    if not rows or stop():
         return not_run(prepared)
     others = cut(like, None if whole else horizon) if like else []
     shape = (max((b - a for _, a, b in others), default=0), len(others))
@@ -86,7 +88,9 @@ def free_run(
     if segments.time.shape[0] > ONE_BY_ONE:
         y = outputs(simulator, stepping, segments, theta, start.x0)
     else:
-        y = simulate(Problem(simulator, stepping, segments, problem.scale), theta, start.x0)
+        y = simulate(Problem(simulator, stepping, segments, problem.scale), theta, start.x0, stop)
+    if stop():
+        return not_run(prepared)
     simulated = [np.full_like(p.outputs, np.nan) for p in prepared]
     for s, (r, a, b) in enumerate(rows):
         simulated[r][a:b] = y[:, : b - a, s].T

@@ -24,6 +24,7 @@ from jaxsr.diagnosis.explaining.explain import (
 from jaxsr.diagnosis.explaining.judge import Ingredients, Judged, explained, judge
 from jaxsr.diagnosis.explaining.whole_runs import Runs, whole_horizons, whole_runs
 from jaxsr.diagnosis.input_noise import quieted
+from jaxsr.diagnosis.rectified import Rectified, signed
 from jaxsr.diagnosis.result import SCHEMA, Diagnosis
 from jaxsr.diagnosis.setup import open_recording
 from jaxsr.diagnosis.thinning import Whole, prepare_search
@@ -65,11 +66,8 @@ def assemble(parts: Ingredients) -> Diagnosis:
     count = len(document["data_checks"])
     evidence = build_evidence(parts, judged, explained_model, train, held_runs, forces, count)
     return Diagnosis(
-        verdict=judged.verdict.value,
-        findings=judged.findings,
         model=explained_model,
         given=case.simulator.model,
-        fit=document["fit"],
         document=document,
         evidence=evidence,
         unread=tuple(unread.values()),
@@ -97,6 +95,8 @@ def _held_out(
             parts.case.progress.stage(f"left out of the held-out recordings: {error}")
     if not good:
         return (), None, unread
+    if parts.case.rectified:
+        good = signed(model, good, parts.case.rectified)
     seconds = parts.case.budget.seconds
     prepared, whole = prepare_search(model, good, checked=False, seconds=seconds)
     if parts.case.quiet and whole is None:
@@ -146,11 +146,15 @@ def _runs(
         del models["explained"]
     horizons = _horizons(parts)
     if whole is None:
+        last = parts.case.budget.keeping(LEFT * parts.case.budget.seconds)
 
         def run(name: str, horizon: float) -> FreeRun:
             lean, theta = models[name]
             length = None if horizon == horizons[-1] else horizon
-            return lean.free_run(prepared, theta, length, like=parts.case.prepared)
+            needed = horizon == parts.headline
+            return lean.free_run(
+                prepared, theta, length, parts.case.prepared, lambda: last.exhausted and not needed
+            )
 
         at = _in_time(parts, horizons)
         done = {h: {name: run(name, h) for name in models} for h in at}
@@ -208,6 +212,7 @@ def _document(
         fit["held_out"] = {**scores, "files": [r.name for r in held_runs.recordings]}
     checks = [row for r in train.recordings for row in _checks(model, r)]
     checks += [_smoothed(model, name) for name in case.quiet]
+    checks += [_signed(model, sensor) for sensor in case.rectified]
     checks += bound_rows(model, judged.recalibrated, judged.explained)
     checks += [*_thinned(parts, judged, train), *map(dict, remarks(model))]
     return {
@@ -267,6 +272,15 @@ def _smoothed(model: Model, name: str) -> dict[str, str]:
         "it was smoothed out before use"
     )
     return {"file": "", "channel": column, "check": "input_noise", "message": text}
+
+
+def _signed(model: Model, sensor: Rectified) -> dict[str, str]:
+    column = model.column(sensor.output)
+    text = (
+        f"{column} holds absolute values; they were given the signs with which the motion is "
+        "smoothest and nearest to the model's, and errors of all models are told with these"
+    )
+    return {"file": "", "channel": column, "check": "rectified", "message": text}
 
 
 def _thinned(parts: Ingredients, judged: Judged, train: Runs) -> list[dict[str, str]]:

@@ -19,8 +19,10 @@ from jaxsr.diagnosis.explaining.explain import (
     Weight,
     finding_row,
     rounding_rows,
+    where,
     wrong_value_row,
 )
+from jaxsr.diagnosis.explaining.rectifying import rectified_rows
 from jaxsr.diagnosis.judging.alternatives import TIE, Alternative, alternatives, odds
 from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
@@ -101,12 +103,15 @@ def _open_mass(parts: Ingredients, judged: Judged) -> OpenMass:
     """Mass of what was not compared, where something ended the search before its time.
 
     A model whose squared error is above the variance of the readings follows them worse than
-    their mean.
+    their mean. What the evidence decided follows them down to the noise, if only from start to
+    start: no simulation of what is unstable stays near a recording for long.
     """
     case, fitted = parts.case, judged.explained
     horizon = None if parts.headline == parts.horizons[-1] else parts.headline
-    run = fitted.lean.free_run(case.prepared, fitted.theta, horizon, like=case.prepared)
-    follows = not run.nrmse >= CONSTANT
+    follows = parts.weights is not None
+    if not follows:
+        run = fitted.lean.free_run(case.prepared, fitted.theta, horizon, like=case.prepared)
+        follows = not run.nrmse >= CONSTANT
     ended = parts.stopped in (StoppedBy.BUDGET, StoppedBy.INTERRUPTED)
     if not (ended or case.budget.interrupted or case.failures.lines):
         return open_mass([], follows)
@@ -147,7 +152,7 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
         return judged
     best = _completed(parts, refine(ground, parts.chosen))
     rows, rivals, order = _rows(parts, parts.chosen, best)
-    rounding, edits = rounding_rows(parts, best, _given(parts).fit.cost)
+    rows, rounding, edits = _with_sensors(parts, best, rows, _given(parts).fit.cost)
     verdict = _verdict(parts, order, rivals)
     if max((row["share"] for row in rounding), default=0.0) > rows[0]["share"]:
         verdict = Verdict.MEASUREMENT
@@ -259,7 +264,7 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
         distance = abs(float(recalibrated.theta[place]) - given_values[place])
         if distance > half:
             rows.append((distance / max(half, 1e-300), name))
-    rounding, edits = rounding_rows(parts, recalibrated, given.fit.cost)
+    _, rounding, edits = _with_sensors(parts, recalibrated, [], given.fit.cost)
     findings = []
     if rows and _differ(given, recalibrated):
         rows.sort(reverse=True)
@@ -284,6 +289,22 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
         return Judged(recalibrated, recalibrated, first, both, [], True, tuple(edits))
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
     return Judged(recalibrated, recalibrated, verdict, [], [], False)
+
+
+def _with_sensors(
+    parts: Ingredients, estimate: Estimate, rows: list[dict[str, Any]], given: float
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[Edit]]:
+    """Return rows with shares of the whole mismatch, those of sensors' readings, and their edits.
+
+    Readings that lost their signs are a part of the mismatch that the estimates do not see.
+    """
+    rounding, edits = rounding_rows(parts, estimate, given)
+    unsigned, more = rectified_rows(parts.case, estimate, given, where(parts))
+    seen = 1.0 - max((row["share"] for row in unsigned), default=0.0)
+    rows, rounding = (
+        [{**r, "share": seen * r["share"]} for r in part] for part in (rows, rounding)
+    )
+    return rows, [*rounding, *unsigned], [*edits, *more]
 
 
 def _differ(given: Entry, recalibrated: Estimate) -> bool:

@@ -135,13 +135,19 @@ def whole_runs(
                 run = free_run(own.simulator, own.stepping, items, theta[own.parameters], horizon)
                 for piece, course, measured in zip(chunk, run.simulated, readings, strict=True):
                     table[name, h].add(piece.recording, piece.first, course, measured)
-    for number, group in enumerate(_groups(whole)):
-        if number and stops[1]():
-            break
+    stop = stops[1]
+    for group in _groups(whole):
         items = [_begun(whole, r) for r in group]
         readings = [_covered(item, None) for item in items]
-        for name, (own, theta) in models.items():
-            run = free_run(own.simulator, own.stepping, items, theta[own.parameters], None)
+        runs = {
+            name: free_run(
+                own.simulator, own.stepping, items, theta[own.parameters], None, (), stop
+            )
+            for name, (own, theta) in models.items()
+        }
+        if stop():  # of models that are compared, none is run further than another
+            break
+        for name, run in runs.items():
             for r, course, measured in zip(group, run.simulated, readings, strict=True):
                 table[name, len(horizons) - 1].add(r, 0, course, measured)
     scale = np.array([spread(output_table(whole.model, r)) for r in whole.recordings])

@@ -26,7 +26,10 @@ from jaxsr.models.segments import Prepared
 from jaxsr.recordings import quantisation_step
 
 SMOOTHED_MECHANISMS = frozenset(
-    {"coulomb_friction", "stribeck_friction", "position_dependent_friction"}
+    {
+        *("coulomb_friction", "stribeck_friction", "position_dependent_friction"),
+        *("load_dependent_friction", "coupled_friction"),
+    }
 )
 ANCHORED = 1e-3
 """Rise of the cost up to which an estimate nearer to the given values shows the same."""

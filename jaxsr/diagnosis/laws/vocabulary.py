@@ -16,6 +16,7 @@ from jaxsr.diagnosis.laws.landmarks import Landmarks
 from jaxsr.diagnosis.mechanisms import FAMILIES, actuator
 from jaxsr.diagnosis.mechanisms.candidate import UNNAMED, Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.dissipative import friction_ripple
+from jaxsr.diagnosis.mechanisms.gain_by_state import gain_by_state
 from jaxsr.diagnosis.mechanisms.motion import Line
 from jaxsr.diagnosis.mechanisms.periodic import harmonic, ripple, swing
 from jaxsr.diagnosis.mechanisms.site import Site, Threshold
@@ -134,6 +135,7 @@ def _candidates(site: Site, signals: Signals, landmarks: Landmarks) -> Iterator[
     inputs = {u: signals[u] for u in site.model.inputs if u in signals}
     if len(inputs) == len(site.model.inputs):
         yield from actuator(site.model, inputs)
+        yield from gain_by_state(site.model, site.scale)
     frequencies = landmarks.frequencies
     for w, phase in itertools.product(frequencies.get(site.model.time, ()), PHASES):
         yield harmonic(site, Line(w, phase, 1.0))

@@ -6,7 +6,7 @@ go, and what is missing along every equation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,13 +55,22 @@ class Course:
     seconds: float
 
 
-def followed(model: Model, prepared: Sequence[Prepared]) -> Course | None:
-    """Re-calibrate beside unknown forces; None where nothing finite comes of it."""
+def followed(
+    model: Model, prepared: Sequence[Prepared], stop: Callable[[], bool] = lambda: False
+) -> Course | None:
+    """Re-calibrate beside unknown forces; None where nothing finite comes of it, or not in time.
+
+    Parameters
+    ----------
+    stop : callable
+        Whether time is over.
+    """
     width = half_width_of(prepared)
     seconds = UNSEEN * sample_step(prepared) if width is None else 0.5 * width
-    work = Workspace.build(SuperModel.build(model, _forces(model, prepared)), prepared, seconds)
+    forces = SuperModel.build(model, _forces(model, prepared))
+    work = Workspace.build(forces, prepared, seconds, stop=stop)
     null = hypothesis(work, tabled(work, work.theta, work.narrow.segments.course), ())
-    if null is None:
+    if null is None or stop():
         return None
     known = along(work, null.path)
     table = tabled(work, null.theta, null.path, null.noise, null.decay)

@@ -196,6 +196,7 @@ def estimated(
     belief: Belief,
     scales: Scales,
     best: float = -np.inf,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Estimate | None:
     """Iterate to the mode of a set; None where its steps are not finite.
 
@@ -212,17 +213,19 @@ def estimated(
         Of the chosen parameters.
     best : float
         Log evidence of the best set known: one that cannot catch up is left as it is.
+    stop : callable
+        Whether time is over: the set is left where it is, not settled.
     """
     size = len(chosen)
     active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
     scales = replace(scales, forces=tuple(active.index(int(j)) for j in helpers))
-    climb = _Climb(problem, chosen, active, belief, best)
+    climb = _Climb(problem, chosen, active, belief, best, stop)
     point = climb.weighed(theta, path, scales, scales.shares)
     if point is None:
         return None
     point, settled = climb.to_the_mode(point, scales)
     for _ in range(len(scales.decays) - 1):
-        if point.share == 0.0 or left(point.log, 0.0, best):
+        if point.share == 0.0 or stop() or left(point.log, 0.0, best):
             break
         other = climb.in_other_time(point, scales)
         if other is None or other[0].log < point.log + CALM:
@@ -250,6 +253,8 @@ class _Climb:
         Of the chosen ones.
     best : float
         Log evidence of the best set known.
+    stop : callable
+        Whether time is over.
     """
 
     problem: Problem
@@ -257,6 +262,7 @@ class _Climb:
     active: list[int]
     belief: Belief
     best: float
+    stop: Callable[[], bool]
 
     def weighed(
         self, theta: np.ndarray, path: np.ndarray, scales: Scales, shares: np.ndarray
@@ -295,6 +301,8 @@ class _Climb:
         chosen, spare = self.chosen, np.zeros(len(self.active) - len(self.chosen))
         settled, calm = False, False
         for number in range(MOST):
+            if self.stop():
+                return point, False
             there = belief.inside(theta[chosen] + point.mode.change)
             change = there - theta[chosen]
             little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])

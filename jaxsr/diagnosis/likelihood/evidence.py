@@ -12,7 +12,8 @@ from scipy.special import log_ndtr
 
 from jaxsr.diagnosis.likelihood.kalman import Whitened
 
-_potrf, _potrs, _trtri = get_lapack_funcs(("potrf", "potrs", "trtri"), dtype=float)
+_potrf, _potrs, _trtri = get_lapack_funcs(("potrf", "potrs", "trtri"), dtype=np.float64)
+
 SETTLING, SCALED = 4, 1e-4
 """Fixed-point steps for the scale of the noise, which converge by a factor of samples a step, and
 the relative step that ends them: of N samples, its square times N is what the log evidence errs by.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jaxsr.diagnosis.contest.integration import steady
 from jaxsr.diagnosis.contest.reduced import Reduced, lean
+from jaxsr.diagnosis.likelihood.beliefs import belief_of
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated, left
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.noise import likeliest
@@ -16,7 +17,6 @@ from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace, start_of
-from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
@@ -106,7 +106,7 @@ def hypothesis(
         theta = _inherited(model, members, near, theta)
     reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
     pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
-    belief = _belief(work, table, chosen, theta)
+    belief = belief_of(work, table, chosen, theta)
     own = reduced.problem.segments.course.copy()
     start = start_of(own)
     start[: len(table.scales.start)] = table.scales.start
@@ -117,7 +117,7 @@ def hypothesis(
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
     sharp = any(model.candidates[i].jumps for i in members)
     values = theta[reduced.parameters]
-    follow = _Following(*places, belief, best)
+    follow = _Following(*places, belief, best, work.stop)
     hidden = beyond_limits(work, fresh)
     if hidden.any():
         values, own = _led_on(reduced.problem, hidden, sharp, values, own, follow, scales)
@@ -128,7 +128,7 @@ def hypothesis(
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
     problem, at_mode, width = found
-    hopeless = left(at_mode.log_evidence, 0.0, best)
+    hopeless = work.stop() or left(at_mode.log_evidence, 0.0, best)
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     if gain > CLEAR:
         anew = replace(scales, noise=likely, decay=at_mode.decay)
@@ -196,6 +196,7 @@ class _Following:
     helpers: np.ndarray
     belief: Belief
     best: float
+    stop: Callable[[], bool]
     width: float | None = None
 
     @property
@@ -213,7 +214,7 @@ class _Following:
         """Estimate; None where nothing finite comes of it."""
         with np.errstate(all="ignore"):
             try:
-                args = self.chosen, self.helpers, self.belief, scales, self.best
+                args = self.chosen, self.helpers, self.belief, scales, self.best, self.stop
                 return estimated(problem, theta, path, *args)
             except (np.linalg.LinAlgError, FloatingPointError):
                 return None
@@ -234,7 +235,9 @@ def _at_its_mode(
     tried: dict[float, tuple[Problem, Estimate]] = {}
 
     def better(factor: float, than: float | None) -> bool:
-        """Estimate with jumps of some width, from where another one led."""
+        """Estimate with jumps of some width, from where another one led, if there is time."""
+        if tried and follow.stop():
+            return False
         begun = (values, path) if than is None else (tried[than][1].theta, tried[than][1].path)
         with np.errstate(all="ignore"):
             stepped = _stepped(problem, factor, begun, scales, follow.active)
@@ -298,7 +301,11 @@ def _at_its_mode(
 
 
 def _stepped(
-    problem: Problem, factor: float, begun: tuple, scales: Scales, active: Sequence[int]
+    problem: Problem,
+    factor: float,
+    begun: tuple[np.ndarray, np.ndarray],
+    scales: Scales,
+    active: Sequence[int],
 ) -> Problem | None:
     """Widen or sharpen the jumps of a problem, and step it finely enough for that.
 
@@ -366,35 +373,3 @@ def _alone(work: Workspace, members: Sequence[int], theta: np.ndarray) -> Reduce
     segments = build_segments(model, work.prepared, work.rows, count, theta=values)
     problem = Problem(own.simulator, own.stepping, segments, work.narrow.scale)
     return Reduced(problem, own.parameters, np.arange(0))
-
-
-def _belief(work: Workspace, table: Table, chosen: Sequence[int], theta: np.ndarray) -> Belief:
-    """Beliefs of parameters of the super-model: those of the table, where it has them."""
-    names = list(work.super_model.model.parameters)
-    parameters = list(work.super_model.model.parameters.values())
-    rows = []
-    for j in chosen:
-        if names[j] in table.names:
-            k, known = table.names[names[j]], table.belief
-            rows.append((known.mean[k], known.deviation[k], known.low[k], known.high[k]))
-            continue
-        low, high = parameters[j].bounds or (-UNLIMITED, UNLIMITED)
-        value = theta[j]
-        size = abs(value) if value else min(high - low, 1.0)
-        rows.append((value, size, low - 1e-12 * size, high + 1e-12 * size))
-    columns = np.array(rows, dtype=float).reshape(-1, 4).T
-    mean, deviation, low, high = columns
-    floors = _floors(work.super_model, chosen)
-    return Belief(mean, deviation, low, high, floors)
-
-
-def _floors(model: SuperModel, chosen: Sequence[int]) -> tuple[tuple[int, int], ...]:
-    """Return which chosen constants are never below which other ones, by their places."""
-    names, at = list(model.model.parameters), {j: k for k, j in enumerate(chosen)}
-    place = {name: at[j] for j, name in enumerate(names) if j in at}
-    return tuple(
-        (place[own[spec.name]], place[own[spec.floor]])
-        for candidate, own in zip(model.candidates, model.names, strict=True)
-        for spec in candidate.parameters
-        if spec.floor in own and {own[spec.name], own[spec.floor]} <= place.keys()
-    )

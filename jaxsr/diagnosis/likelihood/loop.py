@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
-from jaxsr.diagnosis.likelihood.proposals import exclusive, kin, pairs, swaps
+from jaxsr.diagnosis.likelihood.proposals import exclusive, forms, kin, pairs, swaps
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 
@@ -22,6 +22,8 @@ SWAPPED, RIVAL, PAIRED = 3, 12.0, 2
 """Sets with one member exchanged that are estimated about one leader, how far behind it they may
 promise to be, and sets with a pair that shows only together."""
 MOST_MEMBERS = 4
+RENEWED = 1.0
+"""Log evidence by which a set must have gained for its rivals to be estimated again."""
 Members = tuple[int, ...]
 
 
@@ -36,14 +38,14 @@ class State:
         Estimated sets; None where nothing finite came of one.
     grown : frozenset of tuple
         Sets about whose path all additions were looked at.
-    rivalled : frozenset of tuple
-        Sets beside which their rivals were estimated.
+    rivalled : dict of tuple to float
+        Sets beside which their rivals were estimated, and their log evidence then.
     """
 
     work: Workspace
     known: dict[Members, Hypothesis | None]
     grown: frozenset[Members] = field(default_factory=frozenset)
-    rivalled: frozenset[Members] = field(default_factory=frozenset)
+    rivalled: Mapping[Members, float] = field(default_factory=dict)
 
     @property
     def leader(self) -> Hypothesis:
@@ -96,10 +98,8 @@ def begun(work: Workspace, near: Hypothesis | None = None) -> tuple[State, Table
     return State(work, {(): hypothesis(work, table, (), near)}), table
 
 
-def search(
-    work: Workspace, near: Hypothesis | None = None, stop: Callable[[], bool] = lambda: False
-) -> State:
-    """Grow the leading set until nothing that was offered adds to it.
+def search(work: Workspace, near: Hypothesis | None = None) -> State:
+    """Grow the leading set until nothing that was offered adds to it, or time is over.
 
     Parameters
     ----------
@@ -109,12 +109,12 @@ def search(
     state, table = begun(work, near)
     if state.known[()] is None:
         return state
-    while not stop() and state.leader.members not in state.grown:
-        state = step(state, table, stop)
+    while not work.stop() and state.leader.members not in state.grown:
+        state = step(state, table)
     return state
 
 
-def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -> State:
+def step(state: State, table: Table) -> State:
     """Estimate what promises most about the leader's path, beside the leader's noise.
 
     Parameters
@@ -128,21 +128,27 @@ def step(state: State, table: Table, stop: Callable[[], bool] = lambda: False) -
     if leader.members:
         here = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
     every, size = work.super_model, np.log(state.offered)
-    if leader.members not in state.rivalled:
+    if leader.log_evidence > state.rivalled.get(leader.members, -np.inf) + RENEWED:
         rivals = [tuple(m for m in leader.members if m != i) for i in leader.members]
         rivals += swaps(every, here, leader.members, SWAPPED, RIVAL)
-        rivals += [r for r in kin(every, leader.members) if r not in rivals]
+        alike = [*kin(every, leader.members), *forms(every, leader.members)]
+        rivals += [r for r in alike if r not in rivals]
         # A rival that is known was estimated beside another noise: the same is due to it, and all
         # the way to its mode.
-        known = _estimated(state, table, leader, rivals, stop, again=True)
-        state = replace(state, known=known, rivalled=state.rivalled | {leader.members})
+        known = _estimated(state, table, leader, rivals, again=True)
+        if work.stop():  # the rest was not looked at
+            return replace(state, known=known)
+        rivalled = {**state.rivalled, leader.members: leader.log_evidence}
+        state = replace(state, known=known, rivalled=rivalled)
         if state.leader.members != leader.members:
             return state  # nothing is added to what is not the best of its kind
     proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
     proposed += pairs(every, here, leader.members, PAIRED, PROMISING + size)
     if len(leader.members) >= MOST_MEMBERS:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
-    known = _estimated(state, table, leader, proposed, stop)
+    known = _estimated(state, table, leader, proposed)
+    if work.stop():
+        return replace(state, known=known)
     return replace(state, known=known, grown=state.grown | {leader.members})
 
 
@@ -151,7 +157,6 @@ def _estimated(
     table: Table,
     leader: Hypothesis,
     proposed: Sequence[Members],
-    stop: Callable[[], bool],
     again: bool = False,
 ) -> dict[Members, Hypothesis | None]:
     """Return what is known once proposals about a leader are estimated, or estimated `again`."""
@@ -159,7 +164,7 @@ def _estimated(
     for members in proposed:
         members = tuple(sorted(members))
         before = known.get(members)
-        if stop() or (members in known and (before is None or not again)):
+        if state.work.stop() or (members in known and (before is None or not again)):
             continue
         needed = -np.inf if again else state.needed(known, members)
         known[members] = better(before, hypothesis(state.work, table, members, leader, needed))

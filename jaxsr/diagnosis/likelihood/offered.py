@@ -30,7 +30,9 @@ def offered(model: Model, course: Course, seen: Sequence[Candidate] = ()) -> lis
     prepared, step = course.prepared, sample_step(course.prepared)
     scale = state_scale(model, prepared)
     forces = force_candidates(model, scale, course.motion, input_samples(model, prepared))
-    memories = [v for c in memory_candidates(model, scale, step) for v in _variants(c)]
+    memories = [
+        v for c in memory_candidates(model, scale, step, course.motion) for v in _variants(c)
+    ]
     outputs = np.concatenate([p.outputs for p in prepared])
     sensors = sensor_candidates(model, dict(zip(model.outputs, outputs.T, strict=True)))
     known = {c.label for c in [*forces, *memories]}
@@ -41,8 +43,11 @@ def offered(model: Model, course: Course, seen: Sequence[Candidate] = ()) -> lis
 
 
 def _variants(candidate: Candidate) -> Iterator[Candidate]:
-    """Yield a hysteresis with loops of several first sizes; others as they are."""
-    if candidate.mechanism != "hysteresis":
+    """Yield a hysteresis with loops of several first sizes; others as they are.
+
+    The way to slip of presliding is known from the motion.
+    """
+    if candidate.mechanism != "hysteresis" or "g" not in {p.name for p in candidate.parameters}:
         yield candidate
         return
     for size in LOOPS:

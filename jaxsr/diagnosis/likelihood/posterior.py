@@ -150,8 +150,10 @@ def posterior(
         The given one.
     screened : Screened, optional
         The weak view, where equations can be read off the sensors.
+    stop : callable
+        Whether time is over.
     """
-    course = followed(model, prepared)
+    course = followed(model, prepared, stop)
     return None if course is None else posterior_along(model, course, screened, stop)
 
 
@@ -164,13 +166,13 @@ def posterior_along(
     """Search by evidence from what re-calibration follows (`followed`)."""
     seen = () if screened is None else screened.super_model.candidates
     super_model = SuperModel.build(model, offered(model, course, seen))
-    work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise)
-    state = search(work, course.null, stop)
+    work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise, stop)
+    state = search(work, course.null)
     null = state.known[()]
     if null is None:
         return None
     found = Posterior.of(state)
-    if found.leader.share:
+    if found.leader.share and found.finished:
         found = replace(found, something_else=_something_else(work, found.leader))
     if found.leader.members:
         return found

@@ -124,6 +124,23 @@ def kin(super_model: SuperModel, members: Members) -> list[Members]:
     return list(best.values())
 
 
+def forms(super_model: SuperModel, members: Members) -> list[Members]:
+    """Return sets with one law exchanged for the other forms of its mechanism.
+
+    Forms have other constants (Bouc-Wen, Dahl and LuGre of a hysteresis); variants that differ by
+    their starts alone are one form.
+    """
+    candidates, best = super_model.candidates, dict[tuple[int, frozenset[str]], Members]()
+    for gone in members:
+        own = frozenset(spec.name for spec in candidates[gone].parameters)
+        for i, other in enumerate(candidates):
+            names = frozenset(spec.name for spec in other.parameters)
+            if other.label == candidates[gone].label and names != own and i not in members:
+                changed = tuple(sorted((*(m for m in members if m != gone), i)))
+                best.setdefault((gone, names), changed)
+    return list(best.values())
+
+
 def pairs(
     super_model: SuperModel, table: Table, members: Members, most: int, least: float
 ) -> list[Members]:

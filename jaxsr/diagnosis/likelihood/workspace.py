@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -52,6 +52,8 @@ class Workspace:
     scales : Scales
         `forces` are parameters of `columns`.
     force_states : tuple of int
+    stop : callable
+        Whether estimates are to be left where they are: time is over.
     """
 
     super_model: SuperModel
@@ -63,6 +65,7 @@ class Workspace:
     theta: np.ndarray
     scales: Scales
     force_states: tuple[int, ...]
+    stop: Callable[[], bool] = lambda: False
 
     @property
     def helpers(self) -> list[int]:
@@ -76,6 +79,7 @@ class Workspace:
         prepared: Sequence[Prepared],
         seconds: float,
         noise: Noise | None = None,
+        stop: Callable[[], bool] = lambda: False,
     ) -> Workspace:
         """Cut recordings into pieces and measure noise and forces.
 
@@ -85,6 +89,8 @@ class Workspace:
             How long a force that nobody knows keeps its sign.
         noise : Noise, optional
             Of the sensors; what neighbouring samples tell by default.
+        stop : callable
+            Whether time is over.
         """
         given = super_model.given
         simple = [i for i, c in enumerate(super_model.candidates) if not c.states]
@@ -114,9 +120,8 @@ class Workspace:
         )
         theta = np.array([p.value for p in super_model.model.parameters.values()])
         place, prepared = tuple(simple), tuple(prepared)
-        return Workspace(
-            super_model, columns, place, prepared, tuple(rows), narrow, theta, scales, states
-        )
+        places = columns, place, prepared, tuple(rows)
+        return Workspace(super_model, *places, narrow, theta, scales, states, stop)
 
 
 def first_noise(model: Model, prepared: Sequence[Prepared]) -> Noise:

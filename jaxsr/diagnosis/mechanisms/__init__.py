@@ -8,11 +8,14 @@ import numpy as np
 
 from jaxsr.diagnosis.mechanisms.actuator import actuator
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.coupled import coupled
 from jaxsr.diagnosis.mechanisms.coupling import coupling
 from jaxsr.diagnosis.mechanisms.dissipative import dissipative
 from jaxsr.diagnosis.mechanisms.elastic import elastic
 from jaxsr.diagnosis.mechanisms.external import external
+from jaxsr.diagnosis.mechanisms.gain_by_state import gain_by_state
 from jaxsr.diagnosis.mechanisms.inertial import inertial
+from jaxsr.diagnosis.mechanisms.load import load_dependent
 from jaxsr.diagnosis.mechanisms.measurement import measurement, wrong_values
 from jaxsr.diagnosis.mechanisms.motion import Line, Motion
 from jaxsr.diagnosis.mechanisms.one_mode import one_mode
@@ -24,6 +27,8 @@ from jaxsr.models import Model
 Family = Callable[[Site], Iterator[Candidate]]
 FAMILIES: list[Family] = [
     dissipative,
+    load_dependent,
+    coupled,
     elastic,
     play,
     inertial,
@@ -84,7 +89,8 @@ def force_candidates(
     found = [c for site in sites for family in FAMILIES for c in family(site)]
     switched = [] if motion is None else one_mode(model, found, motion.signals)
     signals = inputs if motion is None else motion.signals
-    return [*found, *switched, *actuator(model, signals), *wrong_values(model)]
+    drives = [*actuator(model, signals), *gain_by_state(model, scale)]
+    return [*found, *switched, *drives, *wrong_values(model)]
 
 
 def sensor_candidates(

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate, ParameterSpec
-from jaxsr.diagnosis.mechanisms.site import Threshold
+from jaxsr.diagnosis.mechanisms.site import Threshold, inverse_unit
 from jaxsr.expressions import affine_slope, to_text
 from jaxsr.models import Model
 from jaxsr.models.force_factor import as_force
@@ -21,12 +21,12 @@ _SOURCE = "Tao & Kokotovic, Adaptive Control of Systems with Actuator and Sensor
 
 
 def actuator(model: Model, signals: Mapping[str, np.ndarray] | None = None) -> Iterator[Candidate]:
-    """Yield a wrong gain, a limit and a dead zone of every input.
+    """Yield a wrong gain, a curve, a limit and a dead zone of every input.
 
     `signals` holds the samples of the inputs; without them thresholds are as for a unit input.
     """
     for u in model.inputs:
-        columns = _columns(model, u)
+        columns = columns_of(model, u)
         if columns is not None:
             yield from _of_input(model, u, columns, None if signals is None else signals[u])
 
@@ -41,7 +41,7 @@ def _of_input(
         return
 
     def added(change: str) -> tuple[tuple[str, str], ...]:
-        return tuple((s, f"+ {b}({change})" if b else f"+ ({change})") for s, b in columns)
+        return entering(columns, change)
 
     def limit(change: str, level: float) -> Candidate:
         return Candidate(
@@ -71,8 +71,20 @@ def _of_input(
             yield limit(f"Max(Min({u}, {{us}}), -{{us}}) - {u}", level)
         for level in (0.7, 1.5):
             yield limit(f"{{us}}*tanh({u}/{{us}}) - {u}", level)
-    # A dead zone is felt where the command passes through zero.
-    if signal is None or np.mean(signal < 0.2 * top) > 0.02:
+    # A curve is told from a gain by commands of several sizes.
+    several = signal is None or np.mean((signal > 0.02 * top) & (signal < 0.98 * top)) > 0.02
+    if several:
+        yield Candidate(
+            "input_curve",
+            "actuator",
+            site,
+            (ParameterSpec("gc", inverse_unit(unit)),),
+            "The gain of the actuator behind {site} grows or falls with the size of the command.",
+            terms=added(f"{{gc}}*{u}*Abs({u})"),
+            source="Fossen, Marine Craft Hydrodynamics and Motion Control (2011), section 9.1",
+        )
+    # A dead zone is felt where the command passes through zero, and by commands of several sizes.
+    if signal is None or several or np.mean(signal < 0.2 * top) > 0.02:
         for level in (0.03, 0.1, 0.25):
             yield Candidate(
                 "input_deadzone",
@@ -85,7 +97,12 @@ def _of_input(
             )
 
 
-def _columns(model: Model, u: str) -> list[tuple[str, str]] | None:
+def entering(columns: list[tuple[str, str]], change: str) -> tuple[tuple[str, str], ...]:
+    """Return the terms by which a change of an input enters the equations of its columns."""
+    return tuple((s, f"+ {b}({change})" if b else f"+ ({change})") for s, b in columns)
+
+
+def columns_of(model: Model, u: str) -> list[tuple[str, str]] | None:
     """Return the equations that `u` enters as a force, with the text before it ("" for 1).
 
     None where it enters nowhere, or not linearly.

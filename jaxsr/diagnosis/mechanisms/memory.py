@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from jaxsr.diagnosis.mechanisms.candidate import AddedState, Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.motion import Motion
+from jaxsr.diagnosis.mechanisms.presliding import presliding
 from jaxsr.diagnosis.mechanisms.site import Site, compose, sites_of
 from jaxsr.models import Model
 
@@ -31,7 +33,7 @@ FASTEST = 0.7
 
 
 def memory_candidates(
-    model: Model, scale: Mapping[str, np.ndarray], step: float
+    model: Model, scale: Mapping[str, np.ndarray], step: float, motion: Motion | None = None
 ) -> list[Candidate]:
     """Return every mechanism with a memory.
 
@@ -42,11 +44,14 @@ def memory_candidates(
         Symbol to quantiles of its values, as `sites_of` takes it.
     step : float
         Sample interval in s: what is faster cannot be told.
+    motion : Motion, optional
+        Presliding is offered where its residual forces ask for it.
     """
     found = list(actuator_lags(model, step))
-    for site in sites_of(model, scale):
+    for site in sites_of(model, scale, motion):
         if site.reverses:  # a loop and a resonance show in motion that returns
             found += [*hysteresis(site), *hidden_modes(site, step)]
+            found += presliding(site) if motion is not None else []
         found += [*drifts(site), *overflows(site, step)]
     return [*found, *sensor_drifts(model)]
 

@@ -5,6 +5,7 @@ The inner constants of mechanisms (frequencies, periods, places in time) are see
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -112,8 +113,29 @@ class Motion:
         return self._peaks(state, pair, grid, power, most, PROMINENT / 2.0, MOST_OF_IT)
 
     def frequencies(self, state: str, most: int = 2) -> list[Line]:
-        """Return the spectral lines of a residual that no input brings, in rad/s."""
-        if state not in self.residual or self.residual[state].size < 32:
+        """Return the spectral lines of a residual that no input brings, in rad/s.
+
+        The strongest line of another residual counts as well, where it is none of these: what
+        pushes one coordinate shows in the equations of those that it moves.
+        """
+        if state not in self.residual:
+            return []
+        own, t = self._spectra[state][:most], self.signals["t"]
+        others = [found[0] for s, found in self._spectra.items() if s != state and found]
+        best = max(others, key=lambda x: x.share, default=None)
+        if best is None or any(best.value / 1.5 < x.value < 1.5 * best.value for x in own):
+            return own
+        pair = np.stack([np.sin(best.value * t), np.cos(best.value * t)], axis=1)
+        share, (a, b) = self.share(state, pair)
+        return [*own, Line(best.value, float(np.arctan2(b, a)), share)]
+
+    @functools.cached_property
+    def _spectra(self) -> dict[str, list[Line]]:
+        """The lines of every residual, the highest first."""
+        return {state: self._own_frequencies(state) for state in self.residual}
+
+    def _own_frequencies(self, state: str, most: int = 2) -> list[Line]:
+        if self.residual[state].size < 32:
             return []
         y, centre = self.residual[state], self.of(state, self.centre)
         span = float(np.ptp(centre)) or 1.0

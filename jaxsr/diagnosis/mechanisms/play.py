@@ -81,7 +81,7 @@ def springs_of(model: Model) -> list[Spring]:
     positions = {model.kinematic_parent(s) for s in model.dynamic_states} - {None}
     found = []
     for state in model.dynamic_states:
-        for sign, summand in _summands(model.equation_terms[state], 1.0):
+        for sign, summand in summands(model.equation_terms[state], 1.0):
             factors = list(_factors(summand))
             moving = [f for f, _ in factors if f.variables & positions]
             if len(moving) != 1 or not _is_deflection(moving[0], model, positions):
@@ -106,15 +106,15 @@ def _force(model: Model, spring: Spring) -> str | None:
     return f"({text})/({factor})" if factor else text
 
 
-def _summands(term: Term, sign: float) -> Iterator[tuple[float, Term]]:
+def summands(term: Term, sign: float) -> Iterator[tuple[float, Term]]:
     """Yield summands and their signs; a fraction of a sum is a sum of fractions."""
     if term.op in ("add", "sub"):
-        yield from _summands(term.args[0], sign)
-        yield from _summands(term.args[1], -sign if term.op == "sub" else sign)
+        yield from summands(term.args[0], sign)
+        yield from summands(term.args[1], -sign if term.op == "sub" else sign)
     elif term.op == "neg":
-        yield from _summands(term.args[0], -sign)
+        yield from summands(term.args[0], -sign)
     elif term.op == "div" and term.args[0].op in ("add", "sub", "neg"):
-        for own, summand in _summands(term.args[0], sign):
+        for own, summand in summands(term.args[0], sign):
             yield own, Term.apply("div", summand, term.args[1])
     else:
         yield sign, term

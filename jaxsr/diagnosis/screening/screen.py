@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -14,6 +14,7 @@ from jaxsr.diagnosis.screening.weak_system import WeakSystem
 
 BLOCKS = 12
 BEAM = 10
+WEIGHINGS = 2
 MAX_SET = 4
 TOGETHER = 200  # sets solved at once: few enough for the cache
 ENGAGED = (0.25, 4.0)  # share of a threshold's seeded effect that the data may ask for
@@ -27,7 +28,13 @@ SHRUNK = 0.01
 STEEPEST = 3.0
 """Largest ratio of breakaway to Coulomb friction."""
 CONTAINED = (
-    frozenset({"coulomb_friction", "stribeck_friction", "position_dependent_friction"}),
+    frozenset(
+        {
+            *("coulomb_friction", "stribeck_friction", "position_dependent_friction"),
+            "load_dependent_friction",
+        }
+    ),
+    frozenset({"coupling_damping", "coupled_friction"}),
     frozenset({"quadratic_drag", "power_law_drag"}),
     frozenset({"piecewise_stiffness", "end_stop"}),
 )
@@ -81,25 +88,28 @@ def assign_blocks(system: WeakSystem, count: int = BLOCKS) -> np.ndarray:
     return np.minimum((spans / max(offset, 1e-300) * count).astype(int), count - 1)
 
 
-def screen(system: WeakSystem, super_model: SuperModel) -> Screening:
+def screen(
+    system: WeakSystem, super_model: SuperModel, stop: Callable[[], bool] = lambda: False
+) -> Screening:
     """Search sets of candidates by beam search on held-back error.
 
     Every set is estimated jointly with the model's free parameters (never on frozen ones: the
     calibration has already absorbed a part of what is missing). Rows are weighted by the
-    residual each equation keeps under the best set.
+    residual each equation keeps under the best set. Once time is over (`stop`), the sets are as
+    large, and the weights as good, as they are then.
     """
     scale = np.ones(len(super_model.model.states))
-    search = None
-    for _ in range(2):
-        search = _Search(system, super_model, scale)
-        best = min(search.run(), key=lambda s: s.error)
-        residual = system.at(best.values)
+    search = _Search(system, super_model, scale)
+    sets = sorted(search.run(stop), key=lambda s: s.error)
+    for _ in range(WEIGHINGS):
+        if stop():
+            break
+        residual = system.at(sets[0].values)
         for state in np.unique(system.state):
             rows = system.state == state
             scale[state] = np.sqrt(np.mean(residual[rows] ** 2)) + 1e-300
-    assert search is not None
-    search = _Search(system, super_model, scale)
-    sets = sorted(search.run(), key=lambda s: s.error)
+        search = _Search(system, super_model, scale)
+        sets = sorted(search.run(stop), key=lambda s: s.error)
     return Screening(tuple(sets), search.below(BLIND))
 
 
@@ -194,8 +204,11 @@ class _Search:
             return False
         return bool(np.all(np.abs(base) < SHRUNK * np.abs(given)))
 
-    def run(self) -> list[ScreenedSet]:
-        """Grow sets from the empty one; keep the best `BEAM` of each size."""
+    def run(self, stop: Callable[[], bool]) -> list[ScreenedSet]:
+        """Grow sets from the empty one; keep the best `BEAM` of each size.
+
+        Those of one candidate are scored whatever `stop` says.
+        """
         found: dict[tuple[int, ...], ScreenedSet] = {}
         empty = self.evaluate(())
         assert empty is not None
@@ -204,7 +217,9 @@ class _Search:
         beam = [empty]
         collinear = self.below(COLLINEAR)
         usable = [i for i in range(len(self.index)) if i not in collinear]
-        for _ in range(MAX_SET):
+        for size in range(MAX_SET):
+            if size and stop():
+                break
             wanted = {tuple(sorted({*p.members, c})) for p in beam for c in usable}
             grown = self._scored([m for m in sorted(wanted) if self._fresh(m, found)])
             found |= grown

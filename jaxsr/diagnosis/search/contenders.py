@@ -89,6 +89,7 @@ def _has_friction(given: Model, candidate: Candidate, chosen: list[Candidate]) -
         "coulomb_friction",
         "stribeck_friction",
         "position_dependent_friction",
+        "load_dependent_friction",
     }
     if any(c.site == candidate.site and c.mechanism in beside for c in chosen):
         return True

@@ -134,18 +134,23 @@ def _passive(callback: Callback, plant: Plant, given: Model, explained: Model) -
     for joint, text in rows:
         dof = int(plant.m.jnt_dofadr[joint])
         body.append(f"data.qfrc_passive[{dof}] += {text}  # {plant.joint_names[joint]}")
-    meanings = [text for name, text in _MEANING.items() if name in names]
-    plain = [text for text in meanings if not text.startswith("def")]
-    defined = [f"\n\n{text}" for text in meanings if text.startswith("def")]
-    defined += ["", ""] if defined else []
+    meant = meanings(names)
     for joint, text in sliding.items():
         dof, at_rest = int(plant.m.jnt_dofadr[joint]), callback.constant.get(joint, 0.0)
         base = f"{at_rest!r} + " if at_rest else ""
         comment = f"# {plant.joint_names[joint]}, from the next step on"
         body.append(f"model.dof_frictionloss[{dof}] = max({base}{text}, 0.0)  {comment}")
-    lines = ["", *plain, *defined, *constants, memory, "", "def passive(model, data):"]
+    lines = ["", *meant, *constants, memory, "", "def passive(model, data):"]
     lines += ['    """Add to the passive forces, once they are computed."""']
     return "\n".join([*lines, *(f"    {line}" for line in body)]) + "\n"
+
+
+def meanings(names: set[str]) -> list[str]:
+    """Return the lines that give the functions among some names their meaning."""
+    texts = [text for name, text in _MEANING.items() if name in names]
+    plain = [text for text in texts if not text.startswith("def")]
+    defined = [f"\n\n{text}" for text in texts if text.startswith("def")]
+    return [*plain, *defined, *(["", ""] if defined else [])]
 
 
 def _readings(plant: Plant, model: Model, names: set[str]) -> list[str]:

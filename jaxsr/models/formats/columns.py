@@ -17,8 +17,11 @@ WORDS = {
     POSITION: "q qpos pos position angle ang theta length rad deg degree degrees m mm cm",
     RATE: "v qvel dq qd vel velocity speed omega rate rads radps degs degps mps",
     CONTROL: "u ctrl control command cmd torque tau force effort input act nm n target des desired "
-    "ref reference setpoint",
+    "ref reference setpoint goal qdes qref qcmd",
 }
+TARGETS = frozenset("target des desired ref reference setpoint goal qdes qref qcmd".split())
+EFFORTS = frozenset("torque tau force effort nm n".split())
+PLAIN = frozenset("u ctrl control command cmd input act".split())
 NEUTRAL = frozenset(
     "joint meas measured measurement sensor motor actuator encoder actual s".split()
 )
@@ -50,6 +53,8 @@ class Quantity:
     unit : str
     exact : tuple of str
         Columns that are certainly this quantity.
+    drives : str
+        Of a control: "effort" of a motor, "target" of a servo, "" for others.
     """
 
     role: str
@@ -59,6 +64,7 @@ class Quantity:
     reading: str = ""
     unit: str = ""
     exact: tuple[str, ...] = ()
+    drives: str = ""
 
 
 @dataclass
@@ -92,15 +98,31 @@ def quantities_of(plant: Plant, units: Mapping[str, str]) -> list[Quantity]:
         role = plant.inputs[i]
         element = f"the control of actuator {name!r}"
         exact = (f"u_{role}", f"ctrl_{role}", *((role,) if role != name else ()))
-        found.append(
-            Quantity(role, CONTROL, (name, *tied), element, unit=units.get(role, ""), exact=exact)
-        )
+        unit, drives = units.get(role, ""), _drives(plant, i)
+        found.append(Quantity(role, CONTROL, (name, *tied), element, "", unit, exact, drives))
     taken = {q.role for q in found} | set(units)
     for name, reading, unit in sensor_readings(plant, units):
         (role,) = symbols_for([name], taken)
         element = f"sensor {name!r}"
         found.append(Quantity(role, SENSOR, (name,), element, reading, unit, (name, role)))
     return found
+
+
+def _drives(plant: Plant, i: int) -> str:
+    """Return what an actuator's control is: a force's measure, or the target of a servo."""
+    m = plant.m
+    if int(m.actuator_dyntype[i]):
+        return ""
+    if int(m.actuator_biastype[i]) == 0:
+        return "effort" if int(m.actuator_gaintype[i]) == 0 else ""
+    return "target" if m.actuator_biasprm[i, 1] == -m.actuator_gainprm[i, 0] else ""
+
+
+def says_effort(plant: Plant, matched: Matched) -> bool:
+    """Whether every control's column is named as a force: measured, not held over a step."""
+    columns = [matched.columns[u] for u in plant.inputs if u in matched.columns]
+    words = [set(words_of(c)) for c in columns]
+    return bool(words) and all(w & EFFORTS and not w & (TARGETS | PLAIN) for w in words)
 
 
 def match(
@@ -183,7 +205,7 @@ def _collected(
         own, column = found[quantity.role]
         out.columns[own.role] = column
         if own.kind != CONTROL:
-            out.outputs.append(_scaled(own, column))
+            out.outputs.append(scaled(own, column))
     return out
 
 
@@ -218,9 +240,9 @@ def _remedy(plant: Plant, role: str, column: str) -> str:
     return f'Write {role} = "{shortened(column)}" under [columns] of {table}'
 
 
-def _scaled(quantity: Quantity, column: str) -> Quantity:
+def scaled(quantity: Quantity, column: str) -> Quantity:
     """Return an output in the unit that the column's name states."""
-    words = [w for w in _tokens(column) if w in SCALES and w not in _tokens(quantity.names[0])]
+    words = [w for w in words_of(column) if w in SCALES and w not in words_of(quantity.names[0])]
     fits = {"rad": "deg", "rad/s": "deg/s", "m": "m"}
     for word in words:
         turning = SCALES[word] == "180/pi"
@@ -236,19 +258,20 @@ def _scaled(quantity: Quantity, column: str) -> Quantity:
 
 def candidates(column: str, quantities: Sequence[Quantity]) -> list[Quantity]:
     """Return the quantities that a column's name fits best: by own names, then by tied ones."""
-    tokens = _tokens(column)
+    tokens = words_of(column)
     ranked: dict[tuple[int, int], list[Quantity]] = {}
     for quantity in quantities:
         for place, name in enumerate(quantity.names):
-            rest = _without(tokens, _tokens(name))
-            if rest is not None and _fits(quantity.kind, rest):
-                ranked.setdefault((min(place, 1), -len(_tokens(name))), []).append(quantity)
+            rest = _without(tokens, words_of(name))
+            if rest is not None and _fits(quantity.kind, rest) and _suits(quantity, rest):
+                ranked.setdefault((min(place, 1), -len(words_of(name))), []).append(quantity)
                 break
     if not ranked:
         counted = _by_number(tokens, quantities)
         if counted:
             return counted
         alone = [q for q in quantities if q.kind != SENSOR and tokens and _says(q.kind, tokens)]
+        alone = [q for q in alone if _suits(q, tokens)]
         return alone if len(alone) == 1 else []
     return ranked[min(ranked)]
 
@@ -263,7 +286,7 @@ def _by_number(tokens: Sequence[str], quantities: Sequence[Quantity]) -> list[Qu
     found = []
     for quantity in quantities:
         numbers = re.findall(r"\d+", quantity.names[0])
-        if quantity.kind != SENSOR and _says(quantity.kind, words):
+        if quantity.kind != SENSOR and _says(quantity.kind, words) and _suits(quantity, words):
             found += [quantity] if numbers and int(numbers[-1]) == int(digits[0]) else []
     return found if len(found) == 1 else []
 
@@ -275,6 +298,14 @@ def _fits(kind: str, rest: Sequence[str]) -> bool:
     if not [w for w in rest if w not in NEUTRAL]:
         return kind in (POSITION, CONTROL)
     return _says(kind, rest)
+
+
+def _suits(quantity: Quantity, words: Sequence[str]) -> bool:
+    """Whether a control takes what words name: no target is a torque, and no torque a target."""
+    told = set(words)
+    if quantity.drives == "effort":
+        return not told & TARGETS or bool(told & (EFFORTS | PLAIN))
+    return quantity.drives != "target" or not told & EFFORTS or bool(told & (TARGETS | PLAIN))
 
 
 def _says(kind: str, words: Sequence[str]) -> bool:
@@ -300,7 +331,7 @@ def _without(tokens: Sequence[str], name: Sequence[str]) -> list[str] | None:
     return None
 
 
-def _tokens(text: str) -> list[str]:
+def words_of(text: str) -> list[str]:
     """Split a name into lower-case words and numbers."""
     joined = re.sub(r"(rad|deg|m)\s*/\s*s\b", r"\1s", text)
     joined = re.sub(

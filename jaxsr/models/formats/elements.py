@@ -24,6 +24,8 @@ class Elements:
         m, root = plant.m, document.root
         made = any(node.tag in _COPIES for node in root.walk())
         joints = [j for world in _sections(root, "worldbody") for j in _joints(world)]
+        # The plant's base may be held where the file lets it fly.
+        joints = [j for j in joints if j.tag == "joint" and j.attributes.get("type") != "free"]
         self.joints = _tallied(joints, plant.joint_names, made)
         tendons = [t for part in _sections(root, "tendon") for t in part.children]
         names = [plant.called("tendon", i) for i in range(m.ntendon)]

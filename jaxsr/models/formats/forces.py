@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,7 +11,9 @@ import numpy as np
 from jaxsr.models.formats.plant import Plant, finite_range
 
 WIDE = 10.0
-"""How many times its value the upper bound of a damping, friction or armature is."""
+"""How many times its value the upper bound of a damping, friction or armature is at least. Files
+give simulated joints a damping that only quiets them; what the joint's inertia can have bounds it
+then: a damping that stops it within a sample, a rotor as heavy as all that the joint moves."""
 GAIN = 2.0
 """By which factor the bounds of an actuator's gain lie around its value."""
 
@@ -48,9 +51,17 @@ class Written:
         self.forces[joint].append(f"{sign} {text}")
 
 
-def passive_forces(plant: Plant, out: Written) -> None:
-    """Write springs, dampers, dry friction and armature of joints and fixed tendons."""
-    m = plant.m
+def passive_forces(plant: Plant, out: Written, step: float = math.inf) -> None:
+    """Write springs, dampers, dry friction and armature of joints and fixed tendons.
+
+    Parameters
+    ----------
+    plant : Plant
+    out : Written
+    step : float
+        Sample time of the recordings in s.
+    """
+    m, moved = plant.m, plant.inertias
     for i, name in enumerate(plant.joints):
         q, v = plant.positions[i], plant.rates[i]
         arm = [(i, 1.0)]
@@ -67,7 +78,8 @@ def passive_forces(plant: Plant, out: Written) -> None:
                 stretch = f"({q} - springref_{name})"
             _polynomial(out, arm, "stiffness", name, stiffness, stretch, (force, length), False)
         if not plant.disabled("DAMPER"):
-            _polynomial(out, arm, "damping", name, damping, v, (force, f"{length}/s"), True)
+            units, most = (force, f"{length}/s"), moved[i] / step
+            _polynomial(out, arm, "damping", name, damping, v, units, True, most)
         loss = float(m.dof_frictionloss[dof])
         if loss > 0.0 and not (plant.disabled("FRICTIONLOSS") or plant.disabled("CONSTRAINT")):
             out.parameter(f"frictionloss_{name}", loss, force, 0.0, WIDE * loss)
@@ -75,7 +87,8 @@ def passive_forces(plant: Plant, out: Written) -> None:
         mass = float(m.dof_armature[dof])
         if mass > 0.0:
             unit = "kg*m^2" if plant.turns(i) else "kg"
-            out.parameter(f"armature_{name}", mass, unit, 0.0, WIDE * mass)
+            most = float(f"{max(WIDE * mass, moved[i]):.3g}")
+            out.parameter(f"armature_{name}", mass, unit, 0.0, most)
             out.inertias[i] = f"armature_{name}"
     for i in range(m.ntendon):
         _tendon(plant, out, i)
@@ -90,15 +103,20 @@ def _polynomial(
     over: str,
     units: tuple[str, str],
     free: bool,
+    most: float = 0.0,
 ) -> None:
-    """Write -(k0 x + k1 x^2 + k2 x^3) along joints, of a damper x abs(x) for x^2 (MuJoCo 3.7)."""
+    """Write -(k0 x + k1 x^2 + k2 x^3) along joints, of a damper x abs(x) for x^2 (MuJoCo 3.7).
+
+    The upper bound of k0, where it is free, is at least `most`.
+    """
     force, length = units
     shapes = (over, f"{over}*Abs({over})" if free else f"{over}**2", f"{over}**3")
     for power, (value, shape) in enumerate(zip(values, shapes, strict=True), start=1):
         if not value:
             continue
         symbol = f"{kind}_{name}" if power == 1 else f"{kind}{power}_{name}"
-        bounds = (0.0, WIDE * value) if free else ()
+        high = max(WIDE * value, most if power == 1 else 0.0)
+        bounds = (0.0, float(f"{high:.3g}")) if free else ()
         unit = f"{force}/({length})" + (f"^{power}" if power > 1 else "")
         out.parameter(symbol, value, unit, *bounds)
         for joint, arm in arms:
@@ -188,10 +206,14 @@ def _actuator(
     long = _sum([(a, plant.positions[j]) for j, a in arms])
     fast = _sum([(a, plant.rates[j]) for j, a in arms])
     terms: list[str] = []
+    loop = plant.loops.get(i)
     if servo:
-        kp = out.parameter(
-            f"kp_{name}", gain[0], f"{force}/rad" if turns else "N/m", *_near(gain[0])
-        )
+        # Of a controller's own gains a sidecar that states them is sure; what acts as kv does, is
+        # the joint's damping as well.
+        near = _near(gain[0]) if loop is None else ()
+        if loop is not None and loop.estimated:
+            near = gain[0] / WIDE, gain[0] * WIDE
+        kp = out.parameter(f"kp_{name}", gain[0], f"{force}/rad" if turns else "N/m", *near)
         terms.append(f"+ {kp}*({command} - {_bracket(long)})")
     elif paced:
         kv = out.parameter(f"kv_{name}", gain[0], f"{force}/({length}/s)", *_near(gain[0]))
@@ -221,7 +243,8 @@ def _actuator(
         out.parameter(f"kp_{name}", -bias[1], f"{force}/{length}", *_near(-bias[1]))
         terms.append(f"- kp_{name}*{_bracket(long)}")
     if bias[2] and not paced:
-        out.parameter(f"kv_{name}", -bias[2], f"{force}/({length}/s)", *_near(-bias[2]))
+        near = _near(-bias[2]) if loop is None else ()
+        out.parameter(f"kv_{name}", -bias[2], f"{force}/({length}/s)", *near)
         terms.append(f"- kv_{name}*{_bracket(fast)}")
     _enter(out, totals, terms, arms, m.actuator_forcelimited[i], m.actuator_forcerange[i], name)
 

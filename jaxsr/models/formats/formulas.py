@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 
 from jaxsr.models.formats.forces import Written, actuator_forces, joined, passive_forces
+from jaxsr.models.formats.inertial import inertial_readings
 from jaxsr.models.formats.links import links_of
 from jaxsr.models.formats.mechanics import Mechanics
 from jaxsr.models.formats.plant import Plant
@@ -16,7 +19,22 @@ SOLID = 1e-10
 """Inertia against the largest one below which a joint moves nothing: MuJoCo would refuse it."""
 
 
-def tables_of(plant: Plant, unclamped: frozenset[str] = frozenset()) -> dict[str, Any]:
+def mechanics_of(plant: Plant) -> tuple[Mechanics, list[str]]:
+    """Return the mechanics of a plant, nothing written yet, and the symbols of its masses."""
+    links = links_of(plant.m)
+    masses = [f"mass_{plant.bodies[link.body]}" for link in links]
+    strength = float(np.linalg.norm(plant.gravity))
+    direction = plant.gravity / strength if strength else np.zeros(3)
+    # MuJoCo numbers joints as it numbers the bodies that have them, so links stand in their order.
+    return Mechanics(links, plant.positions, plant.rates, masses, direction), masses
+
+
+def tables_of(
+    plant: Plant,
+    unclamped: frozenset[str] = frozenset(),
+    step: float = math.inf,
+    readings: Collection[str] = (),
+) -> dict[str, Any]:
     """Return the tables of the model file that says what a MuJoCo model says.
 
     The states are the joints' positions ``q_JOINT`` and rates ``v_JOINT`` and the activations of
@@ -33,17 +51,19 @@ def tables_of(plant: Plant, unclamped: frozenset[str] = frozenset()) -> dict[str
     plant : Plant
     unclamped : frozenset of str
         Inputs that never leave the range of their control.
+    step : float
+        Sample time of the recordings in s, which bounds what damping they can tell.
+    readings : collection of str
+        Expressions of sensors, whose definitions are kept.
     """
-    links = links_of(plant.m)
+    mechanics, masses = mechanics_of(plant)
+    links, strength = mechanics.links, float(np.linalg.norm(plant.gravity))
     count = len(links)
-    masses = [f"mass_{plant.bodies[link.body]}" for link in links]
-    strength = float(np.linalg.norm(plant.gravity))
-    direction = plant.gravity / strength if strength else np.zeros(3)
-    # MuJoCo numbers joints as it numbers the bodies that have them, so links stand in their order.
-    mechanics = Mechanics(links, plant.positions, plant.rates, masses, direction)
     loads, matrix = mechanics.loads(), mechanics.mass_matrix()
+    if readings:
+        inertial_readings(plant, mechanics)
     out = Written(forces=[[] for _ in links])
-    passive_forces(plant, out)
+    passive_forces(plant, out, step)
     actuator_forces(plant, out, unclamped)
     for link, mass in zip(links, masses, strict=True):
         if link.mass > 0.0:
@@ -73,6 +93,7 @@ def tables_of(plant: Plant, unclamped: frozenset[str] = frozenset()) -> dict[str
         units[v] = f"{units[q]}/s"
     texts = [*equations.values(), *(text for row in inertia.values() for text in row.values())]
     own = {**mechanics.script.lines}
+    texts += readings
     needed = mechanics.script.needed([*texts, *out.definitions.values()])
     parameters = _used(out.parameters, [*texts, *out.definitions.values(), *needed.values()])
     return {

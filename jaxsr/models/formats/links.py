@@ -54,14 +54,27 @@ class Link:
     spread: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
 
 
+Frame = tuple[int | None, np.ndarray, np.ndarray]
+"""Link that carries a body, None for the world, and the body's place and orientation in it."""
+
+
 def links_of(m: Any) -> list[Link]:
     """Return the links of a compiled model (``mujoco.MjModel``), parents first.
 
     The joints are hinges and slides. A joint turns or moves what follows about the place that it
     has in its body, in the order of the file.
     """
+    return _tree(m)[0]
+
+
+def frames_of(m: Any) -> dict[int, Frame]:
+    """Return where every body stands in its link."""
+    return _tree(m)[1]
+
+
+def _tree(m: Any) -> tuple[list[Link], dict[int, Frame]]:
     found: list[dict[str, Any]] = []
-    frames: dict[int, tuple[int | None, np.ndarray, np.ndarray]] = {}
+    frames: dict[int, Frame] = {}
     frames[0] = (None, np.zeros(3), np.eye(3))
     for body in range(1, m.nbody):
         link, place, turn = frames[int(m.body_parentid[body])]
@@ -89,10 +102,11 @@ def links_of(m: Any) -> list[Link]:
         frames[body] = (link, place, turn)
         if link is not None:
             _carry(found[link], m, body, place, turn)
-    return [
+    links = [
         Link(**{**row, **{name: snapped(row[name]) for name in ("place", "moment", "spread")}})
         for row in found
     ]
+    return links, frames
 
 
 def _carry(row: dict[str, Any], m: Any, body: int, place: np.ndarray, turn: np.ndarray) -> None:

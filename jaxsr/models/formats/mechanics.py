@@ -36,6 +36,9 @@ from jaxsr.models.formats.script import (
 )
 
 NOTHING: Vector = [{}, {}, {}]
+Motion = tuple[Vector, Vector, Vector, Matrix]
+"""Of a link at zero joint accelerations: angular rate w and its rate e, acceleration a of its
+origin less gravity, and B of the acceleration B r of a place r."""
 
 
 class Mechanics:
@@ -67,6 +70,7 @@ class Mechanics:
         for k, (link, q) in enumerate(zip(links, positions, strict=True), start=1):
             moved = f"({q} - {link.reference!r})" if link.reference else q
             self._frame(k, link, moved)
+        self.motion: list[Motion] = []
         self.masses: list[Poly] = []
         self.moments: list[Vector] = []
         self.spreads: list[Matrix] = []
@@ -110,7 +114,7 @@ class Mechanics:
     def loads(self) -> Vector:
         """Return the joint forces that hold the motion at zero joint accelerations."""
         script, count = self.script, len(self.links)
-        motion: list[tuple[Vector, Vector, Vector, Matrix]] = []  # w, e, a and B of every link
+        motion = self.motion
         forces: list[Vector] = []
         moments: list[Vector] = []
         base = (NOTHING, NOTHING, [number(-x, "g") for x in self.gravity], [NOTHING] * 3)

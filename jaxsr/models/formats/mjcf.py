@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from jaxsr._files import atomic_write_text
+from jaxsr._quoting import shortened
 from jaxsr._result import InputError
 from jaxsr.models.formats.agreement import check_agreement
-from jaxsr.models.formats.columns import POSITION, Matched, Quantity, match, quantities_of
+from jaxsr.models.formats.columns import (
+    POSITION,
+    Matched,
+    Quantity,
+    match,
+    quantities_of,
+    says_effort,
+)
 from jaxsr.models.formats.formulas import tables_of
-from jaxsr.models.formats.plant import Plant
-from jaxsr.models.formats.reach import check_reach, unclamped_inputs
+from jaxsr.models.formats.loading import read_plant_file
+from jaxsr.models.formats.loops import estimated, loops_of, motors, with_loops
+from jaxsr.models.formats.plant import Loop, Plant, mujoco
+from jaxsr.models.formats.reach import Reach, unclamped_inputs
+from jaxsr.models.formats.rotors import rotors_of, told_rotors, with_rotors
 from jaxsr.models.formats.sidecar import draft, merged, read_sidecar
 from jaxsr.models.model import Model
 from jaxsr.models.reading import build_model
 from jaxsr.recordings import Recording, read_recording
+
+MOST_SAID = 12
+"""Loops whose gains are said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +51,7 @@ class Robot:
     edited : bool
         Whether a sidecar gives parameters another value, or adds forces.
     recordings : tuple of Recording
-        Those that it was matched with.
+        Those that it was matched with, without what the formulas do not cover.
     """
 
     plant: Plant
@@ -68,8 +84,20 @@ def read_mjcf(
         The file or its sidecar cannot be read, has what is not covered, or recordings do not go
         with it.
     """
-    plant = Plant.read(path)
-    return read_plant(plant, sidecar, recordings)
+    given = read_sidecar(_table(Path(path), sidecar), Path(path))
+    held = bool(given.get("model", {}).get("fixed_base", False))
+    plant, left_out = read_plant_file(path, fixed_base=held)
+    robot = read_plant(plant, sidecar, recordings)
+    rows = [_row(plant.path.name, "repair", line) for line in left_out]
+    return replace(robot, checks=[*rows, *robot.checks])
+
+
+def _table(path: Path, sidecar: str | Path | None) -> Path:
+    """Return where the sidecar of a file is, or would be."""
+    table = Path(sidecar) if sidecar is not None else path.with_suffix(".toml")
+    if sidecar is not None and not table.is_file():
+        raise InputError("no such file", str(table), "Check the path of the sidecar")
+    return table
 
 
 def read_plant(
@@ -78,32 +106,94 @@ def read_plant(
     recordings: Sequence[str | Path | Recording] = (),
 ) -> Robot:
     """Return a compiled plant as a formula model, see `read_mjcf`."""
-    table = Path(sidecar) if sidecar is not None else plant.path.with_suffix(".toml")
-    if sidecar is not None and not table.is_file():
-        raise InputError("no such file", str(table), "Check the path of the sidecar")
+    table = _table(plant.path, sidecar)
     given = read_sidecar(table, plant.path)
-    tables = tables_of(plant)
-    quantities = quantities_of(plant, tables["units"])
-    head = given.get("model", {})
-    opened = _opened(recordings, given, head)
-    matched = _matched(plant, quantities, given, opened)
-    inside = unclamped_inputs(plant, matched.columns, opened)
-    tables = tables_of(plant, inside)
-    check_agreement(plant, _plain(plant, tables), inside)
-    tables["model"]["outputs"] = [q.role for q in matched.outputs]
-    tables["readings"] = {q.role: q.reading for q in matched.outputs}
-    tables["units"] |= {q.role: q.unit for q in matched.outputs if q.unit}
-    tables["columns"] = dict(matched.columns)
-    drafted = "" if given or not opened else draft(plant.path, tables, matched)
-    model = build_model(merged(tables, given, table.name), table.name)
-    plain = {state: model.column(y) for y, state in model.readings.items()}
-    check_reach(plant, plain, opened)
-    checks = [*_assumed(plant, model, matched, opened), *_drafted(table, drafted, model)]
+    plant = _switched_off(plant, given.get("model", {}))
+    if plant.mjcf:
+        if given.get("model", {}).get("fixed_base"):
+            raise InputError("a URDF's base is fixed", table.name, "Take fixed_base out")
+        plant = with_rotors(plant, rotors_of(plant, given.get("parameters"), table.name))
+    if "servos" in given:
+        plant = with_loops(plant, loops_of(plant, given["servos"], table.name))
+    opened = _opened(recordings, given, given.get("model", {}))
+    driven, matched = _driven(plant, given, opened)
+    tables, model = _modelled(driven, table, given, matched, opened)
+    covered = _covered(model, opened)
+    rotors: dict[int, float] = {}
+    if driven is not plant:
+        driven = with_loops(plant, estimated(driven, model, covered))
+    elif plant.mjcf and "parameters" not in given and not plant.loops:
+        rotors = told_rotors(plant, model, covered)
+        driven = with_rotors(plant, rotors)
+    if driven is not plant:
+        tables, model = _modelled(driven, table, given, matched, opened)
+    loops = driven.loops.items()
+    servos = {driven.actuator_names[i]: {"kp": x.kp, "kv": x.kv} for i, x in loops}
+    own = {f"armature_{plant.joints[j]}" for j in rotors}
+    drafted = "" if given or not opened else draft(plant.path, tables, matched, servos, own)
+    checks = [
+        *_rotors_said(plant, rotors),
+        *_assumed(driven, model, matched, opened),
+        *_drafted(table, drafted, model),
+    ]
     values = {n: p["value"] for n, p in tables["parameters"].items()}
     edited = bool(model.additions) or any(
         p.value != values.get(n) for n, p in model.parameters.items()
     )
-    return Robot(plant, model, checks, drafted, edited, tuple(opened))
+    return Robot(driven, model, checks, drafted, edited, covered)
+
+
+def _switched_off(plant: Plant, head: Mapping[str, Any]) -> Plant:
+    """Take out contacts or limits that a sidecar says have never acted."""
+    off = [key for key in ("contacts", "limits") if not head.get(key, True)]
+    if not off:
+        return plant
+    m = copy.copy(plant.m)
+    for key in off:
+        m.opt.disableflags |= int(getattr(mujoco().mjtDisableBit, f"mjDSBL_{key.upper()[:-1]}"))
+    return replace(plant, m=m)
+
+
+def _driven(
+    plant: Plant, given: Mapping[str, Any], opened: Sequence[Recording]
+) -> tuple[Plant, Matched]:
+    """Match columns; where they are targets of motors, put loops around these, gains unknown."""
+    try:
+        return plant, _matched(plant, given, opened)
+    except InputError as error:
+        looped = with_loops(plant, {i: Loop(1.0, 0.0, estimated=True) for i in motors(plant)})
+        if plant.loops or looped is plant:
+            raise
+        try:
+            return looped, _matched(looped, given, opened)
+        except InputError:
+            raise error from None
+
+
+def _modelled(
+    plant: Plant,
+    table: Path,
+    given: Mapping[str, Any],
+    matched: Matched,
+    opened: Sequence[Recording],
+) -> tuple[dict[str, Any], Model]:
+    """Return the tables of a plant as its file has it, and the model with what a sidecar says."""
+    inside = unclamped_inputs(plant, matched.columns, opened)
+    step = min((r.sample_time for r in opened), default=math.inf)
+    tables = tables_of(plant, inside, step, [q.reading for q in matched.outputs])
+    check_agreement(plant, _plain(plant, tables), inside)
+    if opened and says_effort(plant, matched):
+        tables["model"]["input_hold"] = "linear"
+    tables["model"]["outputs"] = [q.role for q in matched.outputs]
+    tables["readings"] = {q.role: q.reading for q in matched.outputs}
+    tables["units"] |= {q.role: q.unit for q in matched.outputs if q.unit}
+    tables["columns"] = dict(matched.columns)
+    model = build_model(merged(tables, given, table.name), table.name)
+    return tables, replace(model, within=Reach.of(plant, model))
+
+
+def _covered(model: Model, opened: Sequence[Recording]) -> tuple[Recording, ...]:
+    return tuple(r if model.within is None else model.within(r) for r in opened)
 
 
 def _plain(plant: Plant, tables: dict[str, Any]) -> Model:
@@ -137,7 +227,7 @@ def write_draft(robot: Robot, elsewhere: Path | None = None) -> Path | None:
 
 
 def _opened(
-    recordings: Sequence[str | Path | Recording], given: dict[str, Any], head: Any
+    recordings: Sequence[str | Path | Recording], given: Mapping[str, Any], head: Any
 ) -> list[Recording]:
     columns = given.get("columns", {})
     time = columns.get(head.get("time", "t")) if isinstance(columns, dict) else None
@@ -150,11 +240,11 @@ def _opened(
 
 def _matched(
     plant: Plant,
-    quantities: list[Quantity],
-    given: dict[str, Any],
+    given: Mapping[str, Any],
     opened: Sequence[Recording],
 ) -> Matched:
     """Match columns by name, as far as the sidecar leaves them open."""
+    quantities = quantities_of(plant, tables_of(plant)["units"])
     said = {k: v for k, v in given.get("columns", {}).items() if isinstance(v, str)}
     told = bool(given.get("readings"))  # which sensors there are
     if not opened:
@@ -175,7 +265,8 @@ def _by_name(plant: Plant, quantities: list[Quantity], said: dict[str, str], tol
     """Return positions read from columns named as their joints, where nothing else is said."""
     found = Matched(columns=dict(said))
     if not told:
-        found.outputs = [q for q in quantities if q.kind == POSITION]
+        own = [q for q in quantities if q.reading and q.role in said]
+        found.outputs = [q for q in quantities if q.kind == POSITION or q in own]
         for q in found.outputs:
             found.columns.setdefault(q.role, q.names[0])
     for u, name in zip(plant.inputs, plant.actuator_names, strict=True):
@@ -192,7 +283,8 @@ def _assumed(
         names = ", ".join(matched.unknown[:12])
         message = f"columns that match no joint, actuator or sensor are not used: {names}"
         rows.append(_row(opened[0].name, "columns", message))
-    unseen = [q for q in plant.positions if q not in model.readings.values()]
+    seen = Reach.of(plant, model).sensors
+    unseen = [q for j, q in enumerate(plant.positions) if j not in seen]
     contacts = not plant.disabled("CONTACT") and bool(plant.m.ngeom)
     if unseen and opened and contacts:
         message = (
@@ -200,7 +292,38 @@ def _assumed(
             "and contacts do not act in the formulas"
         )
         rows.append(_row(plant.path.name, "contacts", message))
+    if plant.loops:
+        rows.append(_row(plant.path.name, "servos", _loops_said(plant)))
     return rows
+
+
+def _rotors_said(plant: Plant, rotors: Mapping[int, float]) -> list[dict[str, Any]]:
+    """Say which joints got the inertia of a rotor."""
+    if not rotors:
+        return []
+    listed = "; ".join(f"{plant.joint_names[j]} {x:.3g}" for j, x in rotors.items())
+    message = (
+        "a URDF has no inertia of rotors: the recordings tell one, free from 0 on, that starts at "
+        f"(kg m^2 or kg): {shortened(listed, 200)}"
+    )
+    return [_row(plant.path.name, "rotors", message)]
+
+
+def _loops_said(plant: Plant) -> str:
+    """Say which loops are part of the model, and what cannot be told from their gains."""
+    parts = [f"{plant.actuator_names[i]} kp {x.kp:.4g}, kv {x.kv:.4g}" for i, x in _some(plant)]
+    more = len(plant.loops) - len(parts)
+    listed = "; ".join(parts) + (f"; {more} more" if more > 0 else "")
+    told = any(loop.estimated for loop in plant.loops.values())
+    how = "estimated from the recordings, kp free" if told else "as [servos] says"
+    return (
+        "the inputs are targets of position loops, force = kp*(target - position) - kv*rate, "
+        f"{how}: {listed}. A joint's damping and kv of its loop cannot be told apart: kv stays"
+    )
+
+
+def _some(plant: Plant) -> list[tuple[int, Loop]]:
+    return list(plant.loops.items())[:MOST_SAID]
 
 
 def _drafted(table: Path, drafted: str, model: Model) -> list[dict[str, Any]]:

@@ -10,9 +10,12 @@ from typing import Any
 import pandas as pd
 
 from jaxsr._arguments import is_format
+from jaxsr.models.formats.fmu import Unit, read_fmu, write_sidecar
 from jaxsr.models.formats.mjcf import Robot, read_mjcf, read_plant, write_draft
 from jaxsr.models.formats.running import robot_to_csv
+from jaxsr.models.formats.step_map import is_step, read_steps, steps_to_csv
 from jaxsr.models.formats.time_step import step_rows
+from jaxsr.models.formats.unit_edits import edited_unit
 from jaxsr.models.formats.urdf import read_urdf, repair_rows
 from jaxsr.models.formats.write_back import write_back
 from jaxsr.models.simulation import simulate_to_csv
@@ -26,9 +29,13 @@ def simulated_table(
     duration: float | None,
     dt: float | None,
 ) -> pd.DataFrame:
-    """Return the table of ``jaxsr simulate``: a robot is run by its own integrator."""
+    """Return the table of ``jaxsr simulate``: robots and steps run as they do themselves."""
     if opened.robot is not None:
         return robot_to_csv(opened.robot, recording, duration, dt)
+    if opened.unit is not None and recording is not None:
+        own = steps_to_csv(opened.unit, recording)
+        if own is not None:
+            return own
     return simulate_to_csv(opened.simulator, recording, duration, dt)
 
 
@@ -40,19 +47,23 @@ class Opened:
     ----------
     simulator : Simulator
     robot : Robot, optional
-        Where it comes from, if that is a format that people have.
+        Where it comes from, if that is MJCF or URDF.
+    unit : Unit, optional
+        The same, if that is an FMU or a step function.
     drafted : Path, optional
         Sidecar that was written.
     """
 
     simulator: Simulator
     robot: Robot | None = None
+    unit: Unit | None = None
     drafted: Path | None = None
 
     @property
     def checks(self) -> list[dict[str, Any]]:
         """Rows for ``data_checks``."""
-        return [] if self.robot is None else self.robot.checks
+        own = self.robot or self.unit
+        return [] if own is None else own.checks
 
     def _steps(self, fit: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Say what the file's own time step does, at the horizon that the verdict rests on."""
@@ -68,6 +79,8 @@ class Opened:
 
         What changed there stands in the diagnosis's ``data_checks`` from then on.
         """
+        if self.unit is not None:
+            return self._edited(diagnosis, self.unit)
         if self.robot is None:
             return {}
         plant = self.robot.plant
@@ -79,6 +92,20 @@ class Opened:
             rows.append(row)
         diagnosis.document["data_checks"] += rows
         return back.files
+
+    def close(self) -> None:
+        """End the process of a simulator that has one."""
+        if self.unit is not None:
+            self.unit.native.close()
+
+    def _edited(self, diagnosis: Any, unit: Unit) -> dict[str, str]:
+        files, said = edited_unit(unit, diagnosis.given, diagnosis.model)
+        rows = list(self.checks)
+        for line in said:
+            row = {"file": unit.path.name, "channel": "", "check": "written_back", "message": line}
+            rows.append(row)
+        diagnosis.document["data_checks"] += rows
+        return files
 
 
 def read_robot(
@@ -122,7 +149,15 @@ def open_simulator(
     read : callable
         Reads what is no robot.
     """
+    table = next(iter(tables), None)
+    if is_step(model):
+        unit = read_steps(model, table, recordings)
+        return Opened(unit.simulator, unit=unit)
     if not is_format(model):
         return Opened(read(model, *tables))
-    robot = read_robot(model, next(iter(tables), None), recordings)
-    return Opened(Simulator(robot.model), robot, write_draft(robot, folder))
+    if model.lower().endswith(".fmu"):
+        unit = read_fmu(model, table, recordings)
+        drafted = write_sidecar(unit.path.with_suffix(".toml"), unit.drafted, folder)
+        return Opened(unit.simulator, unit=unit, drafted=drafted)
+    robot = read_robot(model, table, recordings)
+    return Opened(Simulator(robot.model), robot, drafted=write_draft(robot, folder))

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jaxsr._quoting import shortened
 from jaxsr._result import InputError
 from jaxsr.models.formats.names import element_symbols, input_symbols
 
@@ -35,7 +34,27 @@ def mujoco() -> Any:
     except ImportError:
         remedy = "Install it by: pip install 'jaxsr-dynamics[mujoco]'"
         raise InputError("MJCF and URDF need MuJoCo", "mujoco", remedy) from None
+    if getattr(module, "__version__", "") == "4.0.0":
+        remedy = "Install another release: pip install 'mujoco-core>=4.0.1'"
+        raise InputError("release 4.0.0 computes wrong accelerations", "mujoco", remedy)
     return module
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A position loop around an actuator: force = kp*(target - position) - kv*rate.
+
+    Attributes
+    ----------
+    kp, kv : float
+        Along the joint, in N m/rad and N m s/rad of a hinge, N/m and N s/m of a slide.
+    estimated : bool
+        Whether recordings told the gains, so that kp is free.
+    """
+
+    kp: float
+    kv: float
+    estimated: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +68,14 @@ class Plant:
     m : mujoco.MjModel
     mjcf : str
         The same as MJCF, where the file is none.
+    loops : mapping of int to Loop
+        Position loops around actuators, whose inputs are targets then; they are in no file.
     """
 
     path: Path
     m: Any
     mjcf: str = ""
+    loops: Mapping[int, Loop] = field(default_factory=dict)
 
     @staticmethod
     def read(path: str | Path) -> Plant:
@@ -64,23 +86,9 @@ class Plant:
         InputError
             The file cannot be read, is no MJCF, or has an element that formulas do not cover.
         """
-        path = Path(path)
-        library = mujoco()
-        try:
-            if path.stat().st_size > MOST_BYTES:
-                raise InputError("is too large for a robot", str(path), "Name an MJCF")
-            with quietly(library):
-                m = library.MjModel.from_xml_path(str(path))
-        except FileNotFoundError:
-            raise InputError("no such file", str(path), "Check the path") from None
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror or error}", str(path)) from None
-        except ValueError as error:
-            what = f"MuJoCo cannot read it: {shortened(str(error), 200)}"
-            raise InputError(what, path.name, "Mend the file, or name another") from None
-        plant = Plant(path, m)
-        refuse(plant)
-        return plant
+        from jaxsr.models.formats.loading import read_plant_file
+
+        return read_plant_file(path)[0]
 
     def called(self, kind: str, index: int) -> str:
         """Return the name of an element, such as ``joint`` 0, or its kind and number."""
@@ -162,6 +170,19 @@ class Plant:
         return np.zeros(3) if self.disabled("GRAVITY") else np.array(self.m.opt.gravity)
 
     @cached_property
+    def inertias(self) -> np.ndarray:
+        """Inertia along every joint at the reference position, in kg m^2 or kg, armature apart."""
+        library, m = mujoco(), self.m
+        data, found = library.MjData(m), np.empty(m.nv)
+        with quietly(library):
+            library.mj_fwdPosition(m, data)
+            for j, unit in enumerate(np.eye(m.nv)):
+                row = np.empty(m.nv)
+                library.mj_mulM(m, data, row, unit)
+                found[j] = row[j] - m.dof_armature[j]
+        return found
+
+    @cached_property
     def tendon_arms(self) -> np.ndarray:
         """Change of every tendon's length with the joints, shape (tendons, joints)."""
         arms = np.zeros((self.m.ntendon, self.m.njnt))
@@ -199,7 +220,11 @@ def refuse(plant: Plant) -> None:
     for i, kind in enumerate(m.jnt_type):
         if int(kind) in (0, 1):
             word = "free" if int(kind) == 0 else "ball"
-            raise fail("joint", i, f"is a {word} joint", "Fix the base, or put it on hinges")
+            remedy = "Put it on hinges"
+            if int(kind) == 0:
+                table = plant.path.with_suffix(".toml").name
+                remedy = f"Write fixed_base = true under [model] of {table} if its body stood still"
+            raise fail("joint", i, f"is a {word} joint", remedy)
     if m.njnt == 0:
         raise InputError("has no joint", plant.path.name, "Name a model that moves")
     if m.njnt > LARGEST:

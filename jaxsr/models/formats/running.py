@@ -107,6 +107,11 @@ def robot_to_csv(
     model, plant = robot.model, robot.plant
     simulator = Simulator(model)
     if robot.edited or model.delays:
+        if recording is not None and model.within is not None:
+            if len(model.within(recording)) < len(recording):
+                what = "a contact or a limit acts in it, which the formulas with the sidecar's "
+                remedy = "Cut the file there, or run the MJCF without them"
+                raise InputError(f"{what}changes do not have", recording.name, remedy)
         return simulate_to_csv(simulator, recording, duration, dt)
     if recording is None:
         time, inputs, start = _alone(robot, duration, dt)

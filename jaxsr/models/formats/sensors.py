@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from jaxsr.models.formats.formulas import mechanics_of
+from jaxsr.models.formats.inertial import has_inertial, inertial_readings
 from jaxsr.models.formats.plant import Plant
 
 JOINTPOS, JOINTVEL = 9, 10
@@ -36,4 +38,9 @@ def sensor_readings(plant: Plant, units: Mapping[str, str]) -> list[tuple[str, s
             state = states[int(m.actuator_trnid[element, 0])]
             gear = float(m.actuator_gear[element, 0])
             found.append((name, f"({gear!r})*{state}", units.get(state, "")))
+    if has_inertial(plant):
+        mechanics, _ = mechanics_of(plant)
+        mechanics.loads()
+        mechanics.mass_matrix()
+        found += inertial_readings(plant, mechanics)
     return found

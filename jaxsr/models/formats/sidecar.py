@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +13,28 @@ from jaxsr.models.formats.columns import Matched
 from jaxsr.models.formats.summands import names_in
 from jaxsr.models.writing import table_text
 
-KEYS = ("base", "name", "outputs", "input_hold", "sample_time", "time")
+SWITCHES = ("fixed_base", "contacts", "limits")
+"""Keys of [model] that say what a robot met: whether its base stood still, or nothing touched."""
+KEYS = ("base", "name", "outputs", "input_hold", "sample_time", "time", *SWITCHES)
 TABLES = (
     *("model", "readings", "parameters", "per_recording", "initial", "delays", "clock", "noise"),
-    *("resolution", "units", "columns", "additions"),
+    *("resolution", "units", "columns", "additions", "servos"),
 )
+
 DRAFT = """\
 # Drafted by jaxsr: how recordings go with {base}, and what a diagnosis may re-calibrate.
 # [readings]    output = expression of the joints' positions q_JOINT and rates v_JOINT
 # [parameters]  the constants that are free, inside their bounds; every other one keeps the value of
 #               {base}. Masses are fixed: to free one, write mass_BODY = {{ bounds = [low, high] }}
 # [columns]     output or input = column of a recording
-# Assumed, change it where it is wrong: between two samples a control {hold}.
+{more}# Assumed, change it where it is wrong: between two samples a control {hold}.
 # (input_hold "zero" as MuJoCo steps, "linear" for a torque that a sensor measures.)
+"""
+
+LOOPS = """\
+# [servos]      position loops of a controller, force = kp*(target - position) - kv*rate, in N m and
+#               rad or N and m: estimated here from the recordings. A joint's damping acts as kv
+#               does: write the gains that the controller has, and take kp out of [parameters]
 """
 
 HOLDS = {"zero": "stays what it was", "linear": "lies on a line"}
@@ -58,6 +67,9 @@ def read_sidecar(path: Path, base: Path) -> dict[str, Any]:
         if key not in KEYS:
             what = f"unknown key {shortened(str(key))!r} in [model] of a sidecar"
             raise InputError(what, path.name, f"Use {', '.join(KEYS)}")
+    for key in SWITCHES:
+        if not isinstance(head.get(key, False), bool):
+            raise InputError(f"{key} is no truth value", path.name, f"Write {key} = true or false")
     if head.get("base") != base.name:
         what = f"[model] base is not {base.name}"
         raise InputError(what, path.name, f'Write base = "{base.name}", or rename the file')
@@ -76,10 +88,10 @@ def merged(tables: Mapping[str, Any], sidecar: Mapping[str, Any], where: str) ->
         [parameters] names a constant that the simulator does not have.
     """
     out = {name: dict(table) for name, table in tables.items()}
-    head = {k: v for k, v in sidecar.get("model", {}).items() if k != "base"}
+    head = {k: v for k, v in sidecar.get("model", {}).items() if k not in ("base", *SWITCHES)}
     out["model"] |= head
     for name in TABLES[1:]:
-        if name not in sidecar or name == "parameters":
+        if name not in sidecar or name in ("parameters", "servos"):
             continue
         own = sidecar[name]
         out[name] = {**out.get(name, {}), **own} if isinstance(own, Mapping) else own
@@ -116,21 +128,35 @@ def _freed(own: Mapping[str, Any], given: Any, used: set[str], where: str) -> di
     return fixed
 
 
-def draft(base: Path, tables: Mapping[str, Any], matched: Matched) -> str:
-    """Return the text of a sidecar that says what was assumed."""
+def draft(
+    base: Path,
+    tables: Mapping[str, Any],
+    matched: Matched,
+    servos: Mapping[str, Mapping[str, float]] | None = None,
+    valued: Collection[str] = (),
+) -> str:
+    """Return the text of a sidecar that says what was assumed.
+
+    Parameters `valued` have their value from the recordings, in no file.
+    """
     head = {
         "base": base.name,
         "outputs": [q.role for q in matched.outputs],
         "input_hold": tables["model"]["input_hold"],
     }
     free = {
-        name: {"bounds": entry["bounds"]}
+        name: {k: entry[k] for k in ("value", "bounds") if k == "bounds" or name in valued}
         for name, entry in tables["parameters"].items()
         if "bounds" in entry
     }
     parts = [
-        DRAFT.format(base=base.name, hold=HOLDS[tables["model"]["input_hold"]]),
+        DRAFT.format(
+            base=base.name,
+            hold=HOLDS[tables["model"]["input_hold"]],
+            more=LOOPS if servos else "",
+        ),
         table_text("model", head),
+        table_text("servos", servos or {}),
         table_text("readings", {q.role: q.reading for q in matched.outputs}),
         table_text("parameters", free) or "[parameters]\n",
         table_text("units", {q.role: q.unit for q in matched.outputs if q.unit}),

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsr.models.formats.mjcf import Robot
 from jaxsr.models.formats.running import held, read_outputs, run_steps
-from jaxsr.models.segments import Prepared
+from jaxsr.models.segments import Prepared, cut
 from jaxsr.recordings import Recording
 
 SHARE = 0.1
@@ -48,10 +48,9 @@ def step_rows(
         if item.states.hidden:
             return []
         size = np.nanstd(item.outputs, axis=0)
-        length = max(int(np.searchsorted(item.time - item.time[0], horizon)), 2)
         controls = held(item.time, item.inputs, model.input_hold)
-        for first in range(0, item.time.size - length + 1, length):
-            part = slice(first, first + length)
+        for _, first, last in cut([item], horizon):
+            part = slice(first, last)
             time, start = item.time[part], item.states.values[first]
             if left <= 0 or not np.isfinite(start).all():
                 continue

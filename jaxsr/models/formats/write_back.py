@@ -166,6 +166,10 @@ class _Work:
     ) -> bool:
         own, m = self.attributes, self.plant.m
         node = own.actuator(i)
+        if i in self.plant.loops:
+            name = self.plant.actuator_names[i]
+            self.said.append(f"{kind} of the controller's loop around {name} is {value:.4g}")
+            return True
         if kind in ("kp", "kv") and node is not None and node.tag != "general":
             servos.setdefault(i, {})[kind] = value
             return True
@@ -228,6 +232,8 @@ class _Work:
         m, own, u = self.plant.m, self.attributes, self.plant.inputs[i]
         node, value = own.actuator(i), next(iter(values.values()), 0.0)
         written = False
+        if i in self.plant.loops:  # whose target is in no file
+            return
         if mechanism == "input_delay" and u in self.explained.delays:
             tau = self.explained.delays[u]
             seconds = self.explained.parameters[tau].value if isinstance(tau, str) else float(tau)
@@ -268,7 +274,13 @@ class _Work:
 
     def rest(self) -> None:
         """Leave to the callback what no attribute stands for."""
-        for j in range(len(self.plant.rates)):
+        targets = {self.plant.inputs[i] for i in self.plant.loops}
+        for j, v in enumerate(self.plant.rates):
+            if any(names_in(t) & targets for t in (*self.added[j], *self.taken[j])):
+                self.said.append(
+                    f"what acts on {v} through a target stands in explained.toml alone"
+                )
+                self.added[j] = self.taken[j] = []
             self._sliding(j)
             if self.added[j] or self.taken[j]:
                 self.callback.forces[j] = self.added[j], self.taken[j]

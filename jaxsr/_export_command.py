@@ -1,0 +1,60 @@
+"""The command ``jaxsr export``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jaxsr._job import RUN
+from jaxsr._output import print_line
+from jaxsr._result import InputError
+
+
+def export(
+    result: Annotated[
+        str, typer.Argument(metavar="RESULT", help="A folder of results, or a model file.")
+    ],
+    to: Annotated[
+        str, typer.Option(metavar="LANGUAGE", help="c, matlab, modelica, numpy, jax, sympy, latex.")
+    ],
+    out: Annotated[
+        str | None, typer.Option(metavar="FILE", help="File to write; standard output by default.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the function or class.")
+    ] = None,
+) -> Callable[[str], None]:
+    """Write the model that was explained or discovered in another language."""
+    if out is not None and Path(out).resolve() == Path(result).resolve():
+        raise InputError("would overwrite an input", f"--out {out}", "Name another file")
+    if out is not None and Path(out).is_dir():
+        raise InputError("is a directory", f"--out {out}", "Name a file")
+
+    def job(command: str) -> None:
+        from jaxsr._files import atomic_write_text, check_writable
+
+        if out is not None:
+            check_writable(Path(out))
+        from jaxsr.models.exports import export_text
+
+        text = export_text(_model(result), to, name)
+        if out is None:
+            print_line(text.removesuffix("\n"))
+            return
+        atomic_write_text(Path(out), text)
+        RUN.get().outcome = f"{out} is whole"
+        print_line(f"{to} in {out}")
+
+    return job
+
+
+def _model(result: str) -> Any:
+    """Return the model of a folder of results, or of a model file."""
+    import jaxsr
+
+    if Path(result).is_dir():
+        return jaxsr.load(result).model
+    return jaxsr.Simulator.from_file(result).model

@@ -1,0 +1,210 @@
+"""The one evaluator of a search: new terms in one batch, by the compiled machine or by NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxsr.evaluation.cache import ColumnCache
+from jaxsr.evaluation.engine import Engine, EngineConfig
+from jaxsr.expressions.postfix import OPERATORS, compile_postfix
+from jaxsr.expressions.primitives import PRIMITIVES
+from jaxsr.expressions.term import BOOLEAN, CONSTANT, VARIABLE, Term
+
+Array = NDArray[Any]
+
+PIECE = 4096
+"""Samples gone through at once where columns are reduced: a few of them fill a core's cache."""
+TOGETHER = 512
+"""Most terms whose columns are reduced together, and columns that the machine holds at once."""
+_COMPILED_FROM = 32_768  # samples; columns this long no longer fit a core's cache
+_COMPILED_NODES = 2**22  # terms times samples of a batch after which more batches will follow
+_IN_POSTFIX = frozenset(OPERATORS) | {CONSTANT, VARIABLE}
+_LEAVES = frozenset({CONSTANT, VARIABLE, BOOLEAN})
+
+
+def is_compiled(samples: int, terms: int) -> bool:
+    """Tell whether a batch of new terms pays for the compiled machine; the others follow it.
+
+    Measured (``python -m benchmarks.generation``): up to 16,000 samples NumPy's columns stay in a
+    core's cache and the machine gains at most half, which never repays its compilation (1.5 s of
+    a core, once for a process and a number of variables); at 65,000 it is three times as fast on
+    each core. An estimate of a few terms, however long, is not worth compiling for.
+    """
+    return samples >= _COMPILED_FROM and terms * samples >= _COMPILED_NODES
+
+
+class Evaluator:
+    """Columns of terms on fixed samples.
+
+    New terms go to the compiled machine as one batch of postfix arrays, each distinct subtree
+    computed once, on all cores. With few samples, and for terms that have no postfix code
+    (integrals, ``Piecewise``, functions of the user), the columns are NumPy's, every subtree's
+    kept: the reference. Which of both is settled by :func:`is_compiled` alone, at the first batch
+    that is large enough; from then on a column's last bit does not depend on the batch.
+
+    Parameters
+    ----------
+    variables : mapping of str to ndarray, (samples,)
+    limit_bytes : int
+        Memory for columns that are kept.
+    time, group
+        As for :class:`jaxsr.evaluation.ColumnCache`.
+    threads : int, optional
+        By default one for each core this process may use.
+
+    Attributes
+    ----------
+    variables : dict of str to ndarray, (samples,)
+    threads : int or None
+    cache : ColumnCache
+        Of NumPy's columns, and of those of the machine that are kept.
+    """
+
+    def __init__(
+        self,
+        variables: Mapping[str, Array],
+        limit_bytes: int = 128 * 2**20,
+        *,
+        time: str | Array = "t",
+        group: Array | None = None,
+        threads: int | None = None,
+    ) -> None:
+        self.cache = ColumnCache(variables, limit_bytes, time=time, group=group)
+        self.variables = {n: np.asarray(v, np.float64) for n, v in variables.items()}
+        self._names = tuple(self.variables)
+        self._samples = next((len(v) for v in self.variables.values()), 1)
+        self.threads = threads
+        self._data: Array | None = None
+        self._compiled = False
+
+    def serves(self, terms: int) -> bool:
+        """Tell whether the compiled machine evaluates so many new terms, and those to come."""
+        if not self._compiled and self._names:
+            self._compiled = is_compiled(self._samples, terms)
+        return self._compiled
+
+    def column(self, term: Term, *, keep: bool = True) -> Array:
+        """Return the column (samples,) of a term, every subtree of it kept, by NumPy."""
+        return self.cache.column(term, keep=keep)
+
+    def columns(self, terms: Sequence[Term], *, keep: bool = True) -> Array:
+        """Return the columns (samples, terms), each term's samples side by side.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+        keep : bool
+            Whether the columns are kept for the next call; those of a search over constants
+            are visited once.
+        """
+        out = np.empty((len(terms), self._samples))
+        new: dict[Term, list[int]] = {}
+        if self.serves(len(terms)):
+            for place, term in enumerate(terms):
+                if term.args and term not in self.cache and _is_coded(term):
+                    new.setdefault(term, []).append(place)
+        done = {place for places in new.values() for place in places}
+        for place, term in enumerate(terms):
+            if place not in done:
+                out[place] = self.cache.column(term, keep=keep)
+        if new:
+            self._fill(out, new)
+            for term, places in new.items() if keep else ():
+                self.cache.hold(term, out[places[0]].copy())
+        return out.T
+
+    def reduced(
+        self, terms: Sequence[Term], use: Callable[[Array, slice], Any], samples: int | None = None
+    ) -> list[Any]:
+        """Return what ``use(columns, rows)`` makes of each piece of the samples, in their order.
+
+        ``columns`` (terms, rows of the piece) are valid during the call only. The compiled machine
+        goes through several pieces at once, so ``use`` must write to nothing that is shared.
+
+        Parameters
+        ----------
+        samples : int, optional
+            How many there are, for terms without variables.
+        """
+        served = self.serves(len(terms))
+        fits = _is_coded if served else is_pointwise
+        whole = {k: self.cache.column(t, keep=False) for k, t in enumerate(terms) if not fits(t)}
+        plain = [k for k in range(len(terms)) if k not in whole]
+        rows = samples or self._samples
+
+        def complete(columns: Array, part: slice) -> Any:
+            if not whole:
+                return use(columns, part)
+            every = np.empty((len(terms), part.stop - part.start))
+            every[plain] = columns
+            for place, column in whole.items():
+                every[place] = column[part]
+            return use(every, part)
+
+        if served and plain and len(plain) <= TOGETHER:
+            engine = self._engine([terms[k] for k in plain])
+
+            def piece(block: Array, _: slice, part: slice) -> Any:
+                return complete(block, part)
+
+            return engine.each(self._matrix(), piece, whole=True)
+        columns = np.empty((len(plain), min(PIECE, rows)))
+        answers = []
+        for first in range(0, rows, PIECE):
+            part = slice(first, min(first + PIECE, rows))
+            here = columns[:, : part.stop - first]
+            samples_of = {name: values[part] for name, values in self.variables.items()}
+            cache = ColumnCache(samples_of, 8 * PIECE * max(64, len(plain)))
+            for slot, k in enumerate(plain):
+                here[slot] = cache.column(terms[k])
+            answers.append(complete(here, part))
+        return answers
+
+    def _fill(self, out: Array, new: Mapping[Term, Sequence[int]]) -> None:
+        """Evaluate distinct terms in one batch, each into its rows of ``out``."""
+        engine = self._engine(list(new))
+        if len(new) == len(out):
+            engine.columns(self._matrix(), out)
+            return
+        places = np.array([places[0] for places in new.values()])
+
+        def keep(block: Array, own: slice, samples: slice) -> None:
+            out[places[own], samples] = block
+
+        engine.each(self._matrix(), keep)
+        for first, *others in new.values():
+            out[others] = out[first]
+
+    def _engine(self, terms: Sequence[Term]) -> Engine:
+        config = EngineConfig(self.threads, chunk=PIECE, window=TOGETHER)
+        if config.platform != "cpu":  # a device has no such cache, and wants long rows
+            config = replace(config, chunk=None)
+        return Engine(compile_postfix(terms, self._names), config)
+
+    def _matrix(self) -> Array:
+        """Return the variables (variables, samples), made once."""
+        if self._data is None:
+            self._data = np.array([self.variables[name] for name in self._names])
+        return self._data
+
+
+class Reference(Evaluator):
+    """The same by NumPy at any number of samples: what the machine is tested against."""
+
+    def serves(self, terms: int) -> bool:
+        """Tell that the machine evaluates nothing."""
+        return False
+
+
+def is_pointwise(term: Term) -> bool:
+    """Tell whether a value depends on the same sample's variables alone."""
+    return all(node.op in _LEAVES or PRIMITIVES[node.op].pointwise for node in term.walk())
+
+
+def _is_coded(term: Term) -> bool:
+    return all(node.op in _IN_POSTFIX for node in term.walk())

@@ -1,0 +1,6 @@
+"""Models written for other programs: SymPy, LaTeX, NumPy, JAX, C, MATLAB, Modelica."""
+
+from jaxsr.models.exports.exported import Exported
+from jaxsr.models.exports.texts import ENDINGS, export_text
+
+__all__ = ["ENDINGS", "Exported", "export_text"]

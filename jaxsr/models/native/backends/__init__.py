@@ -1,0 +1,1 @@
+"""Simulators in the worker's process: scripts that import nothing of the package."""

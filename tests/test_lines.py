@@ -1,0 +1,49 @@
+"""Spectral lines of what re-calibration leaves, and along which coordinates they are offered."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jaxsr.diagnosis.mechanisms.motion import Motion
+
+TIME = np.linspace(0.0, 20.0, 2001)
+FREQUENCY, PHASE = 7.3, 0.6
+
+
+def motion() -> Motion:
+    """Two equations; a push along the second is all that either leaves, the first sees a part."""
+    rng = np.random.default_rng(1)
+    push = np.sin(FREQUENCY * TIME + PHASE)
+    residual = {
+        "v": 0.01 * push + 0.02 * rng.normal(size=TIME.size),
+        "w": push + 0.02 * rng.normal(size=TIME.size),
+    }
+    none = {state: np.zeros((TIME.size, 0)) for state in residual}
+    return Motion(
+        {"t": TIME}, ("run",), np.array([0, TIME.size]), lambda x: x, TIME, 0.01, residual, none
+    )
+
+
+@pytest.mark.parametrize("state", ["v", "w"])
+def test_a_line_is_offered_along_every_coordinate_in_its_phase_there(state: str) -> None:
+    line = motion().frequencies(state)[0]
+    assert line.value == pytest.approx(FREQUENCY, abs=0.02)
+    assert line.phase == pytest.approx(PHASE, abs=0.3)
+
+
+def test_where_no_residual_has_a_line_none_is_offered() -> None:
+    rng = np.random.default_rng(2)
+    found = motion()
+    quiet = {state: rng.normal(size=TIME.size) for state in found.residual}
+    still = Motion(
+        found.signals,
+        found.recordings,
+        found.edges,
+        found.integrate,
+        TIME,
+        0.01,
+        quiet,
+        found.basis,
+    )
+    assert still.frequencies("v") == still.frequencies("w") == []
