@@ -308,17 +308,17 @@ def _stepped(
 
     None where they cannot be switched exactly. It begins with some constants and a path.
     """
-    stepping = problem.stepping
+    stepping, (theta, path) = problem.stepping, begun
     if factor == EXACT:
-        exact = switched(problem, begun[0])
+        exact = switched(problem, theta)
         if exact is None:
             return None
         problem = exact
     elif stepping.widths:
         widths = tuple(factor * w for w in stepping.widths)
         problem = replace(problem, stepping=replace(stepping, widths=widths))
-        problem = steady(problem, begun[0])
-    return resolved(problem, *begun, scales.noise, scales.start, active)
+        problem = steady(problem, theta)
+    return resolved(problem, theta, path, scales.noise, scales.start, active)
 
 
 def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
