@@ -54,7 +54,7 @@ class Case:
     def __post_init__(self) -> None:
         for name in ("data", "held_out"):
             given: Any = getattr(self, name)
-            paths: Any = (given,) if isinstance(given, str | Path) else given
+            paths = [given] if isinstance(given, str | Path) else cast("list[str | Path]", given)
             object.__setattr__(self, name, tuple(os.fspath(path) for path in paths))
         object.__setattr__(self, "model", os.fspath(self.model))
         if not is_model(self.model):

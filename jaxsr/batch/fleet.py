@@ -1,5 +1,6 @@
 """What a batch found: the diagnoses by case, their table, their page."""
 
+# pyright: reportMissingTypeStubs=false
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping

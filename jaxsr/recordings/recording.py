@@ -1,5 +1,6 @@
 """A recording: one experiment, its time and its measured channels."""
 
+# pyright: reportMissingTypeStubs=false
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
