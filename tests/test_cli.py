@@ -33,8 +33,9 @@ class Recorded:
 
     def __call__(self, *args: Any, **options: Any) -> SimpleNamespace:
         self.calls.append({"args": args, **options})
-        self.during(options["budget"])
-        options["progress"].stage("working")
+        run = options.get("run")  # of discover()
+        self.during(run.budget if run else options["budget"])
+        (run.progress if run else options["progress"]).stage("working")
         return SimpleNamespace(
             verdict="nothing",
             sentence="No mismatch.",
@@ -107,12 +108,13 @@ def test_discover_passes_its_options(files: Path, library: Recorded) -> None:
     )
     assert cli.main(argv.split()) == 0
     (call,) = library.calls
-    assert call["args"] == (["a.csv"],)
-    assert call["states"] == ("z1", "z2") and call["derivatives"] == ("dz1", "dz2")
-    assert call["inputs"] == ("u",) and call["modes"] == "2" and call["order"] == 1
-    assert call["validation"] == ["b.csv", "w.csv"]
-    assert call["held_out"] == ["v0.csv"]
-    assert 7.0 < call["budget"].seconds < 9.0  # the report is written within the budget, too
+    data, roles = call["args"]
+    assert data == ["a.csv"]
+    assert roles.states == ("z1", "z2") and roles.derivatives == ("dz1", "dz2")
+    assert roles.inputs == ("u",) and call["prior"].modes == "2" and roles.order == 1
+    assert call["run"].validation == ["b.csv", "w.csv"]
+    assert call["run"].held_out == ["v0.csv"]
+    assert 7.0 < call["run"].budget.seconds < 9.0  # the report is written within the budget, too
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import json
 import time
 import tomllib
 import warnings
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -25,10 +26,17 @@ FEW = ("whole", "10 % lost", "every 2nd q, every 10th v", "v equal to q", "all z
 def answered(recordings, folder, **options):
     """Return the document of a discovery, or None where the recordings were refused."""
     options = {"states": ["q", "v"], "inputs": ["u"], "config": TINY} | options
+    config = options.pop("config")
+    parts = {
+        kind: kind(**{f.name: options.pop(f.name) for f in fields(kind) if f.name in options})
+        for kind in (jaxsr.Roles, jaxsr.Prior, jaxsr.Run)
+    }
+    assert not options
+    roles, prior, run = parts.values()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            found = jaxsr.discover(recordings, **options)
+            found = jaxsr.discover(recordings, roles, prior=prior, config=config, run=run)
         except InputError as error:
             assert "\n" not in str(error) and len(str(error)) < 600
             return None
@@ -115,7 +123,9 @@ def test_the_budget_holds_whatever_the_number_of_states(monkeypatch):
     waves = {f"x{k}": np.sin((1.0 + 0.3 * k) * t) + 0.01 * rng.normal(size=1500) for k in range(8)}
     began = time.thread_time()
     found = jaxsr.discover(
-        [Recording("a", t, waves)], states=list(waves), budget=Budget(8.0, began)
+        [Recording("a", t, waves)],
+        jaxsr.Roles(list(waves)),
+        run=jaxsr.Run(budget=Budget(8.0, began)),
     )
     assert time.thread_time() - began < 1.1 * 8.0
     assert len(found.equations) == 8

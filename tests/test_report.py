@@ -248,12 +248,12 @@ def test_bare_document_of_every_verdict_makes_a_page(tmp_path: Path, verdict: Ve
 
 
 def test_figures_for_which_no_time_is_left_are_left_out(tmp_path: Path) -> None:
-    """One of each kind is drawn whatever the time; the page says how many are not."""
+    """The first one is drawn whatever the time; the page says how many are not."""
     evidence = drive_evidence()
     write_diagnosis_report(drive_document(), evidence, tmp_path, lambda: True)
     page = Page(tmp_path / "report.html")
     assert len(list(tmp_path.glob("free_run_*.png"))) == 1
-    assert len(list(tmp_path.glob("mismatch_*.png"))) == 1
+    assert not list(tmp_path.glob("mismatch_*.png"))
     assert f"{len(evidence.trajectories) - 1} more free runs are not drawn" in page.text
 
 

@@ -299,7 +299,9 @@ def _with_sensors(
     Readings that lost their signs are a part of the mismatch that the estimates do not see.
     """
     rounding, edits = rounding_rows(parts, estimate, given)
-    unsigned, more = rectified_rows(parts.case, estimate, given, where(parts))
+    unsigned, more = [], []
+    if parts.case.rectified:
+        unsigned, more = rectified_rows(parts.case, estimate, given, where(parts))
     seen = 1.0 - max((row["share"] for row in unsigned), default=0.0)
     rows, rounding = (
         [{**r, "share": seen * r["share"]} for r in part] for part in (rows, rounding)
