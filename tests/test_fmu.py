@@ -136,7 +136,7 @@ def test_code_that_hangs_dies_or_prints(tmp_path: Path, law: str, what: str) -> 
     native = Native(
         BACKEND, cart_fmu(tmp_path, "extern int printf(); extern void *stdout;" + law), {}
     )
-    native._seconds = 0.3
+    native._seconds = 1.0
     told = {"states": ["q", "v"], "inputs": ["F"], "outputs": [], "parameters": []}
     native.choose(2, np.ones(4), **told)
     assert np.isfinite(native.rates(np.zeros((1, 4)))).all()
