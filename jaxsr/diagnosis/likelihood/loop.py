@@ -55,9 +55,20 @@ class State:
 
     def log_posterior(self, found: Hypothesis) -> float:
         """Log of evidence times prior odds: every mechanism is one of all that were offered."""
-        if not believable(self.work, found):
+        if not believable(self.work, found) or self._owing(found):
             return -np.inf
         return found.log_evidence - len(found.members) * np.log(self.offered)
+
+    def _owing(self, found: Hypothesis) -> bool:
+        """Whether an estimate that did not come to rest adds to one that left nothing.
+
+        What it promises about a path that is no motion of its model is then more than there is.
+        """
+        return not found.settled and any(
+            h.settled and h.share == 0.0 and set(h.members) < set(found.members)
+            for h in self.known.values()
+            if h is not None
+        )
 
     def needed(self, known: dict[Members, Hypothesis | None], members: Members) -> float:
         """Log evidence that would make a set the most probable of those known."""
