@@ -29,12 +29,14 @@ def leader(*found: Hypothesis) -> tuple[int, ...]:
 
 
 @pytest.mark.parametrize("settled", [False, True])
-def test_what_adds_to_a_set_that_left_nothing_leads_only_at_rest(settled: bool) -> None:
+def test_where_a_set_left_nothing_others_as_large_lead_only_at_rest(settled: bool) -> None:
     less = known((), 0.0, 0.2, True), known((0,), 100.0, 0.0, True)
     assert leader(*less, known((0, 1), 150.0, 0.0, settled)) == ((0, 1) if settled else (0,))
+    assert leader(*less, known((2,), 150.0, 0.0, settled)) == ((2,) if settled else (0,))
 
 
 def test_where_a_force_is_left_an_estimate_on_its_way_leads() -> None:
     less = known((), 0.0, 0.2, True), known((0,), 100.0, 0.1, True)
     assert leader(*less, known((0, 1), 150.0, 0.0, False)) == (0, 1)
-    assert leader(*less, known((0,), 100.0, 0.0, True), known((2,), 150.0, 0.0, False)) == (2,)
+    less = known((), 0.0, 0.2, True), known((0, 1), 100.0, 0.0, True)
+    assert leader(*less, known((2,), 150.0, 0.0, False)) == (2,)

@@ -60,12 +60,12 @@ class State:
         return found.log_evidence - len(found.members) * np.log(self.offered)
 
     def _owing(self, found: Hypothesis) -> bool:
-        """Whether an estimate that did not come to rest adds to one that left nothing.
+        """Whether an estimate did not come to rest where one with no more members left nothing.
 
         What it promises about a path that is no motion of its model is then more than there is.
         """
         return not found.settled and any(
-            h.settled and h.share == 0.0 and set(h.members) < set(found.members)
+            h.settled and h.share == 0.0 and len(h.members) <= len(found.members)
             for h in self.known.values()
             if h is not None
         )
