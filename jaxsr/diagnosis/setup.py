@@ -30,6 +30,9 @@ NARROWEST = 8
 """Least half-width of a test function, in samples."""
 QUANTILES = np.linspace(0.0, 1.0, 21)
 
+BY_EVIDENCE_ALONE = frozenset({"input_curve", "input_gain_by_state"})
+"""Mechanisms that follow much beside what they stand for: only the evidence charges them for it."""
+
 
 def open_recording(model: Model, item: str | Path | Recording) -> Recording:
     """Read a file with the model's time column; angles that wrap are counted on.
@@ -155,6 +158,7 @@ def screen_all(
     scale = state_scale(model, prepared)
     motion = motion_of_case(simulator, prepared, half_width)
     candidates = force_candidates(model, scale, motion, input_samples(model, prepared))
+    candidates = [c for c in candidates if c.mechanism not in BY_EVIDENCE_ALONE]
     if many_equations(given):
         super_model = SuperModel.build(model, candidates)
         system = with_candidates(columns, given, super_model)
