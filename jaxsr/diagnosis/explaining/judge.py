@@ -151,6 +151,10 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
             judged = replace(judged, findings=rows, rivals=rivals, leader=leader)
         return judged
     best = _completed(parts, refine(ground, parts.chosen))
+    smaller = _without_idle(parts, best)
+    if smaller is not None:
+        parts = replace(parts, chosen=smaller)
+        best = _completed(parts, refine(ground, smaller))
     rows, rivals, order = _rows(parts, parts.chosen, best)
     rows, rounding, edits = _with_sensors(parts, best, rows, _given(parts).fit.cost)
     verdict = _verdict(parts, order, rivals)
@@ -161,6 +165,27 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
         verdict = Verdict.UNDECIDED
     every = sorted([*rows, *rounding], key=lambda row: -row["share"])
     return Judged(recalibrated, best, verdict, every, rivals, True, tuple(edits))
+
+
+def _without_idle(parts: Ingredients, best: Estimate) -> Entry | None:
+    """Return the set without wrong values whose intervals hold what was given.
+
+    None where there are none, where nothing would be left, and where that set was not estimated.
+    """
+    super_model, members = parts.arena.super_model, parts.chosen.members
+    given = neutral_values(super_model)
+
+    def idle(number: int) -> bool:
+        name = super_model.candidates[number].fixed_parameter
+        if name is None:
+            return False
+        place = best.positions[name]
+        return abs(float(best.theta[place]) - given[place]) <= float(best.told[place])
+
+    rest = tuple(i for i in members if not idle(i))
+    if not rest or rest == members:
+        return None
+    return next((e for e in parts.entries if e.members == rest), None)
 
 
 def _completed(parts: Ingredients, estimate: Estimate) -> Estimate:
