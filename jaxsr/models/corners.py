@@ -60,7 +60,7 @@ class Corners:
                 self._with_rate(field, argument, at, length) for at in (before, after)
             )
             near |= (a * b <= 0.0) | (np.minimum(np.abs(a), np.abs(b)) < NEAR * width)
-            # It may have been there and back, or have stopped there: at either end it is on its way.
+            # Where it has been there and back, or stopped there, it is on its way at either end.
             near |= np.sign(a) * (a + da) < NEAR * width
             near |= np.sign(b) * (b - db) < NEAR * width
         return (near & (length > 0.0))[None]
