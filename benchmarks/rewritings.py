@@ -9,10 +9,11 @@ by up to 50 %, its recordings' times and values rounded to nine digits, with see
 a budget of processor time (`jaxsr._clock`), so that what runs beside changes no answer. Counted
 per set: runs that end with status 0 and without a traceback or warning, and those of them whose
 findings (mechanism and place, values of the file's own parameters aside) are those of the bundled
-file; of these there must be nine of ten. Results, as they come: ``results/rewritings.json``, in
-which runs of the same engine and budget are not made again unless --again is given. Ends with
-status 1 if a run failed or a set keeps its findings too seldom. Recordings come from the folder in JAXSR_DATA_DIR (by default
-../shared/recordings beside the repository, where it exists), else from their origin.
+file; of these there must be nine of ten. Recordings come from the folder in JAXSR_DATA_DIR (by
+default ../shared/recordings beside the repository, where it exists), else from their origin.
+Results, as they come: ``results/rewritings.json``, in which runs of the same engine and budget
+are not made again unless --again is given. Ends with status 1 if a run failed or a set keeps its
+findings too seldom.
 """
 
 from __future__ import annotations
