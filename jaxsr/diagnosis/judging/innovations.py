@@ -68,7 +68,7 @@ class Autoregression:
         count = max(int(known.sum()), 2)
         # one factor serves all orders: their columns are its first ones
         factor = np.asarray(np.linalg.qr(np.stack([*lags[1:], lags[0]], axis=1), mode="r"))
-        told = factor[:, -1]
+        told = factor[:, -1] if known.any() else np.zeros(1)  # a sensor without any error
         predictors = [np.zeros(0)]
         for m in range(1, largest + 1):
             inner = factor[:m, :m]
