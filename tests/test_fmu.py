@@ -15,8 +15,9 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
-from fmu_plants import LAW, SLOPE, cart_fmu, compiler, description, recorded, slave_fmu
+from fmu_plants import recorded, slave_fmu
 
+from benchmarks.fmu_plants import LAW, SLOPE, cart_fmu, compiler, description
 from jaxsr._result import InputError
 from jaxsr.cli import main
 from jaxsr.expressions import evaluate, to_text
