@@ -37,9 +37,9 @@ def losses(site: Site) -> Iterator[Candidate]:
     x = site.state
     around = surroundings(site)
     if site.others:  # a store alone has the laws of a speed as well
-        yield from _of_gap(site, x, (x,), "level")
+        yield from _of_gap(site, x, "level")
     for y in around:
-        yield from _of_gap(site, f"({x} - {y})", (x,), f"difference to {y}")
+        yield from _of_gap(site, f"{x} - {y}", f"difference to {y}")
         if radiates(site):
             yield _radiation(site, y)
 
@@ -96,19 +96,21 @@ def radiates(site: Site) -> bool:
     return unit is None or dimension(unit) == dimension("K")
 
 
-def _of_gap(site: Site, gap: str, symbols: tuple[str, ...], told: str) -> Iterator[Candidate]:
+def _of_gap(site: Site, gap: str, told: str) -> Iterator[Candidate]:
     """Yield a loss by the square and by a power of what drives it."""
+    x = site.state
+    factor = gap if gap == x else f"({gap})"
 
     def make(name: str, term: str, *specs: ParameterSpec, sentence: str) -> Candidate:
-        terms = ((site.state, term),)
+        terms = ((x, term),)
         return Candidate(
             name, "dissipative", site.name, specs, sentence, terms=terms, source=_CONVECTION
         )
 
     yield make(
         "quadratic_drag",
-        f"- {{kd}}*{gap}*Abs({gap})",
-        ParameterSpec("kd", site.per(*symbols, *symbols), low=0.0),
+        f"- {{kd}}*{factor}*Abs({gap})",
+        ParameterSpec("kd", site.per(x, x), low=0.0),
         sentence=f"What {{site}} loses grows with the square of its {told}.",
     )
     for power in POWERS:
