@@ -37,7 +37,13 @@ from jaxsr.diagnosis.search.choice import (
     with_parts,
 )
 from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_equations
-from jaxsr.diagnosis.settled import decided_by_evidence, weighed, weights_of
+from jaxsr.diagnosis.settled import (
+    beyond_doubt,
+    borne_out,
+    decided_by_evidence,
+    weighed,
+    weights_of,
+)
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.diagnosis.thinning import prepare_search, time_for
 from jaxsr.diagnosis.unsigned import rectified_sensors
@@ -181,12 +187,14 @@ def diagnose(
 def decided_clearly(case: Case) -> tuple[Decided, Weights] | None:
     """Decide by the evidence of the recordings; None where that leaves doubt."""
     found = weighed(case)
-    if found is None:
+    if found is None or not beyond_doubt(found):
         return None
     decision = case.failures.attempt(
         "estimating what the evidence says", lambda: decided_by_evidence(case, found), None
     )
-    return None if decision is None else (decision, weights_of(found))
+    if decision is None or not borne_out(decision):
+        return None
+    return decision, weights_of(found)
 
 
 def decided_among_few(case: Case, reading: float, rng: np.random.Generator) -> Decided:

@@ -63,7 +63,7 @@ def weights_of(found: Posterior) -> Weights:
 
 
 def weighed(case: Case) -> Posterior | None:
-    """Return the posterior where it leaves no doubt, None elsewhere."""
+    """Return the posterior; None where it cannot be had, or not in time."""
     model = case.simulator.model
     if case.simulator.function is not None or model.events:
         return None
@@ -82,8 +82,7 @@ def weighed(case: Case) -> Posterior | None:
             return None
         return posterior_along(model, course, case.screened, lambda: patience.exhausted)
 
-    found = case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
-    return found if found is not None and beyond_doubt(found) else None
+    return case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
 
 
 def _enough(case: Case) -> tuple[Prepared, ...]:
@@ -112,12 +111,20 @@ def verdicts_of(found: Posterior, item: Hypothesis) -> frozenset[Verdict]:
     return frozenset(found.candidates[i].verdict for i in item.members)
 
 
-def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
-    """Return the decision, its horizon in s, and why the search ended.
+def borne_out(found: Settled) -> bool:
+    """Whether free runs bear a decision out.
 
-    None where free runs do not bear it out: the set then follows the recordings no better than
-    re-calibration, or leaves more than the sensors' noise, which the evidence takes for noise.
+    They do not where the set follows the recordings no better than re-calibration, or leaves more
+    than the sensors' noise, which the evidence takes for noise.
     """
+    (arena, _, chosen, detection), *_ = found
+    if chosen.members and not detection.detected:
+        return False
+    return residual_to_noise(arena, chosen) <= ABOVE_NOISE
+
+
+def decided_by_evidence(case: Case, found: Posterior) -> Settled:
+    """Return the decision, its horizon in s, and why the search ended."""
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
     smaller = [h for h in found.hypotheses if set(h.members) < set(leader.members)]
     every = zip(found.hypotheses, found.probabilities, strict=True)
@@ -137,10 +144,6 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     chosen = next(e for e in entries if e.members == wanted)
     count = len({c.label for c in found.candidates})
     detection = detect_in_noise(null_entry, chosen, count)
-    if chosen is not null_entry and not detection.detected:
-        return None
-    if residual_to_noise(arena, chosen) > ABOVE_NOISE:
-        return None
     return (arena, entries, chosen, detection), headline.seconds, StoppedBy.CONVERGED
 
 
