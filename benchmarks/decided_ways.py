@@ -5,9 +5,10 @@
                     [--budget SECONDS]
     python -m benchmarks.decided_ways OUT.jsonl     # the table of what is there
 
-`today` is the decision of the commands. `evidence` takes the leading set of the posterior wherever
-there is a posterior, whatever free runs say of it; it is run where `today` left that to the
-contest. `contest` never looks at the posterior. Every answer is a line of OUT.jsonl with the most
+`today` is the decision of the commands. `evidence` is that of the posterior even where its search
+did not come to its end; it is run where `today` left that to the contest. `contest` never looks at
+the posterior; it is run where the posterior leaves doubt, or free runs do not bear it out. Every
+answer is a line of OUT.jsonl with the most
 probable sets, so that a run goes on where it stopped, and other rules can be tried on what is
 there. Set JAXSR_CLOCK=processor: the budget is that of the processor then.
 """
@@ -22,7 +23,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,11 +37,11 @@ from benchmarks.generality.scoring import settled_on
 from benchmarks.hidden import cases as hidden_cases
 from benchmarks.sensing import CASES, MUST, task
 from jaxsr.diagnosis.likelihood.posterior import Posterior
-from jaxsr.diagnosis.settled import verdicts_of
+from jaxsr.diagnosis.verdict import Claim
 from jaxsr.models import parse_model
 
 COURSE = importlib.import_module("jaxsr.diagnosis.diagnose")
-PATCHED = ("weighed", "beyond_doubt", "borne_out")
+PATCHED = ("weighed", "borne_out", "claimed")
 SHOWN = 8
 """Sets of mechanisms that a line keeps."""
 SEED = 0
@@ -66,8 +67,8 @@ class Way:
     def __init__(self, name: str, known: Posterior | None = None) -> None:
         self.name, self.known = name, known
         self.found: Posterior | None = None
-        self.sure: bool | None = None
         self.borne: bool | None = None
+        self.claim: Claim | None = None
         self.own: dict[str, Callable[..., Any]] = {}
 
     def __enter__(self) -> Way:
@@ -80,23 +81,21 @@ class Way:
         for name, own in self.own.items():
             setattr(COURSE, name, own)
 
-    @property
-    def decided(self) -> bool:
-        """Whether the posterior decided."""
-        return self.borne is not None and (self.name != "today" or self.borne)
-
     def _weighed(self, case: Any) -> Posterior | None:
-        if self.name != "contest":
-            self.found = self.known or self.own["weighed"](case)
-        return self.found
-
-    def _beyond_doubt(self, found: Posterior) -> bool:
-        self.sure = bool(self.own["beyond_doubt"](found))
-        return self.sure or self.name != "today"
+        if self.name == "contest":
+            return None
+        self.found = self.known or self.own["weighed"](case)
+        if self.found is None or self.name != "evidence":
+            return self.found
+        return replace(self.found, finished=True)
 
     def _borne_out(self, settled: Any) -> bool:
         self.borne = bool(self.own["borne_out"](settled))
-        return self.borne or self.name != "today"
+        return self.borne
+
+    def _claimed(self, *args: Any) -> Claim:
+        claim = self.claim = self.own["claimed"](*args)
+        return claim
 
 
 def generality(folder: Path) -> Iterator[Task]:
@@ -196,10 +195,6 @@ def told(found: Posterior | None) -> dict[str, Any] | None:
         return None
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
     every = list(zip(found.hypotheses, found.probabilities, strict=True))
-    mass: dict[str, float] = {}
-    for h, p in every:
-        key = "+".join(sorted(verdicts_of(found, h))) or "nothing"
-        mass[key] = mass.get(key, 0.0) + float(p)
     sets = [
         {
             "labels": [found.candidates[i].label for i in h.members],
@@ -214,7 +209,6 @@ def told(found: Posterior | None) -> dict[str, Any] | None:
         "settled": bool(leader.settled),
         "something_else": found.something_else,
         "left": float(leader.share / max(null.share, 1e-300)),
-        "mass": {k: round(v, 6) for k, v in mass.items()},
         "sets": sets,
         "wrong": [(w.name, w.probability) for w in found.wrong],
     }
@@ -241,7 +235,9 @@ def answered(job: Task, way: str, known: Posterior | None, budget: float) -> tup
     except Exception:  # a case that breaks is a case that is wrong
         row |= {"verdict": "broke", "findings": [], "verdict_right": False, "first_right": False}
         row["error"] = traceback.format_exc(limit=-2)[-400:]
-    row |= {"sure": seen.sure, "borne": seen.borne, "decided": seen.decided}
+    row |= {"borne": seen.borne, "decided": seen.claim is not None}
+    if seen.claim is not None:
+        row |= {"mass": round(seen.claim.mass, 6), "claim": str(seen.claim.verdict)}
     row |= {"cpu_seconds": round(time.process_time() - begin, 1), "posterior": told(seen.found)}
     return row, seen
 
@@ -253,10 +249,7 @@ def run(jobs: Iterator[Task], ways: Sequence[str], out: Path, budget: float) -> 
         for job in jobs:
             known = None
             for way in ways:
-                before = done.get((job.name, "today"))
-                # Where the evidence decides today, it decides alone as well.
-                same = before is not None and (before["decided"] or not before["posterior"])
-                if (job.name, way) in done or (way == "evidence" and same):
+                if (job.name, way) in done or not asked(way, done.get((job.name, "today"))):
                     continue
                 row, seen = answered(job, way, known, budget)
                 known = known or seen.found
@@ -264,6 +257,15 @@ def run(jobs: Iterator[Task], ways: Sequence[str], out: Path, budget: float) -> 
                 file.write(json.dumps(row) + "\n")
                 file.flush()
                 print(said(row), flush=True)
+
+
+def asked(way: str, today: Mapping[str, Any] | None) -> bool:
+    """Whether an answer in another way can differ from today's."""
+    if today is None or way == "today":
+        return True
+    if way == "evidence":
+        return not today["decided"] and today["posterior"] is not None
+    return today["decided"] and (today["claim"] == "undecided" or not today["borne"])
 
 
 def rows_of(out: Path) -> list[dict[str, Any]]:
@@ -289,7 +291,7 @@ def doubt_of(row: Mapping[str, Any]) -> str:
     post = row["posterior"]
     if post is None:
         return "no posterior"
-    top = max(post["mass"].values())
+    top = row.get("mass", post["sets"][0]["p"])
     parts = [] if post["finished"] else ["not finished"]
     parts += [] if post["settled"] else ["not at rest"]
     parts += [] if row["borne"] is not False else ["free run"]
@@ -300,28 +302,22 @@ def doubt_of(row: Mapping[str, Any]) -> str:
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Cases left to the contest, both answers side by side, and rates by group and way."""
+    """Cases that were answered in several ways, and rates by group and way."""
     by = {(r["case"], r["way"]): r for r in rows}
     lines = []
     for (case, way), row in by.items():
-        if way != "today" or row["decided"]:
+        others = [o for o in ("before", "evidence", "contest") if (case, o) in by]
+        if way != "today" or not others:
             continue
         lines.append(f"{case} ({row['truth']}): {doubt_of(row)}")
-        for other in ("today", "evidence"):
-            if (case, other) in by:
-                lines.append("    " + said(by[case, other]))
+        lines += ["    " + said(by[case, other]) for other in ("today", *others)]
     lines.append("")
     groups = list(dict.fromkeys(r["group"] for r in rows))
     for group in groups:
-        for way in ("today", "evidence", "contest"):
-            own = []
-            for (case, w), row in by.items():
-                if row["group"] != group or w != "today":
-                    continue
-                other = by.get((case, way))
-                if other is None and way == "evidence":
-                    other = row  # what decides today is the evidence, or there is none
-                own += [other] if other is not None else []
+        cases = [c for (c, way), r in by.items() if way == "today" and r["group"] == group]
+        for way in ("today", "before", "evidence", "contest"):
+            # where another way was not asked, it answers as today's does
+            own = [by.get((c, way), by[c, "today"]) for c in cases]
             if own:
                 first = [r["first_right"] for r in own if r["first_right"] is not None]
                 undecided = sum(r["verdict"] == "undecided" for r in own)
@@ -342,7 +338,9 @@ def main() -> int:
     parser.add_argument("--force-units", action="store_true")
     parser.add_argument("--hidden", nargs="+", default=[], metavar="NAME")
     parser.add_argument("--skip", nargs="+", default=[], metavar="PART", help="of names of cases")
-    parser.add_argument("--ways", nargs="+", default=["today", "evidence"], metavar="WAY")
+    parser.add_argument(
+        "--ways", nargs="+", default=["today", "evidence", "contest"], metavar="WAY"
+    )
     parser.add_argument("--budget", type=float, default=60.0, metavar="SECONDS")
     options = parser.parse_args()
 
@@ -354,8 +352,8 @@ def main() -> int:
             yield from force_units()
         yield from hidden(options.hidden)
 
-    asked = (job for job in jobs() if not any(part in job.name for part in options.skip))
-    run(asked, options.ways, options.out, options.budget)
+    chosen = (job for job in jobs() if not any(part in job.name for part in options.skip))
+    run(chosen, options.ways, options.out, options.budget)
     print(table(rows_of(options.out)))
     return 0
 
