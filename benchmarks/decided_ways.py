@@ -6,9 +6,8 @@
     python -m benchmarks.decided_ways OUT.jsonl     # the table of what is there
 
 `today` is the decision of the commands. `evidence` is that of the posterior even where its search
-did not come to its end; it is run where `today` left that to the contest. `contest` never looks at
-the posterior; it is run where the posterior leaves doubt, or free runs do not bear it out. Every
-answer is a line of OUT.jsonl with the most
+did not come to its end, or free runs do not bear it out; it is run where `today` left that to the
+contest. `contest` never looks at the posterior; it is run where that leaves doubt. Every answer is a line of OUT.jsonl with the most
 probable sets, so that a run goes on where it stopped, and other rules can be tried on what is
 there. Set JAXSR_CLOCK=processor: the budget is that of the processor then.
 """
@@ -91,7 +90,7 @@ class Way:
 
     def _borne_out(self, settled: Any) -> bool:
         self.borne = bool(self.own["borne_out"](settled))
-        return self.borne
+        return self.borne or self.name == "evidence"
 
     def _claimed(self, *args: Any) -> Claim:
         claim = self.claim = self.own["claimed"](*args)
@@ -265,7 +264,7 @@ def asked(way: str, today: Mapping[str, Any] | None) -> bool:
         return True
     if way == "evidence":
         return not today["decided"] and today["posterior"] is not None
-    return today["decided"] and (today["claim"] == "undecided" or not today["borne"])
+    return today["decided"] and today["claim"] == "undecided"
 
 
 def rows_of(out: Path) -> list[dict[str, Any]]:

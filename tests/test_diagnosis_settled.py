@@ -15,7 +15,7 @@ from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis import settled as module
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.likelihood.posterior import Posterior, WrongValue
-from jaxsr.diagnosis.settled import explanations, unnamed, weights_of
+from jaxsr.diagnosis.settled import explanations, weights_of
 from jaxsr.diagnosis.verdict import claimed
 from jaxsr.models import Simulator, parse_model
 from tests.test_likelihood_search import MODEL, recorded
@@ -55,9 +55,8 @@ def found(hypotheses: list[Weighed], probabilities: list[float], **more: Any) ->
     return Posterior(*every, finished=True, **more)
 
 
-def claim(posterior: Posterior, borne: bool = True) -> Verdict:
-    told = explanations(posterior, GIVEN)
-    return claimed(told, unnamed(posterior, borne)).verdict
+def claim(posterior: Posterior) -> Verdict:
+    return claimed(explanations(posterior, GIVEN)).verdict
 
 
 def test_variants_of_one_set_share_their_probability() -> None:
@@ -99,20 +98,6 @@ def test_wrong_values_are_freed_one_after_the_other() -> None:
     assert mass.of_label("wrong_value@parameter:k") == pytest.approx(0.99)
     assert mass.of_label("wrong_value@parameter:d") == pytest.approx(0.99 * 0.6)
     assert claim(posterior) is Verdict.PARAMETER
-
-
-def test_something_else_counts_where_it_shows_and_is_the_larger_part() -> None:
-    def left(share: float, something_else: float, borne: bool = False) -> Verdict:
-        sets = [Weighed((0,), 9.0, share), Weighed((), 0.0, 0.1)]
-        return claim(found(sets, [0.98, 0.02], something_else=something_else), borne)
-
-    assert left(0.05, 0.99) is Verdict.STRUCTURE  # a quarter of the power
-    assert left(0.09, 0.99) is Verdict.UNDECIDED
-    assert left(0.09, 0.99, borne=True) is Verdict.STRUCTURE
-    assert left(0.09, 0.01) is Verdict.STRUCTURE
-    nothing = found([Weighed((), 0.0, 0.1)], [1.0], something_else=0.99)
-    assert claim(nothing, borne=False) is Verdict.UNDECIDED
-    assert claim(nothing) is Verdict.NOTHING
 
 
 def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:

@@ -41,7 +41,6 @@ from jaxsr.diagnosis.settled import (
     borne_out,
     decided_by_evidence,
     explanations,
-    unnamed,
     weighed,
     weights_of,
 )
@@ -192,18 +191,21 @@ def diagnose(
 
 
 def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Claim] | None:
-    """Decide by the evidence of the recordings; None where its search did not come to an end."""
+    """Decide by the evidence of the recordings.
+
+    None where its search did not come to an end, or free runs do not bear it out: something is
+    there then that the posterior does not see.
+    """
     found = weighed(case)
     if found is None or not found.finished:
         return None
     decision = case.failures.attempt(
         "estimating what the evidence says", lambda: decided_by_evidence(case, found), None
     )
-    if decision is None:
+    if decision is None or not borne_out(decision):
         return None
     told = explanations(found, case.simulator.model)
-    claim = claimed(told, unnamed(found, borne_out(decision)), costs)
-    return decision, weights_of(told), claim
+    return decision, weights_of(told), claimed(told, costs=costs)
 
 
 def decided_among_few(case: Case, reading: float, rng: np.random.Generator) -> Decided:

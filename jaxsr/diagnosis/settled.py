@@ -81,18 +81,6 @@ def _enough(case: Case) -> tuple[Prepared, ...]:
     return thinned(case.simulator.model, [p.recording for p in case.prepared], MOST)[0]
 
 
-def unnamed(found: Posterior, borne: bool) -> float:
-    """Return the probability that a force that no set names has the largest share.
-
-    Nothing is left where free runs leave no more than the sensors' noise. What is left beside a set
-    is a share of the power that is missing beside re-calibration alone.
-    """
-    leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
-    if borne or (leader.members and 2.0 * leader.share**2 <= null.share**2):
-        return 0.0
-    return found.something_else
-
-
 def explanations(found: Posterior, model: Model) -> list[Explanation]:
     """Return what was weighed as answers.
 
@@ -143,7 +131,7 @@ def _verdict_of(found: Posterior, item: Hypothesis, model: Model) -> Verdict:
 
 
 def borne_out(found: Settled) -> bool:
-    """Whether free runs bear a decision out.
+    """Whether free runs bear a decision out, so that nothing else has to be there.
 
     They do not where the set follows the recordings no better than re-calibration, or leaves more
     than the sensors' noise, which the evidence takes for noise.
