@@ -7,9 +7,10 @@
 
 `today` is the decision of the commands. `evidence` is that of the posterior even where its search
 did not come to its end, or free runs do not bear it out; it is run where `today` left that to the
-contest. `contest` never looks at the posterior; it is run where that leaves doubt. Every answer is a line of OUT.jsonl with the most
-probable sets, so that a run goes on where it stopped, and other rules can be tried on what is
-there. Set JAXSR_CLOCK=processor: the budget is that of the processor then.
+contest. `contest` never looks at the posterior; it is run where that leaves doubt. Every answer is
+a line of OUT.jsonl with the most probable sets, so that a run goes on where it stopped, and other
+rules can be tried on what is there. Set JAXSR_CLOCK=processor: the budget is that of the processor
+then.
 """
 
 from __future__ import annotations
