@@ -21,6 +21,9 @@ from jaxsr.models.steps import METHODS
 from jaxsr.models.transitions import Taken, transition
 
 Array = Any
+LOOKED, AHEAD, BETWEEN, EVEN = 16, 1e-3, 8, 0.25
+"""Equal parts that tell where a corner lies, share of one after which its begin tells the rate,
+places between two levels, and share of parts that is spread evenly."""
 NEAR = 8.0
 """Distance from a jump, in its widths, from which its rounding is none: tanh(8) = 1 - 2e-7."""
 
@@ -53,9 +56,24 @@ class Corners:
         """Return where a law turns over between two points, shape (1, ...)."""
         near = np.zeros(np.shape(length), dtype=bool)
         for argument, width in self.arguments:
-            a, b = (evaluate(argument, field.environment(at)) for at in (before, after))
+            (a, da), (b, db) = (
+                self._with_rate(field, argument, at, length) for at in (before, after)
+            )
             near |= (a * b <= 0.0) | (np.minimum(np.abs(a), np.abs(b)) < NEAR * width)
+            # Where it has been there and back, or stopped there, it is on its way at either end.
+            near |= np.sign(a) * (a + da) < NEAR * width
+            near |= np.sign(b) * (b - db) < NEAR * width
         return (near & (length > 0.0))[None]
+
+    def _with_rate(
+        self, field: Field, argument: Term, at: Point, length: Array
+    ) -> tuple[Array, Array]:
+        """Return an argument and its change over a step at the rate that it has."""
+        moved = [x + AHEAD * length * f for x, f in zip(at.states, field.rates(at), strict=True)]
+        there = Point(at.time, moved, at.inputs)
+        here, there = (evaluate(argument, field.environment(p)) for p in (at, there))
+        none = np.zeros(np.shape(length))
+        return here + none, (there - here) / AHEAD + none
 
     def through(
         self,
@@ -70,14 +88,100 @@ class Corners:
         """Advance by all substeps, each in parts: the arguments and results of `advanced`."""
         shape, taken = np.shape(x[0]), list[Taken]()
         tableau, step = METHODS[method]
-        shares = np.linspace(0.0, 1.0, self.parts + 1)
         for number in range(length.shape[1]):
             h, own = length[:, number], stages(number)
-            for first, last in itertools.pairwise(shares):
-                part = Part(own, time, h, np.full(shape, first), np.full(shape, last))
+            for first, last in itertools.pairwise(self._shares(field, method, x, time, h, own)):
+                part = Part(own, time, h, first, last)
                 x, rows = step(field, x, part.begin, part.length, part.stages, to is not None)
                 taken.append(Taken(part.length, rows, part.stages))
             time = time + h
         if to is None:
             return x, np.zeros((len(x), 0, *shape))
         return x, transition(tableau, to, taken, shape)
+
+    def _shares(
+        self, field: Field, method: str, x: list[Array], time: Array, h: Array, stages: Stages
+    ) -> Array:
+        """Return where the parts of a substep begin and end, shape (parts + 1, ...).
+
+        Few parts are equally long. More are the shorter, the nearer to a corner they are, as
+        states on `LOOKED` equal parts tell.
+        """
+        shape = np.shape(x[0])
+        equal = np.linspace(0.0, 1.0, self.parts + 1).reshape(-1, *(1 for _ in shape))
+        if self.parts <= LOOKED:
+            return np.broadcast_to(equal, (self.parts + 1, *shape))
+        _, step = METHODS[method]
+        heights: list[list[tuple[Array, Array]]] = [[] for _ in self.arguments]
+        for first, last in itertools.pairwise(np.linspace(0.0, 1.0, LOOKED + 1)):
+            part = Part(stages, time, h, np.full(shape, first), np.full(shape, last))
+            for own, (argument, _) in zip(heights, self.arguments, strict=True):
+                own.append(self._with_rate(field, argument, part.at(x, 0.0), part.length))
+            x, _ = step(field, x, part.begin, part.length, part.stages, False)
+        end = part.at(x, 1.0)
+        counts = np.diff(np.linspace(0, self.parts, len(self.arguments) + 1).astype(int))
+        found = [np.zeros((1, *shape)), np.ones((1, *shape))]
+        for own, count, (argument, width) in zip(heights, counts, self.arguments, strict=True):
+            last = evaluate(argument, field.environment(end))
+            at = np.array([a for a, _ in own] + [last]) + np.zeros(shape)
+            ahead = np.array([rate for _, rate in own])
+            found.append(graded(at, ahead, width, count + 1)[1:-1])
+        joined = np.sort(np.concatenate(found), axis=0)
+        missing = self.parts + 1 - len(joined)  # one argument less than there are parts
+        return np.concatenate([np.zeros((missing, *shape)), joined]) if missing else joined
+
+
+def graded(at: Array, ahead: Array, width: float, count: int) -> Array:
+    r"""Return shares of a step between which a corner's argument changes about equally.
+
+    Where the argument is a, changes are measured by g = sign(a) log(1 + |a|/w), so that each part
+    moves it by a share of its distance from the corner, or of the width w. `EVEN` of the parts are
+    spread evenly.
+
+    Parameters
+    ----------
+    at : ndarray, shape (pieces + 1, ...)
+        The argument at the ends of equal pieces of the step.
+    ahead : ndarray, shape (pieces, ...)
+        Its change over a piece as it begins: what comes before a corner tells where it lies.
+    width : float
+    count : int
+        Shares returned, the first 0 and the last 1.
+
+    Returns
+    -------
+    ndarray, shape (count, ...)
+    """
+    pieces, shape = len(at) - 1, at.shape[1:]
+    at, ahead = at.reshape(pieces + 1, -1), ahead.reshape(pieces, -1)
+    low, high = at[:-1], at[1:]
+    with np.errstate(all="ignore"):
+        crossing = np.where(low * ahead < 0.0, -low / ahead, low / (low - high))
+    through = low * high < 0.0
+    share = np.where(through, np.clip(np.nan_to_num(crossing), 0.0, 1.0), 1.0)
+    middle = np.where(through, 0.0, high)
+    begin = np.arange(pieces)[:, None]
+    halves = (low, middle, begin, begin + share), (middle, high, begin + share, begin + 1.0)
+    nodes = np.stack([_along_logarithm(*half, width) for half in halves], axis=1)
+    places, levels = (nodes[..., k, :].reshape(-1, at.shape[1]) for k in (0, 1))
+    moved = np.concatenate([np.zeros((1, at.shape[1])), np.abs(np.diff(levels, axis=0))]).cumsum(0)
+    places = np.minimum(np.maximum.accumulate(places, axis=0) / pieces, 1.0)
+    total = np.where(moved[-1] > 0.0, moved[-1], 1.0)
+    grade = np.where(moved[-1] > 0.0, (1.0 - EVEN) * moved / total + EVEN * places, places)
+    wanted = np.linspace(0.0, 1.0, count)
+    found = [np.interp(wanted, g, s) for g, s in zip(grade.T, places.T, strict=True)]
+    return np.stack(found, axis=1).reshape(count, *shape)
+
+
+def _along_logarithm(a: Array, b: Array, first: Array, last: Array, width: float) -> Array:
+    """Return places and levels along a line from a to b, equal steps of the level apart.
+
+    Shape (pieces, `BETWEEN` + 1, 2, ...); the line does not cross zero.
+    """
+    low, high = (np.sign(c) * np.log1p(np.abs(c) / width) for c in (a, b))
+    share = np.linspace(0.0, 1.0, BETWEEN + 1)[None, :, None]
+    level = low[:, None] + share * (high - low)[:, None]
+    value = np.sign(level) * width * np.expm1(np.abs(level))
+    span = np.where(b == a, 1.0, b - a)[:, None]
+    along = np.where((b == a)[:, None], share, (value - a[:, None]) / span)
+    return np.stack([first[:, None] + along * (last - first)[:, None], level], axis=2)
