@@ -1,8 +1,8 @@
 """The decision three ways: as it stands, by the evidence alone, and by the contest alone.
 
     python -m benchmarks.decided_ways OUT.jsonl [--generality DIR ...] [--sensing SEED ...]
-                    [--force-units] [--hidden NAME ...] [--skip PART ...] [--ways WAY ...]
-                    [--budget SECONDS]
+                    [--force-units] [--hidden NAME ...] [--only PART ...] [--skip PART ...]
+                    [--ways WAY ...] [--budget SECONDS]
     python -m benchmarks.decided_ways OUT.jsonl     # the table of what is there
 
 `today` is the decision of the commands. `evidence` is that of the posterior even where its search
@@ -93,8 +93,8 @@ class Way:
         self.borne = bool(self.own["borne_out"](settled))
         return self.borne or self.name == "evidence"
 
-    def _claimed(self, *args: Any) -> Claim:
-        claim = self.claim = self.own["claimed"](*args)
+    def _claimed(self, *args: Any, **more: Any) -> Claim:
+        claim = self.claim = self.own["claimed"](*args, **more)
         return claim
 
 
@@ -337,6 +337,7 @@ def main() -> int:
     parser.add_argument("--sensing", nargs="+", type=int, default=[], metavar="SEED")
     parser.add_argument("--force-units", action="store_true")
     parser.add_argument("--hidden", nargs="+", default=[], metavar="NAME")
+    parser.add_argument("--only", nargs="+", default=[""], metavar="PART", help="of names of cases")
     parser.add_argument("--skip", nargs="+", default=[], metavar="PART", help="of names of cases")
     parser.add_argument(
         "--ways", nargs="+", default=["today", "evidence", "contest"], metavar="WAY"
@@ -352,7 +353,12 @@ def main() -> int:
             yield from force_units()
         yield from hidden(options.hidden)
 
-    chosen = (job for job in jobs() if not any(part in job.name for part in options.skip))
+    chosen = (
+        job
+        for job in jobs()
+        if any(part in job.name for part in options.only)
+        and not any(part in job.name for part in options.skip)
+    )
     run(chosen, options.ways, options.out, options.budget)
     print(table(rows_of(options.out)))
     return 0
