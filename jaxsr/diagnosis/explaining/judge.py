@@ -32,6 +32,7 @@ from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.judging.whole import over_all
 from jaxsr.diagnosis.open_mass import OpenMass, open_mass
 from jaxsr.diagnosis.thinning import Whole
+from jaxsr.diagnosis.verdict import Claim
 from jaxsr.models import Edit, Model, apply_edit
 
 UNEXPLAINED = 5.0
@@ -70,7 +71,8 @@ class Ingredients:
     command: str | None
     stopped: StoppedBy  # why no more sets were tried
     whole: Whole | None = None  # all recordings, where the search worked on a part of them
-    weights: Weights | None = None  # probabilities of sets, where the evidence decided
+    weights: Weights | None = None  # probabilities of sets, where the evidence decided,
+    claim: Claim | None = None  # and its verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +162,8 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
     verdict = _verdict(parts, order, rivals)
     if max((row["share"] for row in rounding), default=0.0) > rows[0]["share"]:
         verdict = Verdict.MEASUREMENT
-    if verdict is not Verdict.MEASUREMENT and not _simulates_better(parts, recalibrated, best):
+    by_runs = parts.claim is None and verdict is not Verdict.MEASUREMENT
+    if by_runs and not _simulates_better(parts, recalibrated, best):
         # Short runs of late or clipped readings start from what those do not tell.
         verdict = Verdict.UNDECIDED
     every = sorted([*rows, *rounding], key=lambda row: -row["share"])
@@ -246,11 +249,13 @@ def _verdict(parts: Ingredients, order: list[int], rivals: list) -> Verdict:
     Where a state hides, an estimate may end far from the best one: what is left above the noise
     then says that none of the sets can be trusted.
     """
-    if parts.case.screened is None and model_limited(parts.arena, parts.chosen):
-        return Verdict.UNDECIDED
     candidates = parts.arena.super_model.candidates
     number, others = rivals[order[0]]
     own = candidates[number].verdict
+    if parts.claim is not None:
+        return Verdict.UNDECIDED if parts.claim.verdict is Verdict.UNDECIDED else own
+    if parts.case.screened is None and model_limited(parts.arena, parts.chosen):
+        return Verdict.UNDECIDED
     model = parts.arena.super_model.given
     doubt = sum(
         a.probability
@@ -281,6 +286,8 @@ def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate
 
 def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
+    if parts.claim is not None:
+        return _by_claim(parts, recalibrated, parts.claim)
     given, given_values = _given(parts), neutral_values(parts.arena.super_model)
     rows = []
     for name in parts.case.simulator.model.free_parameters:
@@ -314,6 +321,24 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
         return Judged(recalibrated, recalibrated, first, both, [], True, tuple(edits))
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
     return Judged(recalibrated, recalibrated, verdict, [], [], False)
+
+
+def _by_claim(parts: Ingredients, recalibrated: Estimate, claim: Claim) -> Judged:
+    """Return what is said where the most probable set is re-calibration alone."""
+    assert parts.weights is not None
+    cost = _given(parts).fit.cost
+    findings = []
+    for name in parts.case.simulator.model.free_parameters:
+        label = f"wrong_value@parameter:{name}"
+        if label in claim.leading:
+            weight = weight_of_value(parts, name, cost)
+            p = parts.weights.of_label(label)
+            findings.append(wrong_value_row(parts, recalibrated, name, weight, p))
+    _, rounding, edits = _with_sensors(parts, recalibrated, [], cost)
+    both = sorted([*rounding, *findings], key=lambda row: -row["share"])
+    measured = bool(both) and both[0]["family"] == "measurement"
+    verdict = Verdict.MEASUREMENT if measured else claim.verdict
+    return Judged(recalibrated, recalibrated, verdict, both, [], bool(both), tuple(edits))
 
 
 def _with_sensors(
