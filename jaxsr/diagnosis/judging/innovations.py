@@ -72,7 +72,8 @@ class Autoregression:
         predictors = [np.zeros(0)]
         for m in range(1, largest + 1):
             inner = factor[:m, :m]
-            predictors.append(np.linalg.lstsq(inner, told[:m], rcond=1e-12)[0])
+            solved = np.linalg.lstsq(inner, told[:m], rcond=1e-12)[0]
+            predictors.append(np.asarray(solved, dtype=np.float64))
         left = np.cumsum(told[::-1] ** 2)[::-1][: largest + 1]
         variances = left / count + 1e-300
         orders = np.arange(largest + 1)
