@@ -143,7 +143,7 @@ def test_wrong_values_do_not_account_for_what_stands_far_above_the_noise(
         theta=entry.fit.theta,
     )
     case = SimpleNamespace(simulator=SIMULATOR, budget=Budget(), rectified=())
-    parts = SimpleNamespace(arena=arena, case=case, null=entry, rng=None)
+    parts = SimpleNamespace(arena=arena, case=case, null=entry, rng=None, claim=None)
     judged = _without_finding(parts, recalibrated)
     assert judged.verdict.value == verdict
     assert judged.findings

@@ -91,39 +91,29 @@ def explanations(found: Posterior, model: Model) -> list[Explanation]:
     """Return what was weighed as answers.
 
     Re-calibration alone stands for a model that is right and for one with wrong values, one after
-    the other (`Posterior.wrong`). Causes that no data can split count as the one that leads.
+    the other (`Posterior.wrong`), and so does a set with no more evidence, which has no mismatch to
+    explain: it may act, below the noise. Causes that no data can split count as the one that leads.
     """
-    told = []
+    told, null = [], next(h for h in found.hypotheses if not h.members)
     for item, p in zip(found.hypotheses, found.probabilities, strict=True):
         labels, left = labels_of(found, item), float(p)
-        if item.members:
+        if item.log_evidence > null.log_evidence:
             told.append(Explanation(labels, _verdict_of(found, item, model), left))
             continue
+        verdict = Verdict.NOTHING
         for wrong in found.wrong:
-            told.append(
-                Explanation(labels, _verdict_without(labels), (1 - wrong.probability) * left)
-            )
+            told.append(Explanation(labels, verdict, (1 - wrong.probability) * left))
             labels |= {f"wrong_value@parameter:{wrong.name}"}
-            left *= wrong.probability
-        told.append(Explanation(labels, _verdict_without(labels), left))
+            left, verdict = left * wrong.probability, Verdict.PARAMETER
+        told.append(Explanation(labels, verdict, left))
     return told
-
-
-def _verdict_without(wrong: frozenset[str]) -> Verdict:
-    """Return the verdict of re-calibration alone, with these wrong values."""
-    return Verdict.PARAMETER if wrong else Verdict.NOTHING
 
 
 def _verdict_of(found: Posterior, item: Hypothesis, model: Model) -> Verdict:
     """Return the verdict of the member without which most evidence is lost.
 
-    What is left without one is the evidence of the best set known that has others alone. A set
-    with no more evidence than re-calibration has no mismatch to explain: it may act, below the
-    noise.
+    What is left without one is the evidence of the best set known that has others alone.
     """
-    null = next(h for h in found.hypotheses if not h.members)
-    if item.log_evidence <= null.log_evidence:
-        return Verdict.NOTHING
 
     def without(number: int) -> float:
         rest = set(item.members) - {number}
