@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,9 @@ class File:
         Sample interval in s.
     amplitude : float
         Share of the control's range that the excitation takes.
+    gains : mapping
+        Joint to the actuator that moves it alone, where no force but that and damping acts: more
+        inertia there is a gain and a damping divided by one factor (counted as equal).
     """
 
     package: str
@@ -47,6 +50,7 @@ class File:
     balanced: bool = False
     dt: float = 0.01
     amplitude: float = 0.8
+    gains: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def where(self) -> Path:
@@ -64,7 +68,12 @@ FILES = {
     "cartpole": File(SUITE, "suite/cartpole.xml", ("slider", "hinge_1"), True),
     "acrobot": File(SUITE, "suite/acrobot.xml", ("shoulder", "elbow")),
     "reacher": File(SUITE, "suite/reacher.xml", ("shoulder", "wrist"), amplitude=0.5),
-    "point_mass": File(SUITE, "suite/point_mass.xml", ("root_x", "root_y")),
+    "point_mass": File(
+        SUITE,
+        "suite/point_mass.xml",
+        ("root_x", "root_y"),
+        gains={"root_x": "t1", "root_y": "t2"},
+    ),
     "inverted_pendulum": File(
         "gymnasium", f"{ASSETS}/inverted_pendulum.xml", ("slider", "hinge"), True, amplitude=0.4
     ),

@@ -58,6 +58,15 @@ HeldOut = Annotated[
     list[str] | None,
     typer.Option(metavar="FILE...", help="Recordings opened once, at the end, to report the fit."),
 ]
+FalseClaim = Annotated[
+    float | None,
+    typer.Option(
+        metavar="NUMBER",
+        min=0.0,
+        help="What a wrong verdict costs, against abstaining (20): a verdict is given where it is "
+        "so many times as probable as all others.",
+    ),
+]
 States = Annotated[str | None, typer.Option(metavar="z1,z2", help="Columns that are states.")]
 
 
@@ -178,6 +187,7 @@ def diagnose(
     table: Table = None,
     seed: Seed = 0,
     budget: Seconds = None,
+    false_claim_cost: FalseClaim = None,
 ) -> Job:
     """Find where a simulator differs from recordings, and name what was left out."""
     model, data = model_and_data(arguments, simulated, states)
@@ -193,6 +203,7 @@ def diagnose(
     folder = results_folder(out, roles, written)
     named = split_names(states, "--states")
     limit = command_budget(budget)
+    costs = {} if false_claim_cost is None else {"false_claim_cost": false_claim_cost}
 
     def job(command: str) -> None:
         with session() as progress, contextlib.ExitStack() as ending:
@@ -224,6 +235,7 @@ def diagnose(
                 budget=limit,
                 progress=progress,
                 command=command,
+                **costs,
             )
             if model is not None and (texts := opened.written_back(diagnosis, folder)):
                 learnt = {"more": texts}

@@ -138,6 +138,7 @@ def test_discover_passes_its_options(files: Path, library: Recorded) -> None:
         "diagnose m.toml a.csv --out d --seed x",
         "diagnose m.toml a.csv --out d --budget 0",
         "diagnose m.toml a.csv --out d --budget nan",
+        "diagnose m.toml a.csv --out d --false-claim-cost -1",
         "diagnose a.csv --simulated b.csv w.csv --out d",
         "diagnose a.csv --simulated b.csv --out d",
         "diagnose m.toml a.csv --simulated b.csv --out d",

@@ -14,33 +14,34 @@ from jaxsr._result import StoppedBy, Verdict
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION, SEVERAL, UNNAMED
 from jaxsr.diagnosis.comparison import opening
-from jaxsr.diagnosis.contest.arena import Arena, in_widths_of_best, neutral_values
+from jaxsr.diagnosis.contest.arena import (
+    Arena,
+    in_sharpest_widths,
+    in_widths_of_best,
+    neutral_values,
+)
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
-from jaxsr.diagnosis.judging.alternatives import TIE
+from jaxsr.diagnosis.explaining.equivalence import equivalent
 from jaxsr.diagnosis.judging.detection import Detection, detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
-from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
-from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior_along
+from jaxsr.diagnosis.likelihood.paths import path_over
+from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.thinning import thinned
+from jaxsr.diagnosis.verdict import Explanation
+from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 
-LEFT = 0.1
-"""Size of the latent force beside the answer, in that beside re-calibration alone, that is little:
-a hundredth of its power."""
 WEIGHING = 0.75
 """Share of the time left that the posterior may take."""
 MOST = 12_000
 """Samples times states that the posterior is asked about."""
-FOLLOWINGS = 20.0
-"""Time that the posterior is expected to take, relative to the first re-calibration beside latent
-forces."""
 RIVALS, TOLD = 4, 1e-3
 """Sets beside the leading one that the report compares it with, and from which probability on; the
 first of them whatever it has."""
@@ -53,17 +54,16 @@ def labels_of(found: Posterior, item: Hypothesis) -> frozenset[str]:
     return frozenset(found.candidates[i].label for i in item.members)
 
 
-def weights_of(found: Posterior) -> Weights:
+def weights_of(told: Sequence[Explanation]) -> Weights:
     """Sum the probabilities of variants of one set."""
     mass: dict[frozenset[str], float] = {}
-    for item, p in zip(found.hypotheses, found.probabilities, strict=True):
-        labels = labels_of(found, item)
-        mass[labels] = mass.get(labels, 0.0) + float(p)
+    for item in told:
+        mass[item.labels] = mass.get(item.labels, 0.0) + item.probability
     return Weights(mass)
 
 
 def weighed(case: Case) -> Posterior | None:
-    """Return the posterior where it leaves no doubt, None elsewhere."""
+    """Return the posterior; None where it cannot be had, or not in time."""
     model = case.simulator.model
     if case.simulator.function is not None or model.events:
         return None
@@ -71,19 +71,12 @@ def weighed(case: Case) -> Posterior | None:
         return None
     patience = case.search.share(WEIGHING)
     case.progress.stage("weighing mechanisms by the evidence of the recordings")
-    begun = patience.elapsed
-
-    def slow() -> bool:
-        return FOLLOWINGS * (patience.elapsed - begun) > patience.seconds or patience.exhausted
-
-    def found_in(prepared: Sequence[Prepared]) -> Posterior | None:
-        course = followed(model, prepared, slow)
-        if course is None or slow():
-            return None
-        return posterior_along(model, course, case.screened, lambda: patience.exhausted)
-
-    found = case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
-    return found if found is not None and beyond_doubt(found) else None
+    prepared = _enough(case)
+    return case.failures.attempt(
+        "weighing mechanisms",
+        lambda: posterior(model, prepared, case.screened, lambda: patience.exhausted),
+        None,
+    )
 
 
 def _enough(case: Case) -> tuple[Prepared, ...]:
@@ -94,30 +87,69 @@ def _enough(case: Case) -> tuple[Prepared, ...]:
     return thinned(case.simulator.model, [p.recording for p in case.prepared], MOST)[0]
 
 
-def beyond_doubt(found: Posterior) -> bool:
-    """Whether a search that came to its end leaves no doubt about the verdict.
+def explanations(found: Posterior, model: Model) -> list[Explanation]:
+    """Return what was weighed as answers.
 
-    Beside it, something else may act that is as likely as not, or that is little. Which mechanism
-    it is may be in doubt all the same: that is what its probability says.
+    Re-calibration alone stands for a model that is right and for one with wrong values, one after
+    the other (`Posterior.wrong`). Causes that no data can split count as the one that leads.
     """
-    leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
-    every = zip(found.hypotheses, found.probabilities, strict=True)
-    whole = found.something_else <= 1.0 - TIE or leader.share <= LEFT * null.share
-    same = sum(float(p) for h, p in every if verdicts_of(found, h) == verdicts_of(found, leader))
-    return found.finished and leader.settled and whole and same >= 1.0 - TIE
+    told = []
+    for item, p in zip(found.hypotheses, found.probabilities, strict=True):
+        labels, left = labels_of(found, item), float(p)
+        if item.members:
+            told.append(Explanation(labels, _verdict_of(found, item, model), left))
+            continue
+        for wrong in found.wrong:
+            told.append(
+                Explanation(labels, _verdict_without(labels), (1 - wrong.probability) * left)
+            )
+            labels |= {f"wrong_value@parameter:{wrong.name}"}
+            left *= wrong.probability
+        told.append(Explanation(labels, _verdict_without(labels), left))
+    return told
 
 
-def verdicts_of(found: Posterior, item: Hypothesis) -> frozenset[Verdict]:
-    """Return the verdicts that the members of a hypothesis stand for."""
-    return frozenset(found.candidates[i].verdict for i in item.members)
+def _verdict_without(wrong: frozenset[str]) -> Verdict:
+    """Return the verdict of re-calibration alone, with these wrong values."""
+    return Verdict.PARAMETER if wrong else Verdict.NOTHING
 
 
-def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
-    """Return the decision, its horizon in s, and why the search ended.
+def _verdict_of(found: Posterior, item: Hypothesis, model: Model) -> Verdict:
+    """Return the verdict of the member without which most evidence is lost.
 
-    None where free runs do not bear it out: the set then follows the recordings no better than
-    re-calibration, or leaves more than the sensors' noise, which the evidence takes for noise.
+    What is left without one is the evidence of the best set known that has others alone. A set
+    with no more evidence than re-calibration has no mismatch to explain: it may act, below the
+    noise.
     """
+    null = next(h for h in found.hypotheses if not h.members)
+    if item.log_evidence <= null.log_evidence:
+        return Verdict.NOTHING
+
+    def without(number: int) -> float:
+        rest = set(item.members) - {number}
+        return max(h.log_evidence for h in found.hypotheses if rest >= set(h.members))
+
+    largest = found.candidates[min(item.members, key=without)]
+    for number in found.leader.members:
+        if equivalent(model, found.candidates[number], largest):
+            return found.candidates[number].verdict
+    return largest.verdict
+
+
+def borne_out(found: Settled) -> bool:
+    """Whether free runs bear a decision out, so that nothing else has to be there.
+
+    They do not where the set follows the recordings no better than re-calibration, or leaves more
+    than the sensors' noise, which the evidence takes for noise.
+    """
+    (arena, _, chosen, detection), *_ = found
+    if chosen.members and not detection.detected:
+        return False
+    return residual_to_noise(arena, chosen) <= ABOVE_NOISE
+
+
+def decided_by_evidence(case: Case, found: Posterior) -> Settled:
+    """Return the decision, its horizon in s, and why the search ended."""
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
     smaller = [h for h in found.hypotheses if set(h.members) < set(leader.members)]
     every = zip(found.hypotheses, found.probabilities, strict=True)
@@ -131,16 +163,14 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     arena, entry, headline, starts = opened
     case.compared.tell(super_model, range(len(super_model.candidates)))
     case.compared.reach(RECALIBRATION, LOCATED, SEVERAL, UNNAMED)
-    arena, entries = _entered(case, arena, entry, starts[1:])
+    if leader.width is not None:
+        arena = in_sharpest_widths(arena, max(leader.width, 1.0))
+    arena, entries = _entered(case, arena, entry, starts[1:], found)
     null_entry = next(e for e in entries if not e.members)
     wanted = starts[1][0] if leader.members else ()
     chosen = next(e for e in entries if e.members == wanted)
     count = len({c.label for c in found.candidates})
     detection = detect_in_noise(null_entry, chosen, count)
-    if chosen is not null_entry and not detection.detected:
-        return None
-    if residual_to_noise(arena, chosen) > ABOVE_NOISE:
-        return None
     return (arena, entries, chosen, detection), headline.seconds, StoppedBy.CONVERGED
 
 
@@ -169,10 +199,18 @@ def _starts(
 
 
 def _entered(
-    case: Case, arena: Arena, null: Entry, starts: Sequence[Start]
+    case: Case, arena: Arena, null: Entry, starts: Sequence[Start], found: Posterior
 ) -> tuple[Arena, list[Entry]]:
-    """Estimate the sets in free run, every reading weighed by what the leading one leaves."""
-    entries = [null]
+    """Estimate the sets in free run, every reading weighed by what the leading one leaves.
+
+    They are sought along the path that the evidence found.
+    """
+    entries, path, near = [null], None, False
+    if len(found.prepared) == len(case.prepared):
+        course = arena.problem.segments, case.prepared, found.prepared, found.rows
+        path = path_over(*course, found.leader.path)
+        pairs = zip(found.prepared, case.prepared, strict=True)
+        near = all(a.time.size == b.time.size for a, b in pairs)
 
     def stop() -> bool:
         return case.search.exhausted
@@ -181,7 +219,7 @@ def _entered(
         if number and stop():
             break
         case.progress.update(number / len(starts))
-        entries.append(enter(arena, members, start, None, stop))
+        entries.append(enter(arena, members, start, path, stop, near=near))
         if number == 0:
             arena, entries = in_widths_of_best(arena, entries)
             arena, entries = rescaled(arena, entries, stop)

@@ -225,7 +225,7 @@ class Search:
         if carried is None:
             return levenberg_step(fit_, damping, *self.bounds)
         # What segments have in common is one more parameter each, without bounds.
-        alone = ~carried.any(axis=1)[:, None, None, :]
+        alone = np.logical_not(np.any(carried, axis=1))[:, None, None, :]
         weight = self.problem.segments.weights / self.problem.scale[:, None, None]
         common = np.einsum("koms,kcs->coms", best.linear.by_start, carried) * weight
         places = len(fit_.theta) + np.arange(len(common))

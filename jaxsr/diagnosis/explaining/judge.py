@@ -33,6 +33,7 @@ from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.judging.whole import over_all
 from jaxsr.diagnosis.open_mass import OpenMass, open_mass
 from jaxsr.diagnosis.thinning import Whole
+from jaxsr.diagnosis.verdict import Claim
 from jaxsr.models import Edit, Model, apply_edit
 
 UNEXPLAINED = 5.0
@@ -69,7 +70,8 @@ class Ingredients:
     command: str | None
     stopped: StoppedBy  # why no more sets were tried
     whole: Whole | None = None  # all recordings, where the search worked on a part of them
-    weights: Weights | None = None  # probabilities of sets, where the evidence decided
+    weights: Weights | None = None  # probabilities of sets, where the evidence decided,
+    claim: Claim | None = None  # and its verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +162,8 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
     verdict = _verdict(parts, order, rivals)
     if max((row["share"] for row in rounding), default=0.0) > rows[0]["share"]:
         verdict = Verdict.MEASUREMENT
-    if verdict is not Verdict.MEASUREMENT and not _simulates_better(parts, recalibrated, best):
+    by_runs = parts.claim is None and verdict is not Verdict.MEASUREMENT
+    if by_runs and not _simulates_better(parts, recalibrated, best):
         # Short runs of late or clipped readings start from what those do not tell.
         verdict = Verdict.UNDECIDED
     every = sorted([*rows, *rounding], key=lambda row: -row["share"])
@@ -246,11 +249,13 @@ def _verdict(parts: Ingredients, order: list[int], rivals: list) -> Verdict:
     Where a state hides, an estimate may end far from the best one: what is left above the noise
     then says that none of the sets can be trusted.
     """
-    if parts.case.screened is None and model_limited(parts.arena, parts.chosen):
-        return Verdict.UNDECIDED
     candidates = parts.arena.super_model.candidates
     number, others = rivals[order[0]]
     own = candidates[number].verdict
+    if parts.claim is not None:
+        return Verdict.UNDECIDED if parts.claim.verdict is Verdict.UNDECIDED else own
+    if parts.case.screened is None and model_limited(parts.arena, parts.chosen):
+        return Verdict.UNDECIDED
     model = parts.arena.super_model.given
     doubt = sum(
         a.probability
@@ -281,6 +286,8 @@ def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate
 
 def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
+    if parts.claim is not None:
+        return _by_claim(parts, recalibrated, parts.claim)
     given = _given(parts)
     names = moved_values(parts, recalibrated)
     findings, explained, alike = [], recalibrated, ()
@@ -288,7 +295,8 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     if names and _differ(given, recalibrated):
         probability = odds(parts.arena.super_model, recalibrated.entry, given, parts.rng)
         told = told_values(parts, recalibrated, names, given.fit.cost)
-        findings, explained, alike = told.rows(probability), told.estimate, told.confusable
+        findings = told.rows(dict.fromkeys(names, probability))
+        explained, alike = told.estimate, told.confusable
     unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
     if findings or rounding:
         both = sorted([*rounding, *findings], key=lambda row: -row["share"])
@@ -300,6 +308,22 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
         return replace(judged, confusable=alike)
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
     return Judged(recalibrated, recalibrated, verdict, [], [], False)
+
+
+def _by_claim(parts: Ingredients, recalibrated: Estimate, claim: Claim) -> Judged:
+    """Return what is said where the most probable set is re-calibration alone."""
+    assert parts.weights is not None
+    cost, labels = _given(parts).fit.cost, "wrong_value@parameter:{}".format
+    free = parts.case.simulator.model.free_parameters
+    names = [n for n in free if labels(n) in claim.leading]
+    told = told_values(parts, recalibrated, names, cost)
+    findings = told.rows({n: parts.weights.of_label(labels(n)) for n in names})
+    _, rounding, edits = _with_sensors(parts, recalibrated, [], cost)
+    both = sorted([*rounding, *findings], key=lambda row: -row["share"])
+    measured = bool(both) and both[0]["family"] == "measurement"
+    verdict = Verdict.MEASUREMENT if measured else claim.verdict
+    judged = Judged(recalibrated, told.estimate, verdict, both, [], bool(both), tuple(edits))
+    return replace(judged, confusable=told.confusable)
 
 
 def _with_sensors(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -50,10 +51,15 @@ class ToldValues:
     weights: tuple[Weight, ...]
     rivals: tuple[tuple[Wrong, float], ...] = ()
 
-    def rows(self, probability: float) -> list[dict[str, Any]]:
-        """Return the findings; `probability` is that any value is wrong."""
+    def rows(self, probability: Mapping[str, float]) -> list[dict[str, Any]]:
+        """Return the findings.
+
+        `probability` is that of values that re-calibration asks for; others that do the same
+        instead are as probable as the most probable of them.
+        """
+        most = max(probability.values(), default=0.0)
         return [
-            self._row(name, weight, probability)
+            self._row(name, weight, probability.get(name, most))
             for name, weight in zip(self.names, self.weights, strict=True)
         ]
 

@@ -3,9 +3,9 @@
 Native code may hang, crash, print or change the process it runs in. Here that costs a process,
 not the user's session. It imports nothing of the package, so that it starts quickly.
 
-A request is a JSON line with an ``op``, and for ``rates`` and ``slopes`` the bytes of a float64
-array (rows, columns), a row being time, states, inputs and parameters. The answer is a JSON line
-and, where it says ``size``, that many bytes of float64.
+A request is a JSON line with an ``op``, and for ``rates``, ``slopes`` and ``with_slopes`` the bytes
+of a float64 array (rows, columns), a row being time, states, inputs and parameters. The answer is a
+JSON line and, where it says ``size``, that many bytes of float64.
 """
 
 from __future__ import annotations
@@ -157,8 +157,11 @@ def answered(state: dict[str, Any], request: dict[str, Any], body: bytes) -> Any
     with np.errstate(all="ignore"):
         if op == "run":
             return run_of_steps(backend, rows)
-        if op == "slopes":
-            return slopes(backend, rows, state["scales"], request["columns"])
+        if op in ("slopes", "with_slopes"):
+            found = slopes(backend, rows, state["scales"], request["columns"])
+            if op == "slopes":
+                return found
+            return np.concatenate([evaluated(backend, rows)[:, :, None], found], axis=2)
         return evaluated(backend, rows)
 
 
