@@ -13,7 +13,8 @@ from scipy.integrate import solve_ivp
 from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.explaining.judge import _differ, _without_finding, frozen
+from jaxsr.diagnosis.explaining.judge import _differ, _without_finding
+from jaxsr.diagnosis.explaining.wrong_values import frozen
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.memory import actuator_lags
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,9 +20,10 @@ from jaxsr.diagnosis.explaining.explain import (
     finding_row,
     rounding_rows,
     where,
-    wrong_value_row,
 )
 from jaxsr.diagnosis.explaining.rectifying import rectified_rows
+from jaxsr.diagnosis.explaining.value_findings import REFINING, moved_values, told_values
+from jaxsr.diagnosis.explaining.wrong_values import frozen
 from jaxsr.diagnosis.judging.alternatives import TIE, Alternative, alternatives, odds
 from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
@@ -39,8 +40,6 @@ UNEXPLAINED = 5.0
 """Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""
 COMPLETING = 0.25
 """Share of the time left that an estimate over all recordings may take."""
-REFINING = 0.15
-"""Share of the time left that leading estimates out of corners and checking them may take."""
 SHARPENING = 0.3
 """The same for estimates without the rounding of jumps, and their comparison."""
 WRONG = 0.02
@@ -88,6 +87,7 @@ class Judged:
     edits: tuple[Edit, ...] = ()  # of readings alone, which no simulation feels
     leader: Entry | None = None  # what `rivals` could replace, where nothing was chosen
     open: OpenMass = field(default_factory=OpenMass)  # of what was not compared
+    confusable: tuple[list[Any], ...] = ()  # wrong values that others do as well as
 
 
 def judge(parts: Ingredients) -> Judged:
@@ -288,29 +288,15 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
     if parts.claim is not None:
         return _by_claim(parts, recalibrated, parts.claim)
-    given, given_values = _given(parts), neutral_values(parts.arena.super_model)
-    rows = []
-    for name in parts.case.simulator.model.free_parameters:
-        place = recalibrated.positions[name]
-        half = float(recalibrated.told[place])
-        distance = abs(float(recalibrated.theta[place]) - given_values[place])
-        if distance > half:
-            rows.append((distance / max(half, 1e-300), name))
+    given = _given(parts)
+    names = moved_values(parts, recalibrated)
+    findings, explained, alike = [], recalibrated, ()
     _, rounding, edits = _with_sensors(parts, recalibrated, [], given.fit.cost)
-    findings = []
-    if rows and _differ(given, recalibrated):
-        rows.sort(reverse=True)
+    if names and _differ(given, recalibrated):
         probability = odds(parts.arena.super_model, recalibrated.entry, given, parts.rng)
-        findings = [
-            wrong_value_row(
-                parts,
-                recalibrated,
-                name,
-                weight_of_value(parts, name, given.fit.cost),
-                probability,
-            )
-            for _, name in rows
-        ]
+        told = told_values(parts, recalibrated, names, given.fit.cost)
+        findings = told.rows(dict.fromkeys(names, probability))
+        explained, alike = told.estimate, told.confusable
     unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
     if findings or rounding:
         both = sorted([*rounding, *findings], key=lambda row: -row["share"])
@@ -318,7 +304,8 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
         first = Verdict.MEASUREMENT if measured else Verdict.PARAMETER
         # wrong values do not account for what stands far above the noise
         first = Verdict.UNDECIDED if unexplained and not rounding else first
-        return Judged(recalibrated, recalibrated, first, both, [], True, tuple(edits))
+        judged = Judged(recalibrated, explained, first, both, [], True, tuple(edits))
+        return replace(judged, confusable=alike)
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
     return Judged(recalibrated, recalibrated, verdict, [], [], False)
 
@@ -326,19 +313,17 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
 def _by_claim(parts: Ingredients, recalibrated: Estimate, claim: Claim) -> Judged:
     """Return what is said where the most probable set is re-calibration alone."""
     assert parts.weights is not None
-    cost = _given(parts).fit.cost
-    findings = []
-    for name in parts.case.simulator.model.free_parameters:
-        label = f"wrong_value@parameter:{name}"
-        if label in claim.leading:
-            weight = weight_of_value(parts, name, cost)
-            p = parts.weights.of_label(label)
-            findings.append(wrong_value_row(parts, recalibrated, name, weight, p))
+    cost, labels = _given(parts).fit.cost, "wrong_value@parameter:{}".format
+    free = parts.case.simulator.model.free_parameters
+    names = [n for n in free if labels(n) in claim.leading]
+    told = told_values(parts, recalibrated, names, cost)
+    findings = told.rows({n: parts.weights.of_label(labels(n)) for n in names})
     _, rounding, edits = _with_sensors(parts, recalibrated, [], cost)
     both = sorted([*rounding, *findings], key=lambda row: -row["share"])
     measured = bool(both) and both[0]["family"] == "measurement"
     verdict = Verdict.MEASUREMENT if measured else claim.verdict
-    return Judged(recalibrated, recalibrated, verdict, both, [], bool(both), tuple(edits))
+    judged = Judged(recalibrated, told.estimate, verdict, both, [], bool(both), tuple(edits))
+    return replace(judged, confusable=told.confusable)
 
 
 def _with_sensors(
@@ -377,18 +362,6 @@ def _given(parts: Ingredients) -> Entry:
     return enter(frozen(parts.arena), (), neutral_values(parts.arena.super_model))
 
 
-def frozen(arena: Arena, names: Collection[str] | None = None) -> Arena:
-    """An arena in which some parameters are not estimated; by default nothing but the starts is."""
-    given = replace(
-        arena.super_model.given,
-        parameters={
-            n: replace(p, bounds=None) if names is None or n in names else p
-            for n, p in arena.super_model.given.parameters.items()
-        },
-    )
-    return replace(arena, super_model=replace(arena.super_model, given=given))
-
-
 def weight_of_member(parts: Ingredients, entry: Entry, number: int, given: float) -> Weight:
     """Return what one member of a set matters; the set without it is estimated if none was."""
     rest = tuple(i for i in entry.members if i != number)
@@ -398,19 +371,6 @@ def weight_of_member(parts: Ingredients, entry: Entry, number: int, given: float
         start, path = parts.null.fit.theta, parts.null.fit.path
         without = enter(parts.arena, rest, start, path, lambda: budget.exhausted).fit.cost
     return Weight.of(given, without, entry.fit.cost)
-
-
-def weight_of_value(parts: Ingredients, name: str, given: float) -> Weight:
-    """Return what the value of one parameter matters: the others are estimated with it as given."""
-    arena, null = frozen(parts.arena, (name,)), parts.null
-    theta = null.fit.theta.copy()
-    at = list(arena.super_model.model.parameters).index(name)
-    theta[at] = neutral_values(arena.super_model)[at]
-    budget = parts.case.budget.share(REFINING)
-    cost = given
-    if len(parts.case.simulator.model.free_parameters) > 1:
-        cost = enter(arena, (), theta, null.fit.path, lambda: budget.exhausted).fit.cost
-    return Weight.of(given, cost, null.fit.cost)
 
 
 def explained(judged: Judged) -> Model:
