@@ -6,9 +6,14 @@ from collections.abc import Mapping
 from statistics import median
 from typing import Any
 
-from docs.generate.tables import number, percent, result, table
+from docs.generate.tables import RESULTS, number, percent, result, table
 
 DOORS = ("toml", "mjcf", "urdf", "fmu")
+
+
+def run(name: str) -> bool:
+    """Whether a benchmark has a committed result."""
+    return (RESULTS / f"{name}.json").exists()
 
 
 def zoo() -> Mapping[str, Any]:
@@ -37,7 +42,7 @@ def zoo_table() -> str:
                 number(median(c["seconds"] for c in own), 2),
             ]
         )
-    header = ["file", "cases", "joint right", "law first", "*nothing* right", "false findings"]
+    header = ["file", "cases", "joint right", "law first", "nothing right", "false findings"]
     return table([*header, "gap closed, median", "processor time in s, median"], rows)
 
 
