@@ -112,9 +112,9 @@ Door = tuple[Model, list[Recording], list[Recording]]
 
 def emps(folder: Path) -> dict[str, Door]:
     """Return the prismatic drive behind each door: model, recordings, those held out."""
-    # An eighth of the samples, 8 ms apart: the motion's shortest time is a tenth of a second.
+    # A twentieth of the samples, 20 ms apart: the motion's shortest time is a tenth of a second.
     names = "emps_train.csv", "emps_pulses.csv"
-    data = [decimated(read_recording(folder / n), 8, {"motor_force_N": "linear"}) for n in names]
+    data = [decimated(read_recording(folder / n), 20, {"motor_force_N": "linear"}) for n in names]
     doors: dict[str, Door] = {}
     given = jaxsr.Simulator.from_file(folder / "emps.toml").model
     doors["toml"] = given, data[:1], data[1:]

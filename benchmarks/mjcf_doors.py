@@ -27,7 +27,7 @@ import mujoco
 import numpy as np
 
 import jaxsr
-from benchmarks.mjcf_plants import EFFECTS, FILES, NOISE, SUITE, File, Run, edited, run, write
+from benchmarks.mjcf_plants import DRY, EFFECTS, FILES, NOISE, SUITE, File, Run, edited, run, write
 from benchmarks.provenance import RESULTS, origin_of
 from jaxsr._files import atomic_write_text, dump_json
 from jaxsr.models.formats.opening import Opened, read_robot
@@ -89,7 +89,7 @@ def doors(folder: Path, seed: int) -> dict[str, Any]:
     m = mujoco.MjModel.from_xml_string(PENDULUM)
     m.opt.timestep = 0.0005
     m.dof_frictionloss[0] = 0.15
-    m.dof_solref[0], m.dof_solimp[0] = (0.004, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
+    m.dof_solref[0], m.dof_solimp[0] = DRY
     rng, files = np.random.default_rng(seed), []
     (folder / "pendulum.xml").write_text(PENDULUM)
     (folder / "pendulum_by_hand.toml").write_text(BY_HAND)

@@ -292,21 +292,6 @@ def test_a_planted_effect_is_found_in_an_fmu(
     assert (tmp_path / "out" / ("explained.py" if name == "Fc" else "explained.ssv")).is_file()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("law", "mechanism"),
-    [("(F - 0.5*v - 8.0*q - 1.5*sign(v))/2.0", "coulomb_friction"), (GIVEN, "")],
-)
-def test_a_planted_effect_is_found_in_a_unit_for_co_simulation(
-    tmp_path: Path, law: str, mechanism: str
-) -> None:
-    document = _answered(slave_fmu(tmp_path), tmp_path, law)
-    assert [f["mechanism"] for f in document["findings"]] == [mechanism] * bool(mechanism)
-    assert document["verdict"] == ("structure" if mechanism else "nothing")
-    for finding in document["findings"]:
-        assert finding["parameters"]["Fc"]["value"] == pytest.approx(1.5, rel=0.05)
-
-
 @needs_compiler
 @pytest.mark.slow
 def test_a_planted_effect_is_found_beside_a_law_that_is_no_formula(tmp_path: Path) -> None:

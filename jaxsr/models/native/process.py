@@ -21,6 +21,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from jaxsr import _clock
 from jaxsr._result import InputError
 
 SCRIPT = Path(__file__).with_name("worker.py")
@@ -66,7 +67,7 @@ class Native:
         self.path, self._seconds = path, SECONDS if seconds is None else seconds
         self._folder = tempfile.mkdtemp(prefix="jaxsr-native-")
         self._limit: _Limit | None = None
-        self._late, self._gone = False, ""
+        self._late, self._gone, self._used = False, "", 0.0
         self._lock = threading.RLock()
         self._known: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
         quiet = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -185,6 +186,9 @@ class Native:
                 raise
             finally:
                 self._limit = None
+            used = float(found.pop("used", self._used))
+            _clock.count(used - self._used)
+            self._used = used
         if "refused" in found:
             raise InputError(str(found["refused"]), self.path.name, str(found.get("remedy", "")))
         return found, data

@@ -5,7 +5,8 @@ not the user's session. It imports nothing of the package, so that it starts qui
 
 A request is a JSON line with an ``op``, and for ``rates``, ``slopes`` and ``with_slopes`` the bytes
 of a float64 array (rows, columns), a row being time, states, inputs and parameters. The answer is a
-JSON line and, where it says ``size``, that many bytes of float64.
+JSON line with the processor time used so far and, where it says ``size``, that many bytes of
+float64.
 """
 
 from __future__ import annotations
@@ -184,14 +185,13 @@ def main() -> None:
             if getattr(error, "what", None) is None and not isinstance(error, SystemExit):
                 what = f"{type(error).__name__}: {what}" if str(error) else what
             remedy = getattr(error, "remedy", "")
-            own.write(json.dumps({"refused": what[:160], "remedy": remedy}).encode() + b"\n")
-            own.flush()
-            continue
-        if isinstance(found, np.ndarray):
-            data = np.ascontiguousarray(found, dtype=float).tobytes()
-            own.write(json.dumps({"size": len(data)}).encode() + b"\n" + data)
+            head, data = {"refused": what[:160], "remedy": remedy}, b""
         else:
-            own.write(json.dumps(found).encode() + b"\n")
+            head, data = found, b""
+            if isinstance(found, np.ndarray):
+                data = np.ascontiguousarray(found, dtype=float).tobytes()
+                head = {"size": len(data)}
+        own.write(json.dumps({**head, "used": time.process_time()}).encode() + b"\n" + data)
         own.flush()
     shutil.rmtree(folder, ignore_errors=True)
     os._exit(0)  # libraries of others may hang in what they do at the end
