@@ -110,7 +110,9 @@ class Engine:
         self.each(data, keep)
         return out
 
-    def each(self, data: Array, use: Use, *, whole: bool = False) -> list[Any]:
+    def each(
+        self, data: Array, use: Use, *, whole: bool = False, constants: Array | None = None
+    ) -> list[Any]:
         """Call ``use(block, terms, samples)`` on blocks of columns; return what it returned.
 
         A block (terms, samples) is the machine's own memory. Blocks come from several threads at
@@ -124,17 +126,21 @@ class Engine:
         whole : bool
             Whether terms stay together, however few the samples: blocks then hold as many terms
             as a window.
+        constants : ndarray, (constants,), optional
+            Values of the batch's open constants, see :class:`jaxsr.evaluation.open.OpenTerms`.
         """
         size = self._config.samples(data.shape[1])
         while True:
             try:
-                return self._each(data, use, size, whole)
+                return self._each(data, use, size, whole, constants)
             except jax.errors.JaxRuntimeError as error:
                 if "RESOURCE_EXHAUSTED" not in str(error) or size <= 16:
                     raise
                 size //= 2
 
-    def _each(self, data: Array, use: Use, size: int, whole: bool) -> list[Any]:
+    def _each(
+        self, data: Array, use: Use, size: int, whole: bool, constants: Array | None
+    ) -> list[Any]:
         rows = data.shape[1]
         if not len(self._batch) or not rows:
             return []
@@ -142,6 +148,8 @@ class Engine:
         # few samples: terms are shared among the threads instead
         shares = 1 if whole or len(starts) >= self._config.workers else self._config.workers
         programs = self._programs(self._parts(shares), data.dtype.name)
+        if constants is not None:
+            programs = [(terms, program.at(constants)) for terms, program in programs]
 
         def one(job: tuple[int, slice, Program]) -> list[Any]:
             start, terms, program = job

@@ -12,9 +12,10 @@ from jaxsr._result import InputError
 from jaxsr.expressions.postfix import OPERATORS
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
-from jaxsr.regression.marquardt import levenberg_marquardt
+from jaxsr.regression.marquardt import Course, ExactFits, levenberg_marquardt
 from jaxsr.regression.projection import Sets, batches, evaluate
 from jaxsr.regression.slopes import Form, constants_of, with_constants
+from jaxsr.regression.streamed_projection import fits, opened
 
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem
@@ -81,14 +82,40 @@ def refine_many(
     limits = limits or Refinement()
     total = problem.total or 1.0
     out: list[tuple[tuple[Term, ...], float]] = [(tuple(terms), np.inf) for terms in sets]
-    for places, batch in batches(problem, sets, limits.most_constants):
-        own = [sets[place] for place in places]
-        constants, loss = _search(problem, batch, own, limits, total)
-        for row, terms in enumerate(own):
+    begun: dict[int, Course] = {}  # left in the middle
+    rest = list(range(len(sets)))
+    if limits.method == "levenberg_marquardt" and problem.view is None:
+        open_sets = {k: opened(problem, sets[k], limits.most_constants) for k in rest}
+        known = {k: own for k, own in open_sets.items() if own is not None}
+        rest = [k for k in rest if k not in known]
+        numbers = list(known)
+        for places, batch in fits(problem, list(known.values())):
+            course = Course.of(batch.start, limits)
+            levenberg_marquardt(batch, course, limits, total)
+            for row, place in enumerate(places):
+                k = numbers[place]
+                if course.unsure[row]:
+                    begun[k] = course.row(row)
+                    rest.append(k)
+                else:
+                    moved = iter(course.constants[row].tolist())
+                    terms = tuple(with_constants(term, moved) for term in sets[k])
+                    out[k] = terms, float(course.loss[row] / total)
+    rest.sort()
+    for places, batch in batches(problem, [sets[k] for k in rest], limits.most_constants):
+        numbers = [rest[place] for place in places]
+        own = [sets[k] for k in numbers]
+        course = Course.of(batch.start, limits)
+        for row, k in enumerate(numbers):
+            if k in begun:
+                course.follow(row, begun[k])
+        constants, loss = _search(problem, batch, own, limits, course)
+        for row, k in enumerate(numbers):
+            terms = sets[k]
             if np.any(batch.used[row]):
                 moved = iter(constants[row].tolist())
                 terms = [with_constants(term, moved) for term in terms]
-            out[places[row]] = (tuple(terms), float(loss[row] / total))
+            out[k] = tuple(terms), float(loss[row] / total)
     return out
 
 
@@ -97,14 +124,15 @@ def _search(
     batch: Sets,
     sets: Sequence[Sequence[Term]],
     limits: Refinement,
-    total: float,
+    course: Course,
 ) -> tuple[Array, Array]:
     """Return constants and losses of a batch, never worse than the start."""
     moving = [[term for term in terms if constants_of(term)] for terms in sets]
     nodes = [node for terms in moving for term in terms for node in term.walk()]
     coded = all(node.op in OPERATORS for node in nodes if node.args)
     if limits.method == "levenberg_marquardt" or not coded or not batch.used.shape[1]:
-        return levenberg_marquardt(batch, limits, total)
+        levenberg_marquardt(ExactFits(batch), course, limits, problem.total or 1.0)
+        return course.constants, course.loss
     from jaxsr.regression.descent import descend  # optax is loaded only when asked for
 
     every = np.arange(len(sets))

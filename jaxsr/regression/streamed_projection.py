@@ -1,0 +1,329 @@
+r"""Variable projection from products alone: long columns are gone through in pieces.
+
+With Q an orthonormal basis of what does not move, the loss of a set at given constants, and its
+derivatives, follow from the products of its moving columns and their slopes, Z, with each other,
+with Q and with the target's rest: :math:`Z Z^T - (Z Q^T)(Z Q^T)^T` are the products of what Q
+leaves of them. No column is ever held. Normal equations lose half the digits, so a set for which
+that shows is marked unsure and left to :mod:`jaxsr.regression.projection`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxsr.evaluation.evaluator import TOGETHER
+from jaxsr.evaluation.open import mark
+from jaxsr.expressions.postfix import PostfixBatch
+from jaxsr.expressions.term import Term
+from jaxsr.regression.gram import Array
+from jaxsr.regression.projection import Mask, Places, orthonormal, without
+from jaxsr.regression.slopes import constants_of, with_leaves
+
+if TYPE_CHECKING:
+    from jaxsr.regression.problem import RegressionProblem
+
+_SURE = 1e-7
+"""Share of the target that a loss must keep, times the square of the sine between a column and
+the others, for products to tell it to eight digits."""
+_SLOPE_SURE, _REDUNDANT = 1e-9, 1e-14
+"""The same for slopes; and the share below which a slope is rounding."""
+_LARGE, _SMALL = 1e190, 1e-190  # squares of columns
+_AGAIN = 0.6  # a program is made anew once fewer than this share of its sets still move
+_BYTES = 64 * 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class _Still:
+    """Orthonormal rows that do not move and, last, the target's rest: (q + 1, rows)."""
+
+    rows: Array
+    usable: bool
+    total: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Set:
+    """A set: its still terms, forms of its moving terms, their constants, where they start."""
+
+    still: tuple[Term, ...]
+    codes: tuple[PostfixBatch, ...]
+    counts: tuple[int, ...]
+    start: tuple[float, ...]
+
+    @property
+    def rows(self) -> int:
+        return sum(self.counts) + len(self.counts)
+
+
+def opened(problem: RegressionProblem, terms: Sequence[Term], most: int) -> _Set | None:
+    """Return a set with its constants open; None where it has to be gone through otherwise."""
+    still: list[Term] = []
+    codes: list[PostfixBatch] = []
+    start: list[list[float]] = []
+    for term in terms:
+        values = constants_of(term)
+        if not values:
+            still.append(term)
+            continue
+        form = with_leaves(term, map(mark, itertools.count()))
+        code = problem.evaluator.opens(form, len(values))
+        if code is None:
+            return None
+        codes.append(code)
+        start.append(values)
+    counts = tuple(map(len, start))
+    if not codes or sum(counts) > most or sum(counts) + len(counts) > TOGETHER:
+        return None
+    return _Set(tuple(still), tuple(codes), counts, tuple(itertools.chain(*start)))
+
+
+@dataclass(slots=True)
+class StreamedPoint:
+    """Fits at given constants.
+
+    Attributes
+    ----------
+    loss : ndarray, (sets,)
+    matrix, moment : ndarray, (sets, constants, constants) and (sets, constants)
+        :math:`J^T J` and :math:`J^T r` in Kaufman's form.
+    unsure : ndarray of bool, (sets,)
+        Where rounding of the products may show.
+    """
+
+    loss: Array
+    matrix: Array
+    moment: Array
+    unsure: Mask
+
+    def update(self, where: Places, other: StreamedPoint, rows: Places) -> None:
+        """Take over ``rows`` of another point at ``where``."""
+        for name in ("loss", "matrix", "moment", "unsure"):
+            getattr(self, name)[where] = getattr(other, name)[rows]
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Sets of one pattern beside the same still terms: neighbouring rows of a program."""
+
+    sets: Places
+    counts: tuple[int, ...]
+    still: int
+    span: slice
+
+
+class StreamedFits:
+    """Fits of sets as functions of their constants.
+
+    Parameters
+    ----------
+    problem : RegressionProblem
+        Without a view.
+    sets : sequence of _Set
+    stills : sequence of _Still
+    which : sequence of int
+        What stands still in each set.
+    """
+
+    def __init__(
+        self,
+        problem: RegressionProblem,
+        sets: Sequence[_Set],
+        stills: Sequence[_Still],
+        which: Sequence[int],
+    ) -> None:
+        self._problem, self._sets, self._stills, self._which = problem, sets, stills, which
+        most = max(len(s.start) for s in sets)
+        self.start = np.zeros((len(sets), most))
+        for row, own in enumerate(sets):
+            self.start[row, : len(own.start)] = own.start
+        self.moves = np.ones(len(sets), dtype=bool)
+        self._scheduled: Places = np.zeros(0, dtype=np.intp)
+        self._groups: list[_Group] = []
+        self._run: Any = None
+
+    def _schedule(self, rows: Places) -> None:
+        """Make a program for some sets, those of one pattern beside the same terms together."""
+        keys = {int(k): (self._which[k], self._sets[k].counts) for k in rows}
+        order = sorted(keys, key=keys.__getitem__)
+        self._groups, at = [], 0
+        for (still, counts), members in itertools.groupby(order, keys.__getitem__):
+            who = np.array(list(members))
+            size = len(who) * (sum(counts) + len(counts))
+            self._groups.append(_Group(who, counts, still, slice(at, at + size)))
+            at += size
+        most = self.start.shape[1]
+        codes = [code for k in order for code in self._sets[k].codes]
+        first = [
+            k * most + place
+            for k in order
+            for place in itertools.accumulate(self._sets[k].counts[:-1], initial=0)
+        ]
+        self._run = self._problem.evaluator.opened(codes, first)
+        self._scheduled = rows
+
+    def evaluate(self, constants: Array, rows: Places) -> StreamedPoint:
+        """Fit the sets ``rows`` at ``constants`` (rows, constants)."""
+        self._problem.check()
+        if len(rows) < _AGAIN * len(self._scheduled) or not set(rows) <= set(self._scheduled):
+            self._schedule(rows)
+        every = self.start.copy()
+        every[rows] = constants
+        products = self._products(every.reshape(-1))
+        size, most = self.start.shape
+        point = StreamedPoint(
+            np.full(size, np.inf),
+            np.zeros((size, most, most)),
+            np.zeros((size, most)),
+            np.zeros(size, dtype=bool),
+        )
+        with np.errstate(all="ignore"):
+            for group, found in zip(self._groups, products, strict=True):
+                still = self._stills[group.still]
+                if still.usable:
+                    _fit(point, group, still.total, *found)
+        out = StreamedPoint(*(getattr(point, n)[rows] for n in StreamedPoint.__slots__))
+        return out
+
+    def curvature(self, point: StreamedPoint, rows: Places) -> tuple[Array, Array]:
+        """Return J^T J (rows, constants, constants) and J^T residual."""
+        return point.matrix[rows], point.moment[rows]
+
+    def _products(self, constants: Array) -> list[tuple[Array, Array]]:
+        """Return of each group its products (sets, k, k), and with what stands still (.., q + 1)."""
+
+        def of(block: Array, part: slice) -> list[tuple[Array, Array]]:
+            out = []
+            for group in self._groups:
+                rows = block[group.span]
+                own = rows.reshape(len(group.sets), -1, rows.shape[1])
+                beside = rows @ self._stills[group.still].rows[:, part].T
+                with np.errstate(all="ignore"):
+                    out.append((np.einsum("skr,sjr->skj", own, own), beside))
+            return out
+
+        pieces = self._run(constants, of)
+        out = []
+        for group, parts in zip(self._groups, zip(*pieces, strict=True), strict=True):
+            gram = sum(part[0] for part in parts)
+            beside = sum(part[1] for part in parts)
+            out.append((gram, beside.reshape(len(group.sets), gram.shape[1], -1)))
+        return out
+
+
+def _fit(point: StreamedPoint, group: _Group, total: float, gram: Array, beside: Array) -> None:
+    """Write losses and curvature of a group's sets."""
+    columns = np.cumsum([0, *(1 + count for count in group.counts[:-1])])
+    slopes = np.setdiff1d(np.arange(gram.shape[1]), columns)
+    owner = np.repeat(np.arange(len(columns)), group.counts)
+    square = np.einsum("skk->sk", gram)
+    share, moment = beside[:, :, :-1], beside[:, :, -1]
+    left = gram - share @ share.transpose(0, 2, 1)
+    norm = np.sqrt(square[:, columns])
+    unit = left[:, columns[:, None], columns] / (norm[:, :, None] * norm[:, None, :])
+    least, inverse = _inverse(unit)
+    b = moment[:, columns] / norm
+    xi = np.einsum("sij,sj->si", inverse, b)
+    loss = total - np.einsum("si,si->s", b, xi)
+    finite = np.all(np.isfinite(square[:, columns]), axis=1)
+    sized = np.all((square[:, columns] < _LARGE) & (square[:, columns] > _SMALL), axis=1)
+    sure = sized & (loss * least > _SURE * total) & (least > 0.0)
+
+    cross = left[:, columns[:, None], slopes] / norm[:, :, None]  # (sets, terms, slopes)
+    solved = inverse @ cross
+    weight = (xi / norm)[:, owner]
+    bent = left[:, slopes[:, None], slopes] - cross.transpose(0, 2, 1) @ solved
+    before = square[:, slopes]
+    kept = np.einsum("skk->sk", bent) * least[:, None]
+    own = kept > _REDUNDANT * before
+    sure &= np.all((kept > _SLOPE_SURE * before) | (~own & (least[:, None] > 0.1)), axis=1)
+    own &= weight != 0.0
+    weight = np.where(own, weight, 0.0)
+    bent = np.where(own[:, :, None] & own[:, None, :], bent, 0.0)
+    pull = moment[:, slopes] - np.einsum("sik,si->sk", cross, xi)
+    pull = np.where(own, -weight * pull, 0.0)
+    # a column that is not finite is no column; whatever else is not, is looked at in full
+    sure &= np.all(np.isfinite(bent), axis=(1, 2)) & np.all(np.isfinite(pull), axis=1)
+    count = len(slopes)
+    point.loss[group.sets] = np.where(finite, loss, np.inf)
+    point.matrix[group.sets, :count, :count] = weight[:, :, None] * bent * weight[:, None, :]
+    point.moment[group.sets, :count] = pull
+    point.unsure[group.sets] = finite & ~sure
+
+
+def _inverse(unit: Array) -> tuple[Array, Array]:
+    """Return the least pivot of each matrix (sets, n, n), and the inverse; zero where there is none."""
+    count = unit.shape[1]
+    factor, least = np.zeros_like(unit), np.full(len(unit), np.inf)
+    for j in range(count):
+        row = factor[:, j, :j]
+        pivot = unit[:, j, j] - np.einsum("sk,sk->s", row, row)
+        least = np.fmin(least, np.where(np.isnan(pivot), 0.0, pivot))
+        root = np.sqrt(np.where(pivot > 0.0, pivot, 1.0))
+        factor[:, j, j] = root
+        below = unit[:, j + 1 :, j] - np.einsum("smk,sk->sm", factor[:, j + 1 :, :j], row)
+        factor[:, j + 1 :, j] = below / root[:, None]
+    inverse = np.zeros_like(unit)
+    good = least > 0.0
+    if np.any(good):
+        lower = np.linalg.inv(factor[good])
+        inverse[good] = lower.transpose(0, 2, 1) @ lower
+    return np.maximum(least, 0.0), inverse
+
+
+def fits(
+    problem: RegressionProblem, sets: Sequence[_Set]
+) -> Iterator[tuple[list[int], StreamedFits]]:
+    """Yield positions in ``sets`` and their fits, those beside the same terms together."""
+    order = sorted(range(len(sets)), key=[hash(frozenset(s.still)) for s in sets].__getitem__)
+    room = max(1, _BYTES // (8 * problem.rows * 12))
+    members: list[int] = []
+    stills: dict[tuple[Term, ...], _Still] = {}
+    rows = 0
+    for k in order:
+        new = sets[k].still not in stills
+        if members and (rows + sets[k].rows > TOGETHER or (new and len(stills) >= room)):
+            yield members, _made(problem, sets, members, stills)
+            stills = {s: v for s, v in stills.items() if s == sets[k].still}
+            members, rows = [], 0
+        if sets[k].still not in stills:
+            stills[sets[k].still] = _still(problem, sets[k].still)
+        members.append(k)
+        rows += sets[k].rows
+    if members:
+        yield members, _made(problem, sets, members, stills)
+
+
+def _made(
+    problem: RegressionProblem,
+    sets: Sequence[_Set],
+    members: Sequence[int],
+    stills: dict[tuple[Term, ...], _Still],
+) -> StreamedFits:
+    place = {still: k for k, still in enumerate(stills)}
+    own = [sets[k] for k in members]
+    which = [place[s.still] for s in own]
+    return StreamedFits(problem, own, list(stills.values()), which)
+
+
+def _still(problem: RegressionProblem, terms: Sequence[Term]) -> _Still:
+    """Return an orthonormal basis of the fixed columns and of terms that do not move."""
+    problem.check()
+    fixed = problem.basis.T
+    target = problem.target
+    rows = [fixed]
+    usable = True
+    if terms:
+        columns = problem.seen(problem.evaluator.columns(terms)).T[None]
+        used = np.ones(columns.shape[:2], dtype=bool)
+        basis, _, good = orthonormal(columns, used, np.zeros((1, 0, columns.shape[2])))
+        target = without(target[None, None], basis)[0, 0]
+        rows.append(basis[0])
+        usable = bool(good[0])
+    whole = np.concatenate([*rows, target[None]])
+    return _Still(whole, usable, float(target @ target))
