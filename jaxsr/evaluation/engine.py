@@ -23,6 +23,7 @@ Use = Callable[[Array, slice, slice], Any]
 
 _MOST_TERMS = 65536  # in one schedule, which bounds a thread's instructions
 _WINDOW = 1024  # outputs taken at a time: what a core's cache holds beside the registers
+_SHARED = 3_000_000  # samples times instructions from which on threads repay their change
 _ROOM = 8  # instructions for a column, where one program is to serve all batches
 
 
@@ -168,7 +169,8 @@ class Engine:
         if self._config.window is None:
             together = _together(programs, len(starts) // self._config.workers)
         jobs = [(start, *piece) for start in starts[::together] for piece in programs]
-        if self._config.workers == 1 or len(jobs) == 1:
+        work = rows * sum(len(program.schedule) for _, program in programs)
+        if self._config.workers == 1 or len(jobs) == 1 or work < _SHARED:
             answers = map(one, jobs)
         else:
             answers = _pool(self._config.workers).map(one, jobs)

@@ -79,7 +79,10 @@ def _of_two(node: Term, da: Term, db: Term) -> Term:
         case "mul":
             return _plus(_times(b, da), _times(a, db))
         case "div":
-            return _minus(_over(da, b), _times(_over(node, b), db))
+            # f / b of f = 1 / b is a product, which takes a fraction of a quotient's time
+            ratio = _square(node) if a == UNIT else Term.apply("div", node, b)
+            down = _times(Term.apply("neg", ratio), db) if db != ZERO else ZERO
+            return _plus(_over(da, b), down)
         case "pow":
             lower = _minus(b, UNIT) if not b.is_constant else Term.constant(b.value - 1.0)
             first = _times(_times(b, Term.apply("pow", a, lower)), da) if da != ZERO else ZERO

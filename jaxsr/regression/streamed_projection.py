@@ -31,10 +31,12 @@ if TYPE_CHECKING:
 _SURE = 1e-7
 """Share of the target that a loss must keep, times the square of the sine between a column and
 the others, for products to tell it to eight digits."""
-_SLOPE_SURE, _REDUNDANT = 1e-9, 1e-14
-"""The same for slopes; and the share below which a slope is rounding."""
+_SLOPE_SURE, _REDUNDANT = 1e-10, 1e-13
+"""Square of the sine between a slope and the columns, times that of the columns, from which on
+products tell steps well enough; and the square below which nothing but rounding is left of it."""
 _LARGE, _SMALL = 1e190, 1e-190  # squares of columns
-_AGAIN = 0.6  # a program is made anew once fewer than this share of its sets still move
+_AGAIN = 80_000  # samples of sets that no longer move for which a program is made anew
+_FEW = 12  # rows whose products are all taken, though only those of one set are needed
 _BYTES = 64 * 2**20
 
 
@@ -144,6 +146,7 @@ class StreamedFits:
             self.start[row, : len(own.start)] = own.start
         self.moves = np.ones(len(sets), dtype=bool)
         self._scheduled: Places = np.zeros(0, dtype=np.intp)
+        self._idle = 0  # samples of sets that were gone through for nothing
         self._groups: list[_Group] = []
         self._run: Any = None
 
@@ -165,12 +168,14 @@ class StreamedFits:
             for place in itertools.accumulate(self._sets[k].counts[:-1], initial=0)
         ]
         self._run = self._problem.evaluator.opened(codes, first)
-        self._scheduled = rows
+        self._scheduled, self._idle = rows, 0
 
     def evaluate(self, constants: Array, rows: Places) -> StreamedPoint:
         """Fit the sets ``rows`` at ``constants`` (rows, constants)."""
         self._problem.check()
-        if len(rows) < _AGAIN * len(self._scheduled) or not set(rows) <= set(self._scheduled):
+        self._idle += (len(self._scheduled) - len(rows)) * self._problem.rows
+        # what is wasted pays for the next program: never twice the least that could be paid
+        if self._idle > _AGAIN or not np.all(np.isin(rows, self._scheduled)):
             self._schedule(rows)
         every = self.start.copy()
         every[rows] = constants
@@ -182,13 +187,20 @@ class StreamedFits:
             np.zeros((size, most)),
             np.zeros(size, dtype=bool),
         )
+        alike: dict[tuple[int, ...], list[tuple[Array, ...]]] = {}
         with np.errstate(all="ignore"):
-            for group, found in zip(self._groups, products, strict=True):
+            for group, (gram, beside) in zip(self._groups, products, strict=True):
                 still = self._stills[group.still]
                 if still.usable:
-                    _fit(point, group, still.total, *found)
-        out = StreamedPoint(*(getattr(point, n)[rows] for n in StreamedPoint.__slots__))
-        return out
+                    share = beside[:, :, :-1]
+                    left = gram - share @ share.transpose(0, 2, 1)
+                    square = np.einsum("skk->sk", gram)
+                    total = np.full(len(gram), still.total)
+                    parts = group.sets, total, square, left, beside[:, :, -1]
+                    alike.setdefault(group.counts, []).append(parts)
+            for counts, found in alike.items():
+                _fit(point, counts, *map(np.concatenate, zip(*found, strict=True)))
+        return StreamedPoint(*(getattr(point, n)[rows] for n in StreamedPoint.__slots__))
 
     def curvature(self, point: StreamedPoint, rows: Places) -> tuple[Array, Array]:
         """Return J^T J (rows, constants, constants) and J^T residual."""
@@ -201,29 +213,56 @@ class StreamedFits:
             out = []
             for group in self._groups:
                 rows = block[group.span]
-                own = rows.reshape(len(group.sets), -1, rows.shape[1])
-                beside = rows @ self._stills[group.still].rows[:, part].T
                 with np.errstate(all="ignore"):
-                    out.append((np.einsum("skr,sjr->skj", own, own), beside))
+                    beside = rows @ self._stills[group.still].rows[:, part].T
+                    out.append((_squares(rows, len(group.sets)), beside))
             return out
 
         pieces = self._run(constants, of)
         out = []
         for group, parts in zip(self._groups, zip(*pieces, strict=True), strict=True):
-            gram = sum(part[0] for part in parts)
-            beside = sum(part[1] for part in parts)
+            with np.errstate(all="ignore"):
+                gram = sum(part[0] for part in parts)
+                beside = sum(part[1] for part in parts)
             out.append((gram, beside.reshape(len(group.sets), gram.shape[1], -1)))
         return out
 
 
-def _fit(point: StreamedPoint, group: _Group, total: float, gram: Array, beside: Array) -> None:
-    """Write losses and curvature of a group's sets."""
-    columns = np.cumsum([0, *(1 + count for count in group.counts[:-1])])
-    slopes = np.setdiff1d(np.arange(gram.shape[1]), columns)
-    owner = np.repeat(np.arange(len(columns)), group.counts)
-    square = np.einsum("skk->sk", gram)
-    share, moment = beside[:, :, :-1], beside[:, :, -1]
-    left = gram - share @ share.transpose(0, 2, 1)
+def _squares(rows: Array, sets: int) -> Array:
+    """Return the products (sets, k, k) of rows (sets k, samples) with those of the same set."""
+    count = len(rows) // sets
+    if len(rows) > max(_FEW, count):
+        own = rows.reshape(sets, count, -1)
+        return np.einsum("skr,sjr->skj", own, own)
+    every = (rows @ rows.T).reshape(sets, count, sets, count)
+    return np.einsum("sksj->skj", every)
+
+
+def _fit(
+    point: StreamedPoint,
+    counts: tuple[int, ...],
+    sets: Places,
+    total: Array,
+    square: Array,
+    left: Array,
+    moment: Array,
+) -> None:
+    """Write losses and curvature of sets whose moving terms hold so many constants each.
+
+    Parameters
+    ----------
+    total : ndarray, (sets,)
+        Square of the target's rest.
+    square : ndarray, (sets, k)
+        Squares of each term's column, then its slopes.
+    left : ndarray, (sets, k, k)
+        Products of what is left of them beside the still terms.
+    moment : ndarray, (sets, k)
+        Their products with the target's rest.
+    """
+    columns = np.cumsum([0, *(1 + count for count in counts[:-1])])
+    slopes = np.setdiff1d(np.arange(left.shape[1]), columns)
+    owner = np.repeat(np.arange(len(columns)), counts)
     norm = np.sqrt(square[:, columns])
     unit = left[:, columns[:, None], columns] / (norm[:, :, None] * norm[:, None, :])
     least, inverse = _inverse(unit)
@@ -250,10 +289,10 @@ def _fit(point: StreamedPoint, group: _Group, total: float, gram: Array, beside:
     # a column that is not finite is no column; whatever else is not, is looked at in full
     sure &= np.all(np.isfinite(bent), axis=(1, 2)) & np.all(np.isfinite(pull), axis=1)
     count = len(slopes)
-    point.loss[group.sets] = np.where(finite, loss, np.inf)
-    point.matrix[group.sets, :count, :count] = weight[:, :, None] * bent * weight[:, None, :]
-    point.moment[group.sets, :count] = pull
-    point.unsure[group.sets] = finite & ~sure
+    point.loss[sets] = np.where(finite, loss, np.inf)
+    point.matrix[sets, :count, :count] = weight[:, :, None] * bent * weight[:, None, :]
+    point.moment[sets, :count] = pull
+    point.unsure[sets] = finite & ~sure
 
 
 def _inverse(unit: Array) -> tuple[Array, Array]:
