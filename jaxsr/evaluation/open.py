@@ -89,9 +89,7 @@ class OpenTerms:
         constants.view(np.int64)[is_open] = BOX + 1 + number[is_open]
         self._engine = Engine(PostfixBatch(opcode, operand, constants, variables), config)
 
-    def each(
-        self, data: Array, constants: Array, use: Callable[[Array, slice], Any]
-    ) -> list[Any]:
+    def each(self, data: Array, constants: Array, use: Callable[[Array, slice], Any]) -> list[Any]:
         """Return what ``use(block, samples)`` makes of each piece of the samples.
 
         Parameters

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -80,43 +80,49 @@ def refine_many(
         sum of squares relative to the target's; inf where a term is not finite.
     """
     limits = limits or Refinement()
-    total = problem.total or 1.0
     out: list[tuple[tuple[Term, ...], float]] = [(tuple(terms), np.inf) for terms in sets]
-    begun: dict[int, Course] = {}  # left in the middle
-    rest = list(range(len(sets)))
+    total = problem.total or 1.0
+    begun: dict[int, Course] = {}
+    done: set[int] = set()
     if limits.method == "levenberg_marquardt" and problem.view is None:
-        open_sets = {k: opened(problem, sets[k], limits.most_constants) for k in rest}
-        known = {k: own for k, own in open_sets.items() if own is not None}
-        rest = [k for k in rest if k not in known]
-        numbers = list(known)
-        for places, batch in fits(problem, list(known.values())):
-            course = Course.of(batch.start, limits)
-            levenberg_marquardt(batch, course, limits, total)
-            for row, place in enumerate(places):
-                k = numbers[place]
-                if course.unsure[row]:
-                    begun[k] = course.row(row)
-                    rest.append(k)
-                else:
-                    moved = iter(course.constants[row].tolist())
-                    terms = tuple(with_constants(term, moved) for term in sets[k])
-                    out[k] = terms, float(course.loss[row] / total)
-    rest.sort()
+        for k, course in _streamed(problem, sets, limits):
+            if course.unsure[0]:
+                begun[k] = course
+            else:
+                out[k] = _moved(sets[k], course.constants[0]), float(course.loss[0] / total)
+                done.add(k)
+    rest = [k for k in range(len(sets)) if k not in done]
     for places, batch in batches(problem, [sets[k] for k in rest], limits.most_constants):
         numbers = [rest[place] for place in places]
-        own = [sets[k] for k in numbers]
         course = Course.of(batch.start, limits)
         for row, k in enumerate(numbers):
             if k in begun:
                 course.follow(row, begun[k])
-        constants, loss = _search(problem, batch, own, limits, course)
+        constants, loss = _search(problem, batch, [sets[k] for k in numbers], limits, course)
         for row, k in enumerate(numbers):
-            terms = sets[k]
-            if np.any(batch.used[row]):
-                moved = iter(constants[row].tolist())
-                terms = [with_constants(term, moved) for term in terms]
-            out[k] = tuple(terms), float(loss[row] / total)
+            terms = _moved(sets[k], constants[row]) if np.any(batch.used[row]) else tuple(sets[k])
+            out[k] = terms, float(loss[row] / total)
     return out
+
+
+def _moved(terms: Sequence[Term], constants: Array) -> tuple[Term, ...]:
+    moved = iter(constants.tolist())
+    return tuple(with_constants(term, moved) for term in terms)
+
+
+def _streamed(
+    problem: RegressionProblem, sets: Sequence[Sequence[Term]], limits: Refinement
+) -> Iterator[tuple[int, Course]]:
+    """Yield sets that the compiled machine has gone through, and how far their search came."""
+    if not problem.evaluator.differentiates(len(sets)):
+        return
+    opens = [opened(problem, terms, limits.most_constants) for terms in sets]
+    numbers = [k for k, own in enumerate(opens) if own is not None]
+    for places, batch in fits(problem, [own for own in opens if own is not None]):
+        course = Course.of(batch.start, limits)
+        levenberg_marquardt(batch, course, limits, problem.total or 1.0)
+        for row, place in enumerate(places):
+            yield numbers[place], course.row(row)
 
 
 def _search(

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jaxsr.evaluation.evaluator import TOGETHER
 from jaxsr.evaluation.open import mark
@@ -41,7 +40,7 @@ _BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True, slots=True)
-class _Still:
+class Still:
     """Orthonormal rows that do not move and, last, the target's rest: (q + 1, rows)."""
 
     rows: Array
@@ -50,7 +49,7 @@ class _Still:
 
 
 @dataclass(frozen=True, slots=True)
-class _Set:
+class OpenSet:
     """A set: its still terms, forms of its moving terms, their constants, where they start."""
 
     still: tuple[Term, ...]
@@ -63,7 +62,7 @@ class _Set:
         return sum(self.counts) + len(self.counts)
 
 
-def opened(problem: RegressionProblem, terms: Sequence[Term], most: int) -> _Set | None:
+def opened(problem: RegressionProblem, terms: Sequence[Term], most: int) -> OpenSet | None:
     """Return a set with its constants open; None where it has to be gone through otherwise."""
     still: list[Term] = []
     codes: list[PostfixBatch] = []
@@ -82,7 +81,7 @@ def opened(problem: RegressionProblem, terms: Sequence[Term], most: int) -> _Set
     counts = tuple(map(len, start))
     if not codes or sum(counts) > most or sum(counts) + len(counts) > TOGETHER:
         return None
-    return _Set(tuple(still), tuple(codes), counts, tuple(itertools.chain(*start)))
+    return OpenSet(tuple(still), tuple(codes), counts, tuple(itertools.chain(*start)))
 
 
 @dataclass(slots=True)
@@ -126,8 +125,8 @@ class StreamedFits:
     ----------
     problem : RegressionProblem
         Without a view.
-    sets : sequence of _Set
-    stills : sequence of _Still
+    sets : sequence of OpenSet
+    stills : sequence of Still
     which : sequence of int
         What stands still in each set.
     """
@@ -135,8 +134,8 @@ class StreamedFits:
     def __init__(
         self,
         problem: RegressionProblem,
-        sets: Sequence[_Set],
-        stills: Sequence[_Still],
+        sets: Sequence[OpenSet],
+        stills: Sequence[Still],
         which: Sequence[int],
     ) -> None:
         self._problem, self._sets, self._stills, self._which = problem, sets, stills, which
@@ -207,7 +206,7 @@ class StreamedFits:
         return point.matrix[rows], point.moment[rows]
 
     def _products(self, constants: Array) -> list[tuple[Array, Array]]:
-        """Return of each group its products (sets, k, k), and with what stands still (.., q + 1)."""
+        """Return each group's products (sets, k, k), and those with still rows (sets, k, q + 1)."""
 
         def of(block: Array, part: slice) -> list[tuple[Array, Array]]:
             out = []
@@ -296,7 +295,7 @@ def _fit(
 
 
 def _inverse(unit: Array) -> tuple[Array, Array]:
-    """Return the least pivot of each matrix (sets, n, n), and the inverse; zero where there is none."""
+    """Return the least pivot of each matrix (sets, n, n), and its inverse; zero without one."""
     count = unit.shape[1]
     factor, least = np.zeros_like(unit), np.full(len(unit), np.inf)
     for j in range(count):
@@ -316,13 +315,13 @@ def _inverse(unit: Array) -> tuple[Array, Array]:
 
 
 def fits(
-    problem: RegressionProblem, sets: Sequence[_Set]
+    problem: RegressionProblem, sets: Sequence[OpenSet]
 ) -> Iterator[tuple[list[int], StreamedFits]]:
     """Yield positions in ``sets`` and their fits, those beside the same terms together."""
     order = sorted(range(len(sets)), key=[hash(frozenset(s.still)) for s in sets].__getitem__)
     room = max(1, _BYTES // (8 * problem.rows * 12))
     members: list[int] = []
-    stills: dict[tuple[Term, ...], _Still] = {}
+    stills: dict[tuple[Term, ...], Still] = {}
     rows = 0
     for k in order:
         new = sets[k].still not in stills
@@ -340,9 +339,9 @@ def fits(
 
 def _made(
     problem: RegressionProblem,
-    sets: Sequence[_Set],
+    sets: Sequence[OpenSet],
     members: Sequence[int],
-    stills: dict[tuple[Term, ...], _Still],
+    stills: dict[tuple[Term, ...], Still],
 ) -> StreamedFits:
     place = {still: k for k, still in enumerate(stills)}
     own = [sets[k] for k in members]
@@ -350,7 +349,7 @@ def _made(
     return StreamedFits(problem, own, list(stills.values()), which)
 
 
-def _still(problem: RegressionProblem, terms: Sequence[Term]) -> _Still:
+def _still(problem: RegressionProblem, terms: Sequence[Term]) -> Still:
     """Return an orthonormal basis of the fixed columns and of terms that do not move."""
     problem.check()
     fixed = problem.basis.T
@@ -365,4 +364,4 @@ def _still(problem: RegressionProblem, terms: Sequence[Term]) -> _Still:
         rows.append(basis[0])
         usable = bool(good[0])
     whole = np.concatenate([*rows, target[None]])
-    return _Still(whole, usable, float(target @ target))
+    return Still(whole, usable, float(target @ target))
