@@ -233,7 +233,11 @@ def test_the_written_model_is_the_stated_law(name, tmp_path):
 
     every = cases.NO_LAW | cases.LAWS
     case = every[name](np.random.default_rng(0))
-    found = jaxsr.discover(case.recordings, states=case.states, budget=60, **case.options)
+    found = jaxsr.discover(
+        case.recordings,
+        jaxsr.Roles(states=case.states, **case.options),
+        run=jaxsr.Run(budget=60),
+    )
     document = check_stated(found, tmp_path / "out")
     assert (document["verdict"] == "undecided") == (name in cases.NO_LAW)
 
