@@ -317,7 +317,7 @@ A = { value = 4.0 }
     (Sensor(0, 0.05), Sensor(1, 0.05, 0.6)),
 )
 
-PLANTS = (MOUNT, DRIVE, PENDULUM, TANKS)
+PLANTS = (MOUNT, PENDULUM, DRIVE, TANKS)
 EFFECTS = (
     (MOUNT, "softer", "a spring 10 % softer"),
     (DRIVE, "friction", "dry friction up by a quarter"),

@@ -12,6 +12,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "jaxsr"
 LAYERS = {
     "_result": 0,
     "_types": 0,
+    "_versions": 0,
     "_process": 0,
     "_output": 0,
     "_staging": 0,

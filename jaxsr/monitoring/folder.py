@@ -7,7 +7,9 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-ENDINGS = (".csv", ".csv.gz", ".parquet", ".npz", ".mat", ".xlsx", ".h5", ".hdf5")
+from jaxsr.recordings.containers.opened import LIBRARIES
+
+ENDINGS = (".csv", ".tsv", ".gz", ".parquet", ".npz", ".mat", ".xlsx", *LIBRARIES)
 """Of the files that are recordings; others are left alone."""
 PAUSE = 2.0
 """Seconds between two looks. A file is whole when it is the same at both."""

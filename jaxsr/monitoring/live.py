@@ -79,7 +79,7 @@ def monitor(
         tuple(ways),
         rhythm,
         exponent(known),
-        -float(np.log(false_alarms_per_hour * hours)),
+        hours,
         false_alarms_per_hour,
     )
 
@@ -138,13 +138,14 @@ class Monitor:
         ways: tuple[Alternative, ...],
         rhythm: Rhythm,
         theta: float,
-        threshold: float,
+        hours_per_block: float,
         false_alarms_per_hour: float,
     ) -> None:
         self.normal, self.rhythm, self.exponent = normal, rhythm, theta
         self.false_alarms_per_hour = false_alarms_per_hour
         self.hours = 0.0
-        self._follower, self._ways, self._threshold = follower, ways, max(threshold, 0.0)
+        self._follower, self._ways, self._each = follower, ways, hours_per_block
+        self._threshold = max(-float(np.log(false_alarms_per_hour * hours_per_block)), 0.0)
         self._watch = Watch.begun(len(ways))
         self._stream: Stream | None = None
         self._judged = -np.inf
@@ -158,6 +159,11 @@ class Monitor:
     def log_evidence(self) -> float:
         """Evidence that the machine left its model, relative to the threshold: 0 is an alarm."""
         return self._watch.log_evidence - self._threshold
+
+    def at_rate(self, false_alarms_per_hour: float) -> Monitor:
+        """Return a monitor that learnt the same, at another rate of false alarms."""
+        learnt = self._follower, self.normal, self._ways, self.rhythm, self.exponent, self._each
+        return Monitor(*learnt, false_alarms_per_hour)
 
     def feed(self, samples: Samples, name: str = "stream") -> list[Alarm]:
         """Take the next samples and return the alarms that they raise.
