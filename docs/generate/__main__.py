@@ -18,6 +18,7 @@ from docs.generate import (
     diagnosis_tables,
     discovery_tables,
     mechanisms,
+    monitor_tables,
     readme,
     robot_tables,
     tables,
@@ -41,6 +42,7 @@ def pages() -> dict[Path, str]:
         "diagnosis": diagnosis_tables,
         "discovery": discovery_tables,
         "mechanisms": mechanisms,
+        "monitor": monitor_tables,
         "robots": robot_tables,
         "tables": tables,
     }
