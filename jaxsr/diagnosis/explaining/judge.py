@@ -295,7 +295,7 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     if names and _differ(given, recalibrated):
         probability = odds(parts.arena.super_model, recalibrated.entry, given, parts.rng)
         told = told_values(parts, recalibrated, names, given.fit.cost)
-        findings = told.rows(dict.fromkeys(names, probability))
+        findings = told.rows(dict.fromkeys(names, probability), probability)
         explained, alike = told.estimate, told.confusable
     unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
     if findings or rounding:
@@ -317,7 +317,8 @@ def _by_claim(parts: Ingredients, recalibrated: Estimate, claim: Claim) -> Judge
     free = parts.case.simulator.model.free_parameters
     names = [n for n in free if labels(n) in claim.leading]
     told = told_values(parts, recalibrated, names, cost)
-    findings = told.rows({n: parts.weights.of_label(labels(n)) for n in names})
+    each = {n: parts.weights.of_label(labels(n)) for n in names}
+    findings = told.rows(each, parts.weights.of_any(map(labels, names)))
     _, rounding, edits = _with_sensors(parts, recalibrated, [], cost)
     both = sorted([*rounding, *findings], key=lambda row: -row["share"])
     measured = bool(both) and both[0]["family"] == "measurement"

@@ -51,15 +51,18 @@ class ToldValues:
     weights: tuple[Weight, ...]
     rivals: tuple[tuple[Wrong, float], ...] = ()
 
-    def rows(self, probability: Mapping[str, float]) -> list[dict[str, Any]]:
+    def rows(self, each: Mapping[str, float], some: float) -> list[dict[str, Any]]:
         """Return the findings.
 
-        `probability` is that of values that re-calibration asks for; others that do the same
-        instead are as probable as the most probable of them.
+        Parameters
+        ----------
+        each : dict of str to float
+            Probability that a value is wrong, of those that re-calibration asks for.
+        some : float
+            That any of them is, which other sets of values share.
         """
-        most = max(probability.values(), default=0.0)
         return [
-            self._row(name, weight, probability.get(name, most))
+            self._row(name, weight, some if self.rivals else each[name])
             for name, weight in zip(self.names, self.weights, strict=True)
         ]
 
