@@ -14,7 +14,14 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from docs.generate import diagnosis_tables, discovery_tables, mechanisms, readme, tables
+from docs.generate import (
+    budget_tables,
+    diagnosis_tables,
+    discovery_tables,
+    mechanisms,
+    readme,
+    tables,
+)
 from docs.generate.tables import ROOT
 
 DOCS = ROOT / "docs"
@@ -31,6 +38,7 @@ def pages() -> dict[Path, str]:
         trim_blocks=True,
     )
     names = {
+        "budgets": budget_tables,
         "diagnosis": diagnosis_tables,
         "discovery": discovery_tables,
         "mechanisms": mechanisms,
