@@ -18,11 +18,14 @@ hypothesis.settings.register_profile("jaxsr", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("jaxsr")
 
 
+gc.disable()  # until all tests are there
+
+
 def pytest_collection_finish() -> None:
     """Spare the collector what stays to the end: libraries and tests, a million objects."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+    gc.enable()
 
 
 ROOT = Path(__file__).resolve().parents[1]

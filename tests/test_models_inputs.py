@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from model_runs import model, quiet, read_off, rolled
@@ -116,18 +118,20 @@ def test_delay_on_an_input(delay: str) -> None:
 
 def test_delay_and_clock_on_an_output() -> None:
     recording = quiet(2.0, 0.01, u=np.zeros(201))
-    late = lag(extra="[delays]\ny = 0.13\n")
-    run = free_run(late, recording, np.ones(1))
-    exact = np.exp(-np.maximum(recording.time - 0.13, 0.0) / 0.5)
-    np.testing.assert_allclose(run.outputs[:, 0], exact, atol=1e-7)
-    y = read_off(late, recording, [1.0], Stepping("rk4", 1))
-    np.testing.assert_allclose(y[:, 0], exact, atol=3e-8)  # cubics between samples
-    fast = lag(extra='[clock]\ny = "1 - d"\n')
-    run = free_run(fast, recording, np.ones(1))
-    exact = np.exp(-recording.time * (1 - 0.13) / 0.5)
-    np.testing.assert_allclose(run.outputs[:, 0], exact, atol=1e-7)
-    y = read_off(fast, recording, [1.0], Stepping("rk4", 1))
-    np.testing.assert_allclose(y[:, 0], exact, atol=3e-8)
+    two = {"outputs": ("late", "fast"), "readings": {"late": "x", "fast": "x"}}
+    given = replace(lag().model, **two, delays={"late": 0.13}, clock={"fast": "1 - d"})
+    simulator = Simulator(given)
+    exact = np.stack(
+        [
+            np.exp(-np.maximum(recording.time - 0.13, 0.0) / 0.5),
+            np.exp(-recording.time * (1 - 0.13) / 0.5),
+        ],
+        axis=1,
+    )
+    run = free_run(simulator, recording, np.ones(1))
+    np.testing.assert_allclose(run.outputs, exact, atol=1e-7)
+    y = read_off(simulator, recording, [1.0], Stepping("rk4", 1))
+    np.testing.assert_allclose(y, exact, atol=3e-8)  # cubics between samples
 
 
 def test_readings_between_samples_are_of_fourth_order() -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from docs.generate import (
+    budget_tables,
     diagnosis_tables,
     discovery_tables,
     mechanisms,
@@ -39,6 +40,7 @@ def pages() -> dict[Path, str]:
         trim_blocks=True,
     )
     names = {
+        "budgets": budget_tables,
         "diagnosis": diagnosis_tables,
         "discovery": discovery_tables,
         "mechanisms": mechanisms,
