@@ -292,16 +292,6 @@ def test_a_planted_effect_is_found_in_an_fmu(
     assert (tmp_path / "out" / ("explained.py" if name == "Fc" else "explained.ssv")).is_file()
 
 
-@needs_compiler
-@pytest.mark.slow
-def test_a_planted_effect_is_found_beside_a_law_that_is_no_formula(tmp_path: Path) -> None:
-    law = "(F - 0.5*v - 8.0*q - 1.5*sign(v))/(2.0 + 0.2*cos(q))"
-    document = _answered(cart_fmu(tmp_path, CURVED), tmp_path, law, count=150)
-    (finding,) = document["findings"]
-    assert finding["mechanism"] == "coulomb_friction" and document["verdict"] == "structure"
-    assert finding["parameters"]["Fc"]["value"] == pytest.approx(1.5, rel=0.05)
-
-
 def _answered(plant: Path, folder: Path, law: str, count: int = 500) -> dict[str, Any]:
     """Diagnose an FMU on a recording of a law, and return the document in ``folder/out``."""
     train = recorded(folder, law, count=count)
