@@ -131,7 +131,8 @@ def test_wrong_values_do_not_account_for_what_stands_far_above_the_noise(
     monkeypatch.setattr(f"{where}.rounding_rows", lambda *_: ([], ()))
     monkeypatch.setattr(f"{where}.odds", lambda *_: 1.0)
     row = {"share": 1.0, "family": "parameter"}
-    monkeypatch.setattr(f"{where}.wrong_value_row", lambda *_: dict(row))
+    told = "jaxsr.diagnosis.explaining.value_findings.wrong_value_row"
+    monkeypatch.setattr(told, lambda *_: dict(row))
     arena = arena_of(cart(0, 1e-3, limit, spring=16.0), 1e-3)
     values = neutral_values(arena.super_model)
     entry = enter(arena, (), values)
@@ -144,7 +145,7 @@ def test_wrong_values_do_not_account_for_what_stands_far_above_the_noise(
         theta=entry.fit.theta,
     )
     case = SimpleNamespace(simulator=SIMULATOR, budget=Budget(), rectified=())
-    parts = SimpleNamespace(arena=arena, case=case, null=entry, rng=None)
+    parts = SimpleNamespace(arena=arena, case=case, null=entry, rng=None, claim=None, whole=None)
     judged = _without_finding(parts, recalibrated)
     assert judged.verdict.value == verdict
     assert judged.findings
