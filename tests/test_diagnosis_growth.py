@@ -13,7 +13,8 @@ from scipy.integrate import solve_ivp
 from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.explaining.judge import _differ, _without_finding, frozen
+from jaxsr.diagnosis.explaining.judge import _differ, _without_finding
+from jaxsr.diagnosis.explaining.matters import frozen
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.memory import actuator_lags
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -143,7 +144,7 @@ def test_wrong_values_do_not_account_for_what_stands_far_above_the_noise(
         theta=entry.fit.theta,
     )
     case = SimpleNamespace(simulator=SIMULATOR, budget=Budget(), rectified=())
-    parts = SimpleNamespace(arena=arena, case=case, null=entry, rng=None)
+    parts = SimpleNamespace(arena=arena, case=case, null=entry, rng=None, claim=None)
     judged = _without_finding(parts, recalibrated)
     assert judged.verdict.value == verdict
     assert judged.findings

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,15 +12,19 @@ from jaxsr._result import StoppedBy, Verdict
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.blocks import gain
-from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.explaining.equivalence import equivalent
 from jaxsr.diagnosis.explaining.explain import (
-    Weight,
     finding_row,
     rounding_rows,
     where,
     wrong_value_row,
+)
+from jaxsr.diagnosis.explaining.matters import (
+    REFINING,
+    given_entry,
+    weight_of_member,
+    weight_of_value,
 )
 from jaxsr.diagnosis.explaining.rectifying import rectified_rows
 from jaxsr.diagnosis.judging.alternatives import TIE, Alternative, alternatives, odds
@@ -39,8 +43,6 @@ UNEXPLAINED = 5.0
 """Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""
 COMPLETING = 0.25
 """Share of the time left that an estimate over all recordings may take."""
-REFINING = 0.15
-"""Share of the time left that leading estimates out of corners and checking them may take."""
 SHARPENING = 0.3
 """The same for estimates without the rounding of jumps, and their comparison."""
 WRONG = 0.02
@@ -146,9 +148,13 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
     if not parts.chosen.members:
         judged = _without_finding(parts, recalibrated)
         leading = [e for e in parts.entries if e.members and e.fit.cost < parts.null.fit.cost]
-        if judged.verdict is Verdict.UNDECIDED and leading:
+        if (
+            judged.verdict is Verdict.UNDECIDED
+            and leading
+            and not (parts.claim and judged.findings)
+        ):
             # Nothing is believed; what comes nearest is named.
-            leader = most_credible(arena.super_model, leading)
+            leader = _nearest(parts, leading)
             rows, rivals, _ = _rows(parts, leader, refine(ground, leader, thorough=False))
             judged = replace(judged, findings=rows, rivals=rivals, leader=leader)
         return judged
@@ -158,7 +164,7 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
         parts = replace(parts, chosen=smaller)
         best = _completed(parts, refine(ground, smaller))
     rows, rivals, order = _rows(parts, parts.chosen, best)
-    rows, rounding, edits = _with_sensors(parts, best, rows, _given(parts).fit.cost)
+    rows, rounding, edits = _with_sensors(parts, best, rows, given_entry(parts).fit.cost)
     verdict = _verdict(parts, order, rivals)
     if max((row["share"] for row in rounding), default=0.0) > rows[0]["share"]:
         verdict = Verdict.MEASUREMENT
@@ -168,6 +174,14 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
         verdict = Verdict.UNDECIDED
     every = sorted([*rows, *rounding], key=lambda row: -row["share"])
     return Judged(recalibrated, best, verdict, every, rivals, True, tuple(edits))
+
+
+def _nearest(parts: Ingredients, entries: Sequence[Entry]) -> Entry:
+    """Return the most probable of some sets, by the evidence where that decided."""
+    super_model, weights = parts.arena.super_model, parts.weights
+    if weights is None:
+        return most_credible(super_model, entries)
+    return max(entries, key=lambda e: weights.share(super_model, e))
 
 
 def _without_idle(parts: Ingredients, best: Estimate) -> Entry | None:
@@ -229,7 +243,7 @@ def _rows(
 ) -> tuple[list[dict[str, Any]], list[tuple[int, list[Alternative]]], list[int]]:
     """Findings of an entry by falling share, what could replace each, and the order by share."""
     rows, rivals = [], []
-    given = _given(parts).fit.cost
+    given = given_entry(parts).fit.cost
     for k, number in enumerate(entry.members):
         known = parts.arena.super_model, entry, number, parts.entries
         if parts.weights is not None:
@@ -288,7 +302,7 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
     if parts.claim is not None:
         return _by_claim(parts, recalibrated, parts.claim)
-    given, given_values = _given(parts), neutral_values(parts.arena.super_model)
+    given, given_values = given_entry(parts), neutral_values(parts.arena.super_model)
     rows = []
     for name in parts.case.simulator.model.free_parameters:
         place = recalibrated.positions[name]
@@ -326,7 +340,7 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
 def _by_claim(parts: Ingredients, recalibrated: Estimate, claim: Claim) -> Judged:
     """Return what is said where the most probable set is re-calibration alone."""
     assert parts.weights is not None
-    cost = _given(parts).fit.cost
+    cost = given_entry(parts).fit.cost
     findings = []
     for name in parts.case.simulator.model.free_parameters:
         label = f"wrong_value@parameter:{name}"
@@ -370,47 +384,6 @@ def _differ(given: Entry, recalibrated: Estimate) -> bool:
         return test.detected and test.log_gain > WRONG
     mean, _, p = gain(given.errors, best.errors)
     return p < SIGNIFICANCE and mean > WRONG
-
-
-def _given(parts: Ingredients) -> Entry:
-    """Return the given values' entry."""
-    return enter(frozen(parts.arena), (), neutral_values(parts.arena.super_model))
-
-
-def frozen(arena: Arena, names: Collection[str] | None = None) -> Arena:
-    """An arena in which some parameters are not estimated; by default nothing but the starts is."""
-    given = replace(
-        arena.super_model.given,
-        parameters={
-            n: replace(p, bounds=None) if names is None or n in names else p
-            for n, p in arena.super_model.given.parameters.items()
-        },
-    )
-    return replace(arena, super_model=replace(arena.super_model, given=given))
-
-
-def weight_of_member(parts: Ingredients, entry: Entry, number: int, given: float) -> Weight:
-    """Return what one member of a set matters; the set without it is estimated if none was."""
-    rest = tuple(i for i in entry.members if i != number)
-    without = min((e.fit.cost for e in parts.entries if e.members == rest), default=np.inf)
-    budget = parts.case.budget.share(REFINING)
-    if not np.isfinite(without) and not budget.exhausted:
-        start, path = parts.null.fit.theta, parts.null.fit.path
-        without = enter(parts.arena, rest, start, path, lambda: budget.exhausted).fit.cost
-    return Weight.of(given, without, entry.fit.cost)
-
-
-def weight_of_value(parts: Ingredients, name: str, given: float) -> Weight:
-    """Return what the value of one parameter matters: the others are estimated with it as given."""
-    arena, null = frozen(parts.arena, (name,)), parts.null
-    theta = null.fit.theta.copy()
-    at = list(arena.super_model.model.parameters).index(name)
-    theta[at] = neutral_values(arena.super_model)[at]
-    budget = parts.case.budget.share(REFINING)
-    cost = given
-    if len(parts.case.simulator.model.free_parameters) > 1:
-        cost = enter(arena, (), theta, null.fit.path, lambda: budget.exhausted).fit.cost
-    return Weight.of(given, cost, null.fit.cost)
 
 
 def explained(judged: Judged) -> Model:
