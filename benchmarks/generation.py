@@ -35,7 +35,7 @@ BEFORE = "48e8622"
 """The last commit whose search evaluated term by term in NumPy."""
 TURNS = {200: 3, 1_000: 3, 10_000: 2, 100_000: 1}
 """Searches of each engine, by rows."""
-GENERATIONS, EXACT = 4, 12  # timed of a search; at most until the law is found
+GENERATIONS, EXACT = {100_000: 2}, 12  # timed of a search, 4 by default; at most until the law
 NEW = (30, 100, 400)  # terms in a batch
 CODE = """
 import json, sys, time
@@ -179,9 +179,9 @@ def main() -> None:
     parser.add_argument("--turns", type=int, help="searches of each engine; fewer of long ones")
     parser.add_argument("--quick", action="store_true")
     options = parser.parse_args()
-    rows, sizes = options.rows, (GENERATIONS, EXACT, 200)
+    rows = options.rows
     if options.quick:
-        rows, sizes, options.turns = [200], (2, 4, 40), 1
+        rows, options.turns = [200], 1
     body: dict[str, Any] = {"commit_before": options.commit, "new_terms": {}, "rows": {}}
     with tempfile.TemporaryDirectory() as place:
         keep_compiled(Path(place) / "programs")
@@ -201,6 +201,7 @@ def main() -> None:
                 )
             runs: dict[str, list[Any]] = {engine: [] for engine in folders}
             turns = options.turns or TURNS.get(count, 1)
+            sizes = (2, 4, 40) if options.quick else (GENERATIONS.get(count, 4), EXACT, 200)
             for seed in range(turns):
                 for engine, folder in folders.items():
                     cache = str(Path(place) / "programs")

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from jaxsr.evaluation import compile_terms
     from jaxsr.evolution import SearchConfig
     from jaxsr.models import Model, Simulator
+    from jaxsr.monitoring import Alarm, Monitor, monitor
     from jaxsr.recordings import Recording, read_recording
 
     __version__: str
@@ -42,6 +43,9 @@ __all__ = [
     "Interval",
     "learn_simulator",
     "register_mechanism",
+    "monitor",
+    "Monitor",
+    "Alarm",
     "discover",
     "Discovery",
     "Roles",
@@ -68,6 +72,9 @@ _HOMES = {
     "Interval": "jaxsr._interval",
     "learn_simulator": "jaxsr.diagnosis",
     "register_mechanism": "jaxsr.diagnosis.mechanisms",
+    "monitor": "jaxsr.monitoring",
+    "Monitor": "jaxsr.monitoring",
+    "Alarm": "jaxsr.monitoring",
     "discover": "jaxsr.discovery",
     "Discovery": "jaxsr.discovery",
     "Roles": "jaxsr.discovery",

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from jaxsr._result import InputError
 
-FILE_LISTS = ("--held-out", "--validation", "--simulated")
+FILE_LISTS = ("--held-out", "--validation", "--simulated", "--normal")
 
 
 def expand_file_lists(argv: Sequence[str]) -> list[str]:

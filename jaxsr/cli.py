@@ -1,4 +1,4 @@
-"""The commands ``jaxsr discover | diagnose | batch | simulate | export | demo | datasets``.
+"""The commands ``jaxsr discover | diagnose | batch | monitor | simulate | export | demo | ...``.
 
 Parsing and checking come first, inside typer; the job runs afterwards, outside of it, and imports
 what it needs: ``jaxsr --help`` loads no numerical library.
@@ -32,6 +32,7 @@ from jaxsr._batch_command import batch
 from jaxsr._datasets_app import datasets_app
 from jaxsr._export_command import export
 from jaxsr._job import RUN, command_budget, loaded, save, session
+from jaxsr._monitor_command import monitor
 from jaxsr._output import close_stdout, print_line
 from jaxsr._process import INTERRUPTED, listen, listening, say
 from jaxsr._result import InputError
@@ -68,8 +69,6 @@ FalseClaim = Annotated[
     ),
 ]
 States = Annotated[str | None, typer.Option(metavar="z1,z2", help="Columns that are states.")]
-
-
 Table = Annotated[
     str | None,
     typer.Option(
@@ -333,8 +332,8 @@ def demo(out: Out = "jaxsr-demo") -> Job:
     return job
 
 
-app.command()(batch)
-app.command()(export)
+for command in (batch, monitor, export):
+    app.command()(command)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

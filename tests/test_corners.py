@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,11 @@ WIDTH = 0.005
 
 
 def stepped(
-    substeps: int, parts: int, width: float = WIDTH, speed: np.ndarray | None = None
+    substeps: int,
+    parts: int,
+    width: float = WIDTH,
+    speed: np.ndarray | None = None,
+    staying: Literal["rk4", "rodas3"] = "rk4",
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ends and derivatives of steps along a motion that slips, crosses and sticks; its speeds."""
     _, record, path = stuck_cart()
@@ -27,7 +33,7 @@ def stepped(
     simulator = Simulator(parse_model(RUBBED_CART))
     prepared = [Prepared.build(simulator.model, record)]
     segments = build_segments(simulator.model, prepared, [(0, 0, SAMPLES)], substeps)
-    stepping = Stepping("rk4", substeps, (width,), parts=parts)
+    stepping = Stepping("rk4", substeps, (width,), parts=parts, staying=staying)
     theta = simulator.values()
     active = list(range(len(theta)))
     ends, slopes = one_step(simulator, stepping, segments, np.array(theta), path, active)
@@ -66,8 +72,7 @@ def test_graded_parts_change_the_argument_equally() -> None:
 def test_few_parts_do_for_a_corner_of_any_width(width: float) -> None:
     """Against as many steps everywhere: states that turn over, or stop, within a sample.
 
-    Equal parts lose as the corner sharpens. One that stays in the corner asks explicit steps for
-    as many as its sharpness needs, and is met all the same where it comes to rest from afar.
+    Equal parts lose as the corner sharpens, and explicit ones where a state stays in it.
     """
     speed = np.random.default_rng(0).uniform(-0.08, 0.08, SAMPLES)
     fine = stepped(1024, 1, width, speed)[0]
@@ -75,7 +80,6 @@ def test_few_parts_do_for_a_corner_of_any_width(width: float) -> None:
     stopped = (np.abs(after) < width) & (np.abs(before) > 8 * width)
     turned = (before * after < 0.0) & ~stopped
     assert min(stopped.sum(), turned.sum()) > 10
-    few, many = (np.abs(stepped(1, parts, width, speed)[0] - fine)[1, :, 0] for parts in (64, 512))
-    assert few[turned].max() < 1e-5
-    assert few[stopped].max() < 2e-3
-    assert many[stopped].max() < 3e-5
+    wrong = np.abs(stepped(1, 64, width, speed, staying="rodas3")[0] - fine)[1, :, 0]
+    assert wrong[turned].max() < 1e-4
+    assert wrong[stopped].max() < 1e-5

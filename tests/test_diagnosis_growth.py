@@ -14,7 +14,7 @@ from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.explaining.judge import _differ, _without_finding
-from jaxsr.diagnosis.explaining.matters import frozen
+from jaxsr.diagnosis.explaining.wrong_values import frozen
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.memory import actuator_lags
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -130,8 +130,8 @@ def test_wrong_values_do_not_account_for_what_stands_far_above_the_noise(
     where = "jaxsr.diagnosis.explaining.judge"
     monkeypatch.setattr(f"{where}.rounding_rows", lambda *_: ([], ()))
     monkeypatch.setattr(f"{where}.odds", lambda *_: 1.0)
+    monkeypatch.setattr(f"{where}.moved_values", lambda *_: ["k"])
     row = {"share": 1.0, "family": "parameter"}
-    monkeypatch.setattr(f"{where}.wrong_value_row", lambda *_: dict(row))
     arena = arena_of(cart(0, 1e-3, limit, spring=16.0), 1e-3)
     values = neutral_values(arena.super_model)
     entry = enter(arena, (), values)
@@ -143,6 +143,8 @@ def test_wrong_values_do_not_account_for_what_stands_far_above_the_noise(
         told=np.full(values.size, 1e-6),
         theta=entry.fit.theta,
     )
+    told = SimpleNamespace(rows=lambda _: [row], estimate=recalibrated, confusable=())
+    monkeypatch.setattr(f"{where}.told_values", lambda *_: told)
     case = SimpleNamespace(simulator=SIMULATOR, budget=Budget(), rectified=())
     parts = SimpleNamespace(arena=arena, case=case, null=entry, rng=None, claim=None)
     judged = _without_finding(parts, recalibrated)

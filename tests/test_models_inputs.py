@@ -9,7 +9,7 @@ from model_runs import model, quiet, read_off, rolled
 from jaxsr._result import InputError
 from jaxsr.models import Simulator
 from jaxsr.models.delays import smoothly_interpolated
-from jaxsr.models.free_run import free_run
+from jaxsr.models.free_run import _field, _Motion, free_run
 from jaxsr.models.inputs import fill_missing, stage_inputs
 from jaxsr.models.rollout import Stepping
 from jaxsr.recordings import Recording
@@ -77,6 +77,15 @@ def test_bandlimited_needs_uniform_time_and_missing_inputs_are_filled() -> None:
         stage_inputs(np.array([0.0, 1.0, 3.0]), np.zeros(3), "bandlimited", 1)
     filled = fill_missing(np.arange(4.0), np.array([0.0, np.nan, 2.0, 3.0]))
     np.testing.assert_array_equal(filled, np.arange(4.0))
+
+
+def test_what_differs_in_values_and_delays_alone_is_compiled_once() -> None:
+    first = _field(_Motion.of(lag("zero")))
+    assert _field(_Motion.of(lag("zero", "[delays]\nu = 0.3\n"))) is first
+    assert _field(_Motion.of(lag("linear"))) is not first
+    other_names = model("x", 'x = "(u - x)/tau"', "tau = 0.5; c = 0.13", "u")
+    other_law = model("x", 'x = "(u - x)/tau + d"', "tau = 0.5; d = 0.13", "u")
+    assert len({_field(_Motion.of(s)) for s in (lag(), other_names, other_law)}) == 3
 
 
 @pytest.mark.slow

@@ -14,7 +14,15 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from docs.generate import diagnosis_tables, discovery_tables, mechanisms, readme, tables
+from docs.generate import (
+    diagnosis_tables,
+    discovery_tables,
+    mechanisms,
+    monitor_tables,
+    readme,
+    robot_tables,
+    tables,
+)
 from docs.generate.tables import ROOT
 
 DOCS = ROOT / "docs"
@@ -34,6 +42,8 @@ def pages() -> dict[Path, str]:
         "diagnosis": diagnosis_tables,
         "discovery": discovery_tables,
         "mechanisms": mechanisms,
+        "monitor": monitor_tables,
+        "robots": robot_tables,
         "tables": tables,
     }
     out = {

@@ -123,10 +123,13 @@ def diagnose(
         simulator = with_function(simulator.model, simulator.function)
     simulator = Simulator(simulator.model.pinned())
     prepared, whole = prepare_search(simulator.model, data, seconds=budget.seconds)
-    failures, early = Failures(progress), budget.share(SCREENING)
+    failures, telling = Failures(progress), budget.share(SCREENING)
     rectified = failures.attempt(
-        "telling signs of readings", lambda: rectified_sensors(simulator, prepared), ()
+        "telling signs of readings",
+        lambda: rectified_sensors(simulator, prepared, lambda: telling.exhausted),
+        (),
     )
+    early = budget.share(SCREENING)
     if rectified:
         recorded = [p.recording for p in prepared] if whole is None else whole.recordings
         items = signed(simulator.model, recorded, rectified)

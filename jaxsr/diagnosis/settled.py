@@ -14,7 +14,12 @@ from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION, SEVERAL, UNNAMED
 from jaxsr.diagnosis.comparison import opening
-from jaxsr.diagnosis.contest.arena import Arena, in_widths_of_best, neutral_values
+from jaxsr.diagnosis.contest.arena import (
+    Arena,
+    in_sharpest_widths,
+    in_widths_of_best,
+    neutral_values,
+)
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
@@ -24,6 +29,7 @@ from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.paths import path_over
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior_along
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
@@ -115,7 +121,9 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled:
     arena, entry, headline, starts = opened
     case.compared.tell(super_model, range(len(super_model.candidates)))
     case.compared.reach(RECALIBRATION, LOCATED, SEVERAL, UNNAMED)
-    arena, entries = _entered(case, arena, entry, starts[1:])
+    if leader.width is not None:
+        arena = in_sharpest_widths(arena, max(leader.width, 1.0))
+    arena, entries = _entered(case, arena, entry, starts[1:], found)
     null_entry = next(e for e in entries if not e.members)
     wanted = starts[1][0] if leader.members else ()
     chosen = next(e for e in entries if e.members == wanted)
@@ -149,10 +157,18 @@ def _starts(
 
 
 def _entered(
-    case: Case, arena: Arena, null: Entry, starts: Sequence[Start]
+    case: Case, arena: Arena, null: Entry, starts: Sequence[Start], found: Posterior
 ) -> tuple[Arena, list[Entry]]:
-    """Estimate the sets in free run, every reading weighed by what the leading one leaves."""
-    entries = [null]
+    """Estimate the sets in free run, every reading weighed by what the leading one leaves.
+
+    They are sought along the path that the evidence found.
+    """
+    entries, path, near = [null], None, False
+    if len(found.prepared) == len(case.prepared):
+        course = arena.problem.segments, case.prepared, found.prepared, found.rows
+        path = path_over(*course, found.leader.path)
+        pairs = zip(found.prepared, case.prepared, strict=True)
+        near = all(a.time.size == b.time.size for a, b in pairs)
 
     def stop() -> bool:
         return case.search.exhausted
@@ -161,7 +177,7 @@ def _entered(
         if number and stop():
             break
         case.progress.update(number / len(starts))
-        entries.append(enter(arena, members, start, None, stop))
+        entries.append(enter(arena, members, start, path, stop, near=near))
         if number == 0:
             arena, entries = in_widths_of_best(arena, entries)
             arena, entries = rescaled(arena, entries, stop)

@@ -14,6 +14,7 @@ import jaxsr
 from jaxsr._files import atomic_directory, atomic_write_text, dump_json
 from jaxsr._progress import Budget
 from jaxsr._result import InputError
+from jaxsr._versions import environment
 from jaxsr.discovery.equation import Equation, weighted_sum
 from jaxsr.discovery.fronts import front_table, latex_text
 from jaxsr.discovery.hybrid import Hybrid, Mode, RareMode
@@ -241,7 +242,7 @@ class Discovery:
             **({"columns": dict(self.columns)} if self.columns else {}),
             **self._hybrid_dict(),
             **self._reset_dict(),
-            "provenance": {"version": jaxsr.__version__, **self.provenance},
+            "provenance": {"version": jaxsr.__version__, **environment(), **self.provenance},
         }
 
     def _hybrid_dict(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jaxsr.expressions import Term, evaluate
-from jaxsr.models.directions import Directions, Stages
+from jaxsr.models.directions import Directions, Stages, in_a_column
 from jaxsr.models.field import Field, Point
 from jaxsr.models.jumps import Part
 from jaxsr.models.steps import METHODS
@@ -38,19 +38,24 @@ class Corners:
         Of the rounded signs, each with its width.
     parts : int
         Steps that a substep is taken in there.
+    method : str
+        Of samples that stay in a corner, and by which it is looked for.
     """
 
     arguments: tuple[tuple[Term, float], ...]
     parts: int
+    method: str = "rk4"
 
     @staticmethod
-    def of(field: Field, widths: Sequence[float], parts: int) -> Corners | None:
+    def of(
+        field: Field, widths: Sequence[float], parts: int, method: str = "rk4"
+    ) -> Corners | None:
         """Return the corners of a field; None where steps are not cut, or nothing is rounded."""
         if parts <= 1 or not widths:
             return None
         everywhere = zip(field.simulator.smoothed_arguments, widths, strict=True)
         rounded = tuple((a, w) for a, w in everywhere if w > 0.0)
-        return Corners(rounded, parts) if rounded else None
+        return Corners(rounded, parts, method) if rounded else None
 
     def crossed(self, field: Field, before: Point, after: Point, length: Array) -> Array:
         """Return where a law turns over between two points, shape (1, ...)."""
@@ -85,33 +90,54 @@ class Corners:
         length: Array,
         stages: Callable[[int], Stages],
     ) -> tuple[list[Array], Array]:
-        """Advance by all substeps, each in parts: the arguments and results of `advanced`."""
-        shape, taken = np.shape(x[0]), list[Taken]()
-        tableau, step = METHODS[method]
-        for number in range(length.shape[1]):
-            h, own = length[:, number], stages(number)
-            for first, last in itertools.pairwise(self._shares(field, method, x, time, h, own)):
-                part = Part(own, time, h, first, last)
-                x, rows = step(field, x, part.begin, part.length, part.stages, to is not None)
-                taken.append(Taken(part.length, rows, part.stages))
-            time = time + h
-        if to is None:
-            return x, np.zeros((len(x), 0, *shape))
-        return x, transition(tableau, to, taken, shape)
+        """Advance by all substeps, each in parts: the arguments and results of `advanced`.
 
-    def _shares(
-        self, field: Field, method: str, x: list[Array], time: Array, h: Array, stages: Stages
-    ) -> Array:
-        """Return where the parts of a substep begin and end, shape (parts + 1, ...).
-
-        Few parts are equally long. More are the shorter, the nearer to a corner they are, as
-        states on `LOOKED` equal parts tell.
+        Samples that stay in a corner may be stiff there: they have a method of their own.
         """
-        shape = np.shape(x[0])
-        equal = np.linspace(0.0, 1.0, self.parts + 1).reshape(-1, *(1 for _ in shape))
-        if self.parts <= LOOKED:
-            return np.broadcast_to(equal, (self.parts + 1, *shape))
-        _, step = METHODS[method]
+        staying, shares = self._seen(field, x, time, length, stages)
+        ends = [np.array(a) for a in x]
+        slopes = np.zeros((len(x), 0 if to is None else to.count, *staying.shape))
+        if method == self.method:
+            staying = np.zeros_like(staying)
+        for own, chosen in ((self.method, staying), (method, ~staying)):
+            if not chosen.any():
+                continue
+            place = in_a_column(time, length, stages, chosen)
+            begun = [a[chosen][:, None] for a in x]
+            parts = [share[:, chosen][..., None] for share in shares]
+            after, by = _in_parts(field.column(chosen), to, own, begun, *place, parts)
+            for end, part in zip(ends, after, strict=True):
+                end[chosen] = part[:, 0]
+            slopes[:, :, chosen] = by[..., 0]
+        return ends, slopes
+
+    def _seen(
+        self,
+        field: Field,
+        x: list[Array],
+        time: Array,
+        length: Array,
+        stages: Callable[[int], Stages],
+    ) -> tuple[Array, list[Array]]:
+        """Return which samples stay in a corner, and where parts begin and end.
+
+        They are in it at two neighbouring of `LOOKED` equal parts, or at the end.
+        """
+        staying, shares = np.zeros(np.shape(x[0]), dtype=bool), []
+        for number in range(length.shape[1]):
+            heights, x = self._looked(field, x, time, length[:, number], stages(number))
+            time = time + length[:, number]
+            shares.append(self._shares(heights))
+            for own, (_, width) in zip(heights, self.arguments, strict=True):
+                near = np.abs([a for a, _ in own]) < NEAR * width
+                staying |= (near[1:] & near[:-1]).any(axis=0) | near[-1]
+        return staying, shares
+
+    def _looked(
+        self, field: Field, x: list[Array], time: Array, h: Array, stages: Stages
+    ) -> tuple[list[list[tuple[Array, Array]]], list[Array]]:
+        """Return arguments and their changes at the begin of `LOOKED` equal parts, and the end."""
+        shape, (_, step) = np.shape(x[0]), METHODS[self.method]
         heights: list[list[tuple[Array, Array]]] = [[] for _ in self.arguments]
         for first, last in itertools.pairwise(np.linspace(0.0, 1.0, LOOKED + 1)):
             part = Part(stages, time, h, np.full(shape, first), np.full(shape, last))
@@ -119,16 +145,53 @@ class Corners:
                 own.append(self._with_rate(field, argument, part.at(x, 0.0), part.length))
             x, _ = step(field, x, part.begin, part.length, part.stages, False)
         end = part.at(x, 1.0)
+        for own, (argument, _) in zip(heights, self.arguments, strict=True):
+            own.append(self._with_rate(field, argument, end, part.length))
+        return heights, x
+
+    def _shares(self, heights: list[list[tuple[Array, Array]]]) -> Array:
+        """Return where the parts of a substep begin and end, shape (parts + 1, ...).
+
+        Few parts are equally long. More are the shorter, the nearer to a corner they are, as
+        arguments at the begin of `LOOKED` equal parts tell.
+        """
+        shape = np.shape(heights[0][0][0])
+        equal = np.linspace(0.0, 1.0, self.parts + 1).reshape(-1, *(1 for _ in shape))
+        if self.parts <= LOOKED:
+            return np.broadcast_to(equal, (self.parts + 1, *shape))
         counts = np.diff(np.linspace(0, self.parts, len(self.arguments) + 1).astype(int))
         found = [np.zeros((1, *shape)), np.ones((1, *shape))]
-        for own, count, (argument, width) in zip(heights, counts, self.arguments, strict=True):
-            last = evaluate(argument, field.environment(end))
-            at = np.array([a for a, _ in own] + [last]) + np.zeros(shape)
-            ahead = np.array([rate for _, rate in own])
-            found.append(graded(at, ahead, width, count + 1)[1:-1])
+        for own, count, (_, width) in zip(heights, counts, self.arguments, strict=True):
+            at, ahead = (np.array([pair[k] for pair in own]) for k in (0, 1))
+            found.append(graded(at, ahead[:-1], width, count + 1)[1:-1])
         joined = np.sort(np.concatenate(found), axis=0)
         missing = self.parts + 1 - len(joined)  # one argument less than there are parts
         return np.concatenate([np.zeros((missing, *shape)), joined]) if missing else joined
+
+
+def _in_parts(
+    field: Field,
+    to: Directions | None,
+    method: str,
+    x: list[Array],
+    time: Array,
+    length: Array,
+    stages: Callable[[int], Stages],
+    shares: Sequence[Array],
+) -> tuple[list[Array], Array]:
+    """Advance by all substeps, each from share to share."""
+    shape, taken = np.shape(x[0]), list[Taken]()
+    tableau, step = METHODS[method]
+    for number, places in enumerate(shares):
+        h, own = length[:, number], stages(number)
+        for first, last in itertools.pairwise(places):
+            part = Part(own, time, h, first, last)
+            x, rows = step(field, x, part.begin, part.length, part.stages, to is not None)
+            taken.append(Taken(part.length, rows, part.stages))
+        time = time + h
+    if to is None:
+        return x, np.zeros((len(x), 0, *shape))
+    return x, transition(tableau, to, taken, shape)
 
 
 def graded(at: Array, ahead: Array, width: float, count: int) -> Array:

@@ -14,6 +14,8 @@ import pandas as pd
 from jaxsr._result import InputError
 from jaxsr.recordings.cells import numbers_of
 from jaxsr.recordings.clock import TIME_NAMES, TimeColumn, time_column
+from jaxsr.recordings.containers.merged import container_table
+from jaxsr.recordings.containers.opened import LIBRARIES
 from jaxsr.recordings.data_check import DataCheck
 from jaxsr.recordings.encoding import unpack
 from jaxsr.recordings.isolated import READER
@@ -44,7 +46,8 @@ def read_recording(
         ``.csv`` (``.txt``, ``.tsv``; a header line; commas, semicolons, tabs or blanks; decimal
         points or commas; perhaps a preamble and a row of units), ``.xlsx``, ``.parquet``,
         ``.npz`` or ``.mat`` (up to version 7), each also as ``.gz``. Pickled objects are never
-        loaded.
+        loaded. With the extra ``formats`` also ``.h5``, ``.hdf5``, ``.tdms``, ``.mf4``, ``.mcap``,
+        ``.bag`` and ``.db3``.
     time : str, optional
         Name of the time column: seconds, or the unit that its name or a row of units states
         (``time_ms``, ``t [us]``), or dates and clock times. By default one of `TIME_NAMES`, as
@@ -116,8 +119,10 @@ def _table(raw: bytes, path: Path) -> Table:
             raw = unpack(raw, path.name)
     if kind in _TEXT:
         return read_csv(raw, path.name)
+    if kind in LIBRARIES and path.suffix.lower() == kind:
+        return container_table(kind, path)
     if kind not in _BINARY:
-        known = ", ".join(sorted((*_TEXT, *_BINARY)))
+        known = ", ".join(sorted((*_TEXT, *_BINARY, *LIBRARIES)))
         raise InputError(
             f"unknown kind of file '{quoted(path.suffix)}'",
             str(path),

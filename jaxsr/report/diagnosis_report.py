@@ -6,8 +6,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
+from jaxsr.report.copies import edit_text, python_text, shares_of
 from jaxsr.report.diff import diff_tables, given_parameters
 from jaxsr.report.evidence import Considered, Evidence
+from jaxsr.report.exploring import packed, rival_keys, script, script_hash
 from jaxsr.report.fit_tables import Role, figures_at_a_glance, fit_groups, force_rows
 from jaxsr.report.formatting import (
     estimate,
@@ -21,6 +25,7 @@ from jaxsr.report.formatting import (
 from jaxsr.report.mismatch import mismatches
 from jaxsr.report.page import write_page
 from jaxsr.report.trajectories import free_runs
+from jaxsr.report.whiteness import left_over
 from jaxsr.report.words import (
     capital,
     figures_of,
@@ -72,7 +77,9 @@ def write_diagnosis_report(
         role: Role(evidence.lengths.get(role, ()), evidence.noise.get(role))
         for role in ("train", "held_out")
     }
-    considered = [_considered(row) for row in evidence.considered]
+    drawn = left_over(evidence, stop)
+    keys = rival_keys(evidence)
+    considered = [_considered(row, keys) for row in evidence.considered]
     detectable = _detectable(document)
     context = {
         "title": f"Diagnosis of {evidence.model_name}",
@@ -85,7 +92,16 @@ def write_diagnosis_report(
         ],
         "glance": figures_at_a_glance(fit, about, findings[0].get("site") if findings else None),
         "left_open": left_open(document),
-        "cards": [_card(finding, units) for finding in findings],
+        "cards": [
+            _card(finding, units) | {"part": part}
+            for finding, part in zip(findings, shares_of(findings), strict=True)
+        ],
+        "explorable": bool(evidence.trajectories or evidence.residuals),
+        "left_over": drawn,
+        "python": python_text(document),
+        "evidence": Markup(packed(evidence)),
+        "script": Markup(script()),
+        "script_hash": script_hash(),
         "diff": diff_tables(evidence.diff),
         "fit": fit,
         "fit_groups": fit_groups(fit, about),
@@ -104,7 +120,7 @@ def write_diagnosis_report(
         "data_checks": document.get("data_checks") or [],
         "provenance": document.get("provenance") or {},
     }
-    write_page(Path(directory), "diagnosis.html.j2", context, [*runs, *sites])
+    write_page(Path(directory), "diagnosis.html.j2", context, [*runs, *sites, *drawn])
 
 
 def _card(finding: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any]:
@@ -119,6 +135,7 @@ def _card(finding: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any
         "site": site_words(finding.get("site")),
         "explanation": finding.get("explanation"),
         "term": finding.get("term"),
+        "edit": edit_text(finding.get("edit") or {}),
         "parameters": [
             parameter_row(name, entry) for name, entry in _items(finding.get("parameters"))
         ],
@@ -169,7 +186,9 @@ def _items(table: object) -> list[tuple[str, Any]]:
     return list(table.items()) if isinstance(table, Mapping) else []
 
 
-def _considered(row: Considered) -> dict[str, Any]:
+def _considered(
+    row: Considered, rivals: Mapping[tuple[str, ...], tuple[str, str]]
+) -> dict[str, Any]:
     names = [mechanism_at(mechanism) for mechanism in row.mechanisms]
     return {
         "names": [capital(name) for name in names] or ["Nothing added (re-calibrated only)"],
@@ -179,7 +198,17 @@ def _considered(row: Considered) -> dict[str, Any]:
         "bar": round(100 * min(max(row.relative, 0.0), 1.0), 1) if is_number(row.relative) else 0,
         "chosen": row.chosen,
         "reason": row.reason,
+        "models": _models(row, rivals),
     }
+
+
+def _models(row: Considered, rivals: Mapping[tuple[str, ...], tuple[str, str]]) -> str:
+    """Return which models a set's button shows, where a report carries its runs."""
+    if row.chosen:
+        return "explained"
+    if not row.mechanisms:
+        return "recalibrated"
+    return rivals[row.mechanisms][0] if row.mechanisms in rivals else ""
 
 
 def _calibration(document: Mapping[str, Any], evidence: Evidence) -> list[dict[str, str]]:

@@ -48,6 +48,10 @@ class Trajectory:
         Free run with the parameters of the file.
     whole : bool
         Whether it is one run over the whole recording, whatever `horizon_s`.
+    inputs : mapping of str to ndarray, shape (samples,)
+        Recorded inputs.
+    rivals : mapping of tuple of str to ndarray, shape (samples,)
+        Free runs of other sets of mechanisms, by their labels as `Considered` has them.
     """
 
     recording: str
@@ -61,6 +65,8 @@ class Trajectory:
     recalibrated: np.ndarray
     explained: np.ndarray
     whole: bool = False
+    inputs: Mapping[str, np.ndarray] = field(default_factory=dict)
+    rivals: Mapping[tuple[str, ...], np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +87,8 @@ class ForceResidual:
         Name of that state.
     state_unit : str or None
         Its unit.
+    variables : mapping of str to ndarray, shape (test functions,)
+        Other states, and inputs.
     """
 
     site: str
@@ -92,6 +100,7 @@ class ForceResidual:
     state_name: str
     state: np.ndarray
     state_unit: str | None
+    variables: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 from jaxsr._progress import Repeated
 from jaxsr._result import InputError, StoppedBy
+from jaxsr._versions import environment
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.scoring import FreeRun, not_run
@@ -221,7 +222,7 @@ def _document(
         "findings": judged.findings,
         "calibration": calibration_rows(judged.explained, model),
         "fit": fit,
-        "confusable": confusable_rows(parts, outer) if outer else [],
+        "confusable": [*judged.confusable, *(confusable_rows(parts, outer) if outer else [])],
         "smallest_detectable": detectable_rows(parts, inner) if inner else {},
         "next_experiment": attempt(
             "choosing the next experiment",
@@ -231,6 +232,7 @@ def _document(
         "data_checks": checks,
         "provenance": {
             "version": _version(),
+            **environment(),
             "seed": parts.seed,
             "command": parts.command,
             "seconds": round(case.budget.elapsed, 1),

@@ -12,12 +12,13 @@ from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.blocks import gain
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.explaining.ladder import ladder
+from jaxsr.diagnosis.explaining.rival_runs import RivalRuns, rival_runs
 from jaxsr.diagnosis.explaining.whole_runs import Runs
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.screening.weak_system import WeakSystem
 from jaxsr.models import Model, difference
 from jaxsr.models.segments import Prepared
-from jaxsr.models.states import output_table, spread
+from jaxsr.models.states import input_table, output_table, spread
 from jaxsr.recordings import Recording, noise_level
 
 if TYPE_CHECKING:
@@ -89,7 +90,8 @@ def build_evidence(
     given = parts.case.simulator.model
     at = parts.horizons.index(parts.headline)
     scores = {name: runs[at].nrmse for name, runs in train.models.items()}
-    trajectories = _trajectories(parts, "train", train)
+    rivals = parts.case.failures.attempt("running rivals", lambda: rival_runs(parts), {})
+    trajectories = _trajectories(parts, "train", train, rivals)
     roles = {"train": train.recordings}
     if held_runs is not None:
         roles["held_out"] = held_runs.recordings
@@ -157,7 +159,9 @@ def _diff(before: Model, after: Model) -> list[Any]:
     return rows
 
 
-def _trajectories(parts: Ingredients, role: Any, runs: Runs) -> list[Any]:
+def _trajectories(
+    parts: Ingredients, role: Any, runs: Runs, rivals: RivalRuns | None = None
+) -> list[Any]:
     from jaxsr.report.evidence import Trajectory
 
     model = parts.case.simulator.model
@@ -168,6 +172,7 @@ def _trajectories(parts: Ingredients, role: Any, runs: Runs) -> list[Any]:
         measured = output_table(model, recording)
         length = float(recording.time[-1] - recording.time[0])
         drawn = slice(None, None, -(-len(recording) // MOST_DRAWN))
+        inputs = dict(zip(model.inputs, input_table(model, recording)[drawn].T, strict=True))
         for k, output in enumerate(model.outputs):
             series = {
                 name: found[at].simulated[r][drawn, k].copy() for name, found in runs.models.items()
@@ -183,6 +188,8 @@ def _trajectories(parts: Ingredients, role: Any, runs: Runs) -> list[Any]:
                     measured=measured[drawn, k],
                     **series,
                     whole=last or parts.headline >= length * (1.0 - 1e-9),
+                    inputs=inputs,
+                    rivals={m: run[r][drawn, k] for m, run in (rivals or {}).items()},
                 )
             )
     return rows
@@ -200,6 +207,10 @@ def _residuals(parts: Ingredients, forces: Forces) -> list[Any]:
         for r, item in enumerate(prepared):
             mine = (before.state == index) & (before.recording == r)
             centre = before.centre[mine]
+            columns = zip(
+                [*model.states, *model.inputs], [*item.states.values.T, *item.inputs.T], strict=True
+            )
+            variables = {n: np.interp(centre, item.time, values) for n, values in columns}
             rows.append(
                 ForceResidual(
                     site=f"equation:{name}",
@@ -211,6 +222,7 @@ def _residuals(parts: Ingredients, forces: Forces) -> list[Any]:
                     state_name=name,
                     state=np.interp(centre, item.time, item.states.values[:, index]),
                     state_unit=model.units.get(name),
+                    variables=variables,
                 )
             )
     return rows

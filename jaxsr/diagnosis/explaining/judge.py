@@ -12,21 +12,18 @@ from jaxsr._result import StoppedBy, Verdict
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.blocks import gain
+from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.explaining.equivalence import equivalent
 from jaxsr.diagnosis.explaining.explain import (
+    Weight,
     finding_row,
     rounding_rows,
     where,
-    wrong_value_row,
-)
-from jaxsr.diagnosis.explaining.matters import (
-    REFINING,
-    given_entry,
-    weight_of_member,
-    weight_of_value,
 )
 from jaxsr.diagnosis.explaining.rectifying import rectified_rows
+from jaxsr.diagnosis.explaining.value_findings import REFINING, moved_values, told_values
+from jaxsr.diagnosis.explaining.wrong_values import frozen
 from jaxsr.diagnosis.judging.alternatives import TIE, Alternative, alternatives, odds
 from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
@@ -90,6 +87,7 @@ class Judged:
     edits: tuple[Edit, ...] = ()  # of readings alone, which no simulation feels
     leader: Entry | None = None  # what `rivals` could replace, where nothing was chosen
     open: OpenMass = field(default_factory=OpenMass)  # of what was not compared
+    confusable: tuple[list[Any], ...] = ()  # wrong values that others do as well as
 
 
 def judge(parts: Ingredients) -> Judged:
@@ -164,7 +162,7 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
         parts = replace(parts, chosen=smaller)
         best = _completed(parts, refine(ground, smaller))
     rows, rivals, order = _rows(parts, parts.chosen, best)
-    rows, rounding, edits = _with_sensors(parts, best, rows, given_entry(parts).fit.cost)
+    rows, rounding, edits = _with_sensors(parts, best, rows, _given(parts).fit.cost)
     verdict = _verdict(parts, order, rivals)
     if max((row["share"] for row in rounding), default=0.0) > rows[0]["share"]:
         verdict = Verdict.MEASUREMENT
@@ -243,7 +241,7 @@ def _rows(
 ) -> tuple[list[dict[str, Any]], list[tuple[int, list[Alternative]]], list[int]]:
     """Findings of an entry by falling share, what could replace each, and the order by share."""
     rows, rivals = [], []
-    given = given_entry(parts).fit.cost
+    given = _given(parts).fit.cost
     for k, number in enumerate(entry.members):
         known = parts.arena.super_model, entry, number, parts.entries
         if parts.weights is not None:
@@ -302,29 +300,15 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
     if parts.claim is not None:
         return _by_claim(parts, recalibrated, parts.claim)
-    given, given_values = given_entry(parts), neutral_values(parts.arena.super_model)
-    rows = []
-    for name in parts.case.simulator.model.free_parameters:
-        place = recalibrated.positions[name]
-        half = float(recalibrated.told[place])
-        distance = abs(float(recalibrated.theta[place]) - given_values[place])
-        if distance > half:
-            rows.append((distance / max(half, 1e-300), name))
+    given = _given(parts)
+    names = moved_values(parts, recalibrated)
+    findings, explained, alike = [], recalibrated, ()
     _, rounding, edits = _with_sensors(parts, recalibrated, [], given.fit.cost)
-    findings = []
-    if rows and _differ(given, recalibrated):
-        rows.sort(reverse=True)
+    if names and _differ(given, recalibrated):
         probability = odds(parts.arena.super_model, recalibrated.entry, given, parts.rng)
-        findings = [
-            wrong_value_row(
-                parts,
-                recalibrated,
-                name,
-                weight_of_value(parts, name, given.fit.cost),
-                probability,
-            )
-            for _, name in rows
-        ]
+        told = told_values(parts, recalibrated, names, given.fit.cost)
+        findings = told.rows(dict.fromkeys(names, probability), probability)
+        explained, alike = told.estimate, told.confusable
     unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
     if findings or rounding:
         both = sorted([*rounding, *findings], key=lambda row: -row["share"])
@@ -332,7 +316,8 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
         first = Verdict.MEASUREMENT if measured else Verdict.PARAMETER
         # wrong values do not account for what stands far above the noise
         first = Verdict.UNDECIDED if unexplained and not rounding else first
-        return Judged(recalibrated, recalibrated, first, both, [], True, tuple(edits))
+        judged = Judged(recalibrated, explained, first, both, [], True, tuple(edits))
+        return replace(judged, confusable=alike)
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
     return Judged(recalibrated, recalibrated, verdict, [], [], False)
 
@@ -340,19 +325,18 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
 def _by_claim(parts: Ingredients, recalibrated: Estimate, claim: Claim) -> Judged:
     """Return what is said where the most probable set is re-calibration alone."""
     assert parts.weights is not None
-    cost = given_entry(parts).fit.cost
-    findings = []
-    for name in parts.case.simulator.model.free_parameters:
-        label = f"wrong_value@parameter:{name}"
-        if label in claim.leading:
-            weight = weight_of_value(parts, name, cost)
-            p = parts.weights.of_label(label)
-            findings.append(wrong_value_row(parts, recalibrated, name, weight, p))
+    cost, labels = _given(parts).fit.cost, "wrong_value@parameter:{}".format
+    free = parts.case.simulator.model.free_parameters
+    names = [n for n in free if labels(n) in claim.leading]
+    told = told_values(parts, recalibrated, names, cost)
+    each = {n: parts.weights.of_label(labels(n)) for n in names}
+    findings = told.rows(each, parts.weights.of_any(map(labels, names)))
     _, rounding, edits = _with_sensors(parts, recalibrated, [], cost)
     both = sorted([*rounding, *findings], key=lambda row: -row["share"])
     measured = bool(both) and both[0]["family"] == "measurement"
     verdict = Verdict.MEASUREMENT if measured else claim.verdict
-    return Judged(recalibrated, recalibrated, verdict, both, [], bool(both), tuple(edits))
+    judged = Judged(recalibrated, told.estimate, verdict, both, [], bool(both), tuple(edits))
+    return replace(judged, confusable=told.confusable)
 
 
 def _with_sensors(
@@ -384,6 +368,22 @@ def _differ(given: Entry, recalibrated: Estimate) -> bool:
         return test.detected and test.log_gain > WRONG
     mean, _, p = gain(given.errors, best.errors)
     return p < SIGNIFICANCE and mean > WRONG
+
+
+def _given(parts: Ingredients) -> Entry:
+    """Return the given values' entry."""
+    return enter(frozen(parts.arena), (), neutral_values(parts.arena.super_model))
+
+
+def weight_of_member(parts: Ingredients, entry: Entry, number: int, given: float) -> Weight:
+    """Return what one member of a set matters; the set without it is estimated if none was."""
+    rest = tuple(i for i in entry.members if i != number)
+    without = min((e.fit.cost for e in parts.entries if e.members == rest), default=np.inf)
+    budget = parts.case.budget.share(REFINING)
+    if not np.isfinite(without) and not budget.exhausted:
+        start, path = parts.null.fit.theta, parts.null.fit.path
+        without = enter(parts.arena, rest, start, path, lambda: budget.exhausted).fit.cost
+    return Weight.of(given, without, entry.fit.cost)
 
 
 def explained(judged: Judged) -> Model:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from jaxsr.diagnosis.contest.entry import Entry
@@ -28,6 +28,11 @@ class Weights:
     def of_label(self, label: str) -> float:
         """Return the probability that a mechanism at its site is part of the truth."""
         return min(sum(p for labels, p in self.of.items() if label in labels), 1.0)
+
+    def of_any(self, labels: Iterable[str]) -> float:
+        """Return the probability that at least one of some mechanisms is part of the truth."""
+        wanted = frozenset(labels)
+        return min(sum(p for known, p in self.of.items() if known & wanted), 1.0)
 
     def alternatives(
         self, super_model: SuperModel, chosen: Entry, number: int, entries: Sequence[Entry]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.contest.integration import steady
+from jaxsr.diagnosis.contest.memory_starts import start_of
 from jaxsr.diagnosis.contest.reduced import Reduced, lean
 from jaxsr.diagnosis.likelihood.beliefs import belief_of
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated, left
@@ -17,7 +18,7 @@ from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.widths import likeliest_width
-from jaxsr.diagnosis.likelihood.workspace import Workspace, start_of
+from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem

@@ -18,9 +18,9 @@ TOLERABLE = 0.5
 """Log likelihood that errors of integration may cost."""
 FINEST = 16
 """Steps between two samples."""
-MOST_PARTS, SHORTEST = 512, 1024
-"""Parts that a step is taken in where a rounded jump turns over, and steps between two samples
-there."""
+FEWEST, MOST_PARTS, SHORTEST = 32, 64, 512
+"""Parts that a step is taken in where a rounded jump turns over: to begin with, and those that
+explicit steps may ask for; steps between two samples there at most."""
 FLAT = 1e6
 """Factor on the width of a jump with which it asks for no short steps."""
 
@@ -80,7 +80,7 @@ def resolved(
 def _cornered(problem: Problem, theta: np.ndarray) -> Problem:
     """Return the problem with explicit steps, short where its rounded jumps turn over alone.
 
-    As it is where nothing is rounded, and where explicit steps would have to be too many.
+    As it is where nothing is rounded, and where the rest is stiff.
     """
     stepping = problem.stepping
     if not any(stepping.widths):
@@ -89,13 +89,14 @@ def _cornered(problem: Problem, theta: np.ndarray) -> Problem:
     needed = stable_substeps(problem, theta)
     steps = stable_substeps(replace(problem, stepping=flat), theta)
     steps = max(steps, stepping.substeps if stepping.method == "rk4" else 1)
-    parts = max(needed // steps, stepping.parts)
-    if steps > FINEST or parts > MOST_PARTS or parts <= 1:
+    stiff = stepping.staying != "rk4" or needed > MOST_PARTS * steps
+    parts = max(min(needed // steps, FEWEST) if stiff else needed // steps, stepping.parts)
+    if steps > FINEST or parts <= 1:
         return problem
-    if (stepping.method, stepping.substeps, stepping.parts) == ("rk4", steps, parts):
-        return problem
-    problem = with_steps(problem, "rk4", steps)
-    return replace(problem, stepping=replace(problem.stepping, parts=parts))
+    if stepping.method != "rk4" or stepping.substeps != steps:
+        problem = with_steps(problem, "rk4", steps)
+    staying = "rodas3" if stiff else "rk4"
+    return replace(problem, stepping=replace(problem.stepping, parts=parts, staying=staying))
 
 
 def _finer(problem: Problem) -> Iterator[Problem]:
@@ -106,7 +107,8 @@ def _finer(problem: Problem) -> Iterator[Problem]:
         yield replace(problem, stepping=replace(stepping, parts=2 * parts))
     if steps < FINEST:
         finer = with_steps(problem, stepping.method, 2 * steps)
-        yield replace(finer, stepping=replace(finer.stepping, parts=max(parts // 2, 1)))
+        fewer = max(parts // 2, min(parts, FEWEST))  # corners ask for some however long a step
+        yield replace(finer, stepping=replace(finer.stepping, parts=fewer))
 
 
 def _loss(local: LocalModel, apart: np.ndarray, noise: Noise, start: np.ndarray) -> float:

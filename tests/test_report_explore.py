@@ -1,0 +1,244 @@
+"""The report that people explore: what its script is given, what it does in a browser."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import browser
+import numpy as np
+import pytest
+from test_report_documents import drive_document, drive_evidence
+
+from jaxsr.report import Evidence, write_diagnosis_report
+from jaxsr.report.copies import edit_text, python_text, shares_of
+from jaxsr.report.exploring import MOST, packed, script
+from jaxsr.report.whiteness import LAGS, correlations, left_over, means
+
+RIVAL = ("stribeck_friction@equation:v",)
+
+
+def with_rivals() -> Evidence:
+    """Return evidence with runs of a rival, inputs, and other variables of the residuals."""
+    evidence = drive_evidence()
+    return replace(
+        evidence,
+        trajectories=[
+            replace(t, rivals={RIVAL: t.explained + 0.01}, inputs={"force": np.sin(t.time)})
+            for t in evidence.trajectories
+        ],
+        residuals=[
+            replace(r, variables={r.state_name: r.state, "q": np.cos(r.time)})
+            for r in evidence.residuals
+        ],
+        considered=[
+            replace(evidence.considered[0], mechanisms=RIVAL, chosen=False),
+            *evidence.considered,
+        ],
+    )
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("drive")
+    write_diagnosis_report(drive_document(), with_rivals(), directory)
+    return directory / "report.html"
+
+
+def numbers(entry: dict) -> np.ndarray:
+    kind = "<f8" if entry["wide"] else "<f4"
+    return np.frombuffer(base64.b64decode(entry["data"]), kind)
+
+
+def test_the_page_allows_its_own_script_and_nothing_else(report: Path) -> None:
+    page = report.read_text(encoding="utf-8")
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
+    (text,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    digest = base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode()
+    assert policy is not None
+    assert policy[1].endswith(f"script-src 'sha256-{digest}'")
+    assert text == script()
+    assert not re.search(r"https?:|fetch\(|XMLHttpRequest|import\(|eval\(", text)
+
+
+def test_the_script_is_given_the_figures_as_numbers() -> None:
+    evidence = with_rivals()
+    told = json.loads(packed(evidence))
+    run, row = evidence.trajectories[0], told["series"][0]
+    shared = told["recordings"][run.recording]
+    every = -(-len(run.time) // MOST)
+    explained = run.explained[::every]
+    assert numbers(shared["time"]) == pytest.approx(run.time[::every])
+    assert numbers(shared["inputs"]["force"]) == pytest.approx(np.sin(run.time[::every]), abs=1e-6)
+    assert numbers(row["explained"]) == pytest.approx(explained, rel=1e-6, nan_ok=True)
+    assert numbers(row["rival0"]) == pytest.approx(explained + 0.01, rel=1e-6, nan_ok=True)
+    assert told["rivals"][0][0] == "rival0" and "Stribeck" in told["rivals"][0][1]
+    part, row = evidence.residuals[0], told["residuals"][0]
+    assert numbers(row["variables"]["q"]) == pytest.approx(np.cos(part.time), rel=1e-6)
+
+
+def test_a_report_stays_below_3_megabytes_whatever_it_is_about(tmp_path: Path) -> None:
+    run, part = drive_evidence().trajectories[0], drive_evidence().residuals[0]
+    time = np.linspace(0.0, 2000.0, 200_000)
+    long = {name: np.sin(time) for name in ("measured", "given", "recalibrated", "explained")}
+    inputs = {f"u{k}": np.cos(time) for k in range(6)}
+    runs = [replace(run, output=f"y{k}", time=time, inputs=inputs, **long) for k in range(60)]
+    evidence = Evidence("arm", trajectories=runs, residuals=[part] * 30)
+    assert len(packed(evidence)) < 1.6e6
+    write_diagnosis_report(drive_document(), evidence, tmp_path)
+    assert (tmp_path / "report.html").stat().st_size < 3_000_000
+
+
+def test_names_cannot_end_the_numbers() -> None:
+    evidence = with_rivals()
+    bad = [replace(evidence.trajectories[0], recording="</script><script>alert(1)</script>")]
+    text = packed(replace(evidence, trajectories=bad))
+    assert "<" not in text
+    assert json.loads(text)["series"][0]["recording"].startswith("</script>")
+
+
+def test_what_is_copied_can_be_used() -> None:
+    edit = drive_document()["findings"][0]["edit"]
+    read = tomllib.loads(edit_text(edit))
+    assert read["equations"]["v"] == edit["equations.v"]
+    assert read["parameters"]["Fc"]["unit"] == "N"
+    assert edit_text({"model.states": ["q", "v", "z"]}) == '[model]\nstates = ["q", "v", "z"]'
+    compile(python_text(drive_document()), "copied", "exec")
+
+
+def test_parts_of_an_explanation_add_up_to_one() -> None:
+    assert shares_of([{"share": 0.3}, {"share": 0.1}]) == pytest.approx([0.75, 0.25])
+    assert shares_of([{"share": 0.3}]) == [None]
+    assert shares_of([{"share": 0.3}, {"share": None}]) == [None, None]
+
+
+def test_columns_that_would_be_blank_are_left_out(tmp_path: Path) -> None:
+    document = drive_document()
+    for row in document["findings"][0]["parameters"].values():
+        row.pop("unit", None)
+    document["data_checks"] = [{"file": "", "channel": "", "check": "search", "message": "x"}]
+    write_diagnosis_report(document, with_rivals(), tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    card = page[page.index('class="card"') : page.index("</article>")]
+    assert "<th>Unit</th>" not in card and "95 % interval" in card
+    checks = page[page.index("Checks of the data") :]
+    assert "<th>Channel</th>" not in checks[: checks.index("</table>")]
+
+
+def test_white_residuals_are_called_white_and_slow_ones_not() -> None:
+    rng = np.random.default_rng(0)
+    run = drive_evidence().trajectories[0]
+    time = np.arange(4000.0)
+    white = rng.normal(size=4000)
+    slow = np.convolve(white, np.ones(10), "same")
+    notes = []
+    for error in (white, slow):
+        runs = [replace(run, time=time, measured=0.0 * time, explained=error, role="held_out")]
+        runs = [replace(r, recalibrated=error, given=None) for r in runs]
+        notes.append(left_over(Evidence("m", trajectories=runs))[0].note)
+    assert "is white" in notes[0]
+    assert f"is not white: {9} of" in notes[1] or "is not white: 8 of" in notes[1]
+    assert correlations(slow)[:3] == pytest.approx([0.9, 0.8, 0.7], abs=0.05)
+    assert np.abs(correlations(white)).max() < 5.0 / np.sqrt(4000) and LAGS == 25
+
+
+def test_means_over_a_variable_show_what_is_left() -> None:
+    rng = np.random.default_rng(0)
+    over = rng.uniform(-1.0, 1.0, 4000)
+    middle, mean, error = means(over, 0.3 * np.sign(over) + 0.1 * rng.normal(size=4000))
+    beyond = np.abs(middle) > 0.1
+    assert mean[beyond] == pytest.approx(0.3 * np.sign(middle[beyond]), abs=0.03)
+    assert (error < 0.05).all()
+
+
+needs_browser = pytest.mark.skipif(browser.found() is None, reason="no Chromium on this machine")
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[browser.Page]:
+    with browser.page() as opened:
+        yield opened
+
+
+@needs_browser
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [400, 800, 1600])
+def test_no_overflow_and_no_errors(
+    page: browser.Page, report: Path, width: int, dark: bool
+) -> None:
+    page.show(report, width, dark)
+    assert page.value("document.documentElement.scrollWidth <= innerWidth")
+    assert page.value("!document.getElementById('explore').hidden")
+    assert page.value("document.querySelectorAll('#explore canvas').length") >= 2
+    back = page.value("getComputedStyle(document.body).backgroundColor")
+    assert back == ("rgb(13, 17, 23)" if dark else "rgb(255, 255, 255)")
+    assert page.errors == []
+
+
+@needs_browser
+def test_charts_are_zoomed_together_and_tell_their_values(page: browser.Page, report: Path) -> None:
+    page.show(report, 1000)
+    # the left edges of axis labels change with the span: compare pictures of the canvases
+    states = "[...document.querySelectorAll('#explore .chart canvas')].map(c => c.toDataURL())"
+    before = page.value(states)
+    press(page, "Zoom in")
+    after = page.value(states)
+    charts = len(before) - 1  # the last one is over another variable
+    assert all(a != b for a, b in zip(before[:charts], after[:charts], strict=True))
+    assert before[charts] == after[charts]
+    press(page, "All of it")
+    assert page.value(states) == before
+    page.value("document.querySelector('#explore canvas').scrollIntoView()")
+    place = page.value(
+        "(r => [r.left + r.width / 2, r.top + 50])"
+        "(document.querySelector('#explore canvas').getBoundingClientRect())"
+    )
+    page.ask("Input.dispatchMouseEvent", type="mouseMoved", x=place[0], y=place[1])
+    told = page.value("document.querySelector('.readout').textContent")
+    assert " s" in told and "measured" in told and "explained" in told
+    assert page.errors == []
+
+
+@needs_browser
+def test_a_hypothesis_opens_and_models_are_switched(page: browser.Page, report: Path) -> None:
+    page.show(report, 1000)
+    checked = "[...document.querySelectorAll('#explore input')].filter(b => b.checked).length"
+    assert page.value(checked) == 3
+    page.value("document.querySelector('[data-models=rival0] button').click()")
+    shown = page.value(
+        "[...document.querySelectorAll('#explore input')].filter(b => b.checked)"
+        ".map(b => b.parentNode.className)"
+    )
+    assert shown == ["measured", "rival0"]
+    page.value("document.querySelector('button.theme').click()")
+    assert page.value("getComputedStyle(document.body).backgroundColor") == "rgb(13, 17, 23)"
+    assert page.value("document.querySelectorAll('.copy:not([hidden]) button').length") >= 3
+    assert page.errors == []
+
+
+@needs_browser
+def test_a_printed_page_and_one_without_scripts_show_the_figures(
+    page: browser.Page, report: Path
+) -> None:
+    page.show(report, 800, dark=True)
+    page.ask("Emulation.setEmulatedMedia", media="print")
+    assert page.value("getComputedStyle(document.getElementById('explore')).display") == "none"
+    assert page.value("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    page.ask("Emulation.setEmulatedMedia", media="")
+    page.ask("Emulation.setScriptExecutionDisabled", value=True)
+    page.show(report, 400)
+    page.ask("Emulation.setScriptExecutionDisabled", value=False)
+    source = report.read_text(encoding="utf-8")
+    assert 'id="explore" hidden' in source and source.count("<img ") >= 3
+    assert page.value("document.querySelectorAll('button').length") == 0
+    assert page.value("document.documentElement.scrollWidth <= innerWidth")
+
+
+def press(page: browser.Page, title: str) -> None:
+    page.value(f"document.querySelector('button[title=\"{title}\"]').click()")
