@@ -13,10 +13,11 @@ from jaxsr._progress import Budget
 from jaxsr._result import Verdict
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis import settled as module
+from jaxsr.diagnosis.explanations import explanations, unnamed, weights_of
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.likelihood.posterior import Posterior, WrongValue
-from jaxsr.diagnosis.settled import explanations, weights_of
-from jaxsr.diagnosis.verdict import claimed
+from jaxsr.diagnosis.settled import answered
+from jaxsr.diagnosis.verdict import Claim, claimed
 from jaxsr.models import Simulator, parse_model
 from tests.test_likelihood_search import MODEL, recorded
 
@@ -56,7 +57,8 @@ def found(hypotheses: list[Weighed], probabilities: list[float], **more: Any) ->
 
 
 def claim(posterior: Posterior) -> Verdict:
-    return claimed(explanations(posterior, GIVEN)).verdict
+    told = explanations(posterior, GIVEN)
+    return claimed(told, unnamed(told)).verdict
 
 
 def test_variants_of_one_set_share_their_probability() -> None:
@@ -68,7 +70,7 @@ def test_variants_of_one_set_share_their_probability() -> None:
 def test_another_mechanism_of_the_same_verdict_is_no_doubt_about_it() -> None:
     a, b, c, none = Weighed((0,), 9.0), Weighed((2,), 9.0), Weighed((3,), 9.0), Weighed((), 0.0)
     assert claim(found([a, none], [0.96, 0.04])) is Verdict.STRUCTURE
-    assert claim(found([a, none], [0.9, 0.1])) is Verdict.UNDECIDED
+    assert claim(found([a, none], [0.9, 0.1])) is Verdict.NOTHING  # 9 to 1 that there is something
     assert claim(found([a, b, none], [0.5, 0.47, 0.03])) is Verdict.STRUCTURE
     assert claim(found([a, c, none], [0.5, 0.47, 0.03])) is Verdict.UNDECIDED
     assert claim(found([none, a], [0.96, 0.04])) is Verdict.NOTHING
@@ -85,8 +87,18 @@ def test_a_set_answers_with_the_verdict_of_the_member_that_explains_most() -> No
 def test_what_has_no_more_evidence_than_recalibration_is_no_mismatch() -> None:
     """Each of many laws that the data say nothing of has a share: together, they are no claim."""
     none, idle = Weighed((), 0.0), Weighed((0,), -3.0)
-    assert claim(found([none, idle], [0.8, 0.2])) is Verdict.NOTHING
-    assert claim(found([none, Weighed((0,), 2.0)], [0.8, 0.2])) is Verdict.UNDECIDED
+    assert claim(found([none, idle], [0.6, 0.4])) is Verdict.NOTHING
+    assert claim(found([Weighed((0,), 9.0), none, idle], [0.96, 0.02, 0.02])) is Verdict.STRUCTURE
+
+
+def test_recalibration_beside_a_force_that_stays_is_something_else() -> None:
+    """Neither the law nor a force that nobody names is sure: that there is something, is."""
+    law, null = Weighed((0,), 9.0, 0.05), Weighed((), 8.0, 0.1)
+    posterior = found([law, null], [0.65, 0.35], something_else=0.999)
+    assert unnamed(explanations(posterior, GIVEN)) == pytest.approx(0.35 * 0.999)
+    assert claim(posterior) is Verdict.UNDECIDED
+    # where re-calibration leads, free runs tell whether what it leaves is more than noise
+    assert claim(found([null, law], [0.9, 0.1], something_else=0.999)) is Verdict.NOTHING
 
 
 def test_wrong_values_are_freed_one_after_the_other() -> None:
@@ -98,6 +110,11 @@ def test_wrong_values_are_freed_one_after_the_other() -> None:
     assert mass.of_label("wrong_value@parameter:k") == pytest.approx(0.99)
     assert mass.of_label("wrong_value@parameter:d") == pytest.approx(0.99 * 0.6)
     assert claim(posterior) is Verdict.PARAMETER
+    # what says no more than re-calibration is no doubt about its wrong values
+    sure = (WrongValue("k", 9.0, 0.1, 1.0),)
+    assert claim(found([Weighed(()), Weighed((0,), -3.0)], [0.9, 0.1], wrong=sure)) is (
+        Verdict.PARAMETER
+    )
 
 
 def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:
@@ -115,6 +132,21 @@ def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:
     probability, others = weights.alternatives(model, cast("Any", chosen), 0, cast("Any", entries))
     assert probability == pytest.approx(0.76)
     assert [(a.number, a.probability) for a in others] == [(2, 0.2)]
+
+
+def test_the_chosen_set_is_the_one_that_is_claimed() -> None:
+    arena = type("A", (), {"super_model": type("M", (), {"candidates": CANDIDATES})})
+    null, law, sensor = Estimated(()), Estimated((0,)), Estimated((3,))
+
+    def chosen(*leading: str) -> tuple[int, ...]:
+        found = cast("Any", ((arena, [null, law, sensor], law, None), 1.0, None))
+        claim = Claim(Verdict.STRUCTURE, frozenset(leading), 1.0)
+        return answered(found, claim, ("k",))[0][2].members
+
+    assert chosen("c@y") == (3,)
+    assert chosen() == ()
+    assert chosen("wrong_value@parameter:k") == ()  # re-calibration's
+    assert chosen("b@x") == (0,)  # not estimated: the leader stays
 
 
 def _never(*args: object) -> None:

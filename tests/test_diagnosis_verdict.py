@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,8 +31,11 @@ def friction_or_bias(friction: float) -> list[Explanation]:
     ]
 
 
+STEPS = (Verdict.NOTHING, Verdict.UNDECIDED)
+"""What is said without a claim, and with the claim of a mismatch alone."""
+
+
 def test_a_claim_is_made_above_the_odds_of_the_costs() -> None:
-    assert Costs().needed == pytest.approx(20.0 / 21.0)
     for cost in (1.5, 4.0, 20.0):
         needed = cost / (cost + 1.0)
         above = claimed(friction_or_bias(needed + 1e-6), 0.0, Costs(cost))
@@ -41,16 +46,36 @@ def test_a_claim_is_made_above_the_odds_of_the_costs() -> None:
     assert claimed(friction_or_bias(0.51), 0.0, Costs(1.0)).verdict is Verdict.STRUCTURE
 
 
-def test_the_choice_loses_least() -> None:
+def test_that_there_is_a_mismatch_is_a_claim_of_its_own() -> None:
+    def said(none: float) -> Verdict:
+        rest = [replace(e, probability=(1.0 - none) * e.probability) for e in friction_or_bias(0.6)]
+        return claimed([*rest, explanation("", Verdict.NOTHING, none)]).verdict
+
+    assert said(1.0 / 21.0 + 1e-6) is Verdict.NOTHING
+    assert said(1.0 / 21.0 - 1e-6) is Verdict.UNDECIDED
+    # a force that nobody names is a mismatch as well
+    nothing = [explanation("", Verdict.NOTHING, 1.0)]
+    assert claimed(nothing, 0.9).verdict is Verdict.NOTHING
+    assert claimed(nothing, 0.96).verdict is Verdict.UNDECIDED
+
+
+def test_each_claim_loses_least() -> None:
     rng = np.random.default_rng(0)
     for _ in range(300):
         sets, other = drawn(rng)
         costs = Costs(float(np.exp(rng.uniform(-1.0, 4.0))), float(np.exp(rng.uniform(-1.0, 1.0))))
-        mass = masses(sets, other)
-        best = max(mass.values())
-        losses = {True: costs.false_claim * (1.0 - best), False: costs.abstaining * best}
-        claims = claimed(sets, other, costs).verdict is not Verdict.UNDECIDED
-        assert losses[claims] <= losses[not claims]
+        mass, answer = masses(sets, other), claimed(sets, other, costs).verdict
+
+        def loss(m: float, claims: bool, costs: Costs = costs) -> float:
+            return costs.false_claim * (1.0 - m) if claims else costs.abstaining * m
+
+        mismatch = 1.0 - mass.pop(Verdict.NOTHING, 0.0)
+        claims = answer is not Verdict.NOTHING
+        assert loss(mismatch, claims) <= loss(mismatch, not claims)
+        best = max(mass.values(), default=0.0)
+        if claims:
+            names = answer not in STEPS
+            assert loss(best, names) <= loss(best, not names)
 
 
 def test_a_dearer_false_claim_never_adds_a_claim() -> None:
@@ -58,9 +83,9 @@ def test_a_dearer_false_claim_never_adds_a_claim() -> None:
     for _ in range(100):
         sets, other = drawn(rng)
         answers = [claimed(sets, other, Costs(c)).verdict for c in (0.5, 1.0, 4.0, 20.0, 1e3, 1e9)]
-        abstained = [a is Verdict.UNDECIDED for a in answers]
-        assert abstained == sorted(abstained)
-        assert len({a for a in answers if a is not Verdict.UNDECIDED}) <= 1
+        claims = [(*STEPS, a).index(a) for a in answers]
+        assert claims == sorted(claims, reverse=True)
+        assert len(set(answers) - set(STEPS)) <= 1
 
 
 def test_dearer_abstaining_never_takes_a_claim_away() -> None:
@@ -68,8 +93,8 @@ def test_dearer_abstaining_never_takes_a_claim_away() -> None:
     for _ in range(100):
         sets, other = drawn(rng)
         answers = [claimed(sets, other, Costs(20.0, c)).verdict for c in (0.0, 0.1, 1.0, 10.0, 1e6)]
-        abstained = [a is Verdict.UNDECIDED for a in answers]
-        assert abstained == sorted(abstained, reverse=True)
+        claims = [(*STEPS, a).index(a) for a in answers]
+        assert claims == sorted(claims)
 
 
 def test_only_the_ratio_of_the_costs_counts() -> None:

@@ -20,6 +20,7 @@ from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.explaining.document import assemble
 from jaxsr.diagnosis.explaining.judge import Ingredients
+from jaxsr.diagnosis.explanations import explanations, unnamed, weights_of
 from jaxsr.diagnosis.failures import Failures, unsimulable
 from jaxsr.diagnosis.input_noise import idle_noise, quieted
 from jaxsr.diagnosis.judging.alternatives import likelier_with, likelier_without
@@ -37,13 +38,7 @@ from jaxsr.diagnosis.search.choice import (
     with_parts,
 )
 from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_equations
-from jaxsr.diagnosis.settled import (
-    borne_out,
-    decided_by_evidence,
-    explanations,
-    weighed,
-    weights_of,
-)
+from jaxsr.diagnosis.settled import answered, borne_out, decided_by_evidence, weighed
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.diagnosis.thinning import prepare_search, time_for
 from jaxsr.diagnosis.unsigned import rectified_sensors
@@ -208,7 +203,9 @@ def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Cl
     if decision is None or not borne_out(decision):
         return None
     told = explanations(found, case.simulator.model)
-    return decision, weights_of(told), claimed(told, costs=costs)
+    claim = claimed(told, unnamed(told), costs)
+    decision = answered(decision, claim, case.simulator.model.free_parameters)
+    return decision, weights_of(told), claim
 
 
 def decided_among_few(case: Case, reading: float, rng: np.random.Generator) -> Decided:

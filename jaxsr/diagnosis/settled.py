@@ -1,16 +1,16 @@
-"""The decision by evidence, where the recordings leave no doubt about it.
+"""The decision by evidence.
 
 The posterior (`diagnosis.likelihood`) weighs every mechanism that was offered together with a
-latent force on every equation. Where its search came to an end and nearly all of the probability is
-on sets of one verdict, the most probable of them is the answer. Free runs then estimate it, what it
-competes with and re-calibration, for the report, and must bear it out.
+latent force on every equation. Where its search came to an end, free runs estimate the leading set,
+what it competes with and re-calibration, for the report, and must bear it out. What is claimed then
+is told by the posterior and two costs (`diagnosis.verdict`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
-from jaxsr._result import StoppedBy, Verdict
+from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION, SEVERAL, UNNAMED
 from jaxsr.diagnosis.comparison import opening
@@ -23,43 +23,32 @@ from jaxsr.diagnosis.contest.arena import (
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
-from jaxsr.diagnosis.explaining.equivalence import equivalent
+from jaxsr.diagnosis.explanations import labels_of
 from jaxsr.diagnosis.judging.detection import Detection, detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
-from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
+from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.paths import path_over
-from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
+from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior_along
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.thinning import thinned
-from jaxsr.diagnosis.verdict import Explanation
-from jaxsr.models import Model
+from jaxsr.diagnosis.verdict import Claim
 from jaxsr.models.segments import Prepared
 
 WEIGHING = 0.75
 """Share of the time left that the posterior may take."""
 MOST = 12_000
 """Samples times states that the posterior is asked about."""
+FOLLOWINGS = 5.0
+"""Time that the posterior takes at least, relative to the first re-calibration beside latent
+forces, which compiles what the others share: what cannot end is not begun."""
 RIVALS, TOLD = 4, 1e-3
 """Sets beside the leading one that the report compares it with, and from which probability on; the
 first of them whatever it has."""
 
 Settled = tuple[tuple[Arena, list[Entry], Entry, Detection], float, StoppedBy]
-
-
-def labels_of(found: Posterior, item: Hypothesis) -> frozenset[str]:
-    """Return the labels of a hypothesis' members."""
-    return frozenset(found.candidates[i].label for i in item.members)
-
-
-def weights_of(told: Sequence[Explanation]) -> Weights:
-    """Sum the probabilities of variants of one set."""
-    mass: dict[frozenset[str], float] = {}
-    for item in told:
-        mass[item.labels] = mass.get(item.labels, 0.0) + item.probability
-    return Weights(mass)
 
 
 def weighed(case: Case) -> Posterior | None:
@@ -71,12 +60,18 @@ def weighed(case: Case) -> Posterior | None:
         return None
     patience = case.search.share(WEIGHING)
     case.progress.stage("weighing mechanisms by the evidence of the recordings")
-    prepared = _enough(case)
-    return case.failures.attempt(
-        "weighing mechanisms",
-        lambda: posterior(model, prepared, case.screened, lambda: patience.exhausted),
-        None,
-    )
+    begun = patience.elapsed
+
+    def slow() -> bool:
+        return FOLLOWINGS * (patience.elapsed - begun) > patience.seconds or patience.exhausted
+
+    def found_in(prepared: Sequence[Prepared]) -> Posterior | None:
+        course = followed(model, prepared, slow)
+        if course is None or slow():
+            return None
+        return posterior_along(model, course, case.screened, lambda: patience.exhausted)
+
+    return case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
 
 
 def _enough(case: Case) -> tuple[Prepared, ...]:
@@ -85,45 +80,6 @@ def _enough(case: Case) -> tuple[Prepared, ...]:
     if samples <= MOST or case.quiet:
         return case.prepared
     return thinned(case.simulator.model, [p.recording for p in case.prepared], MOST)[0]
-
-
-def explanations(found: Posterior, model: Model) -> list[Explanation]:
-    """Return what was weighed as answers.
-
-    Re-calibration alone stands for a model that is right and for one with wrong values, one after
-    the other (`Posterior.wrong`), and so does a set with no more evidence, which has no mismatch to
-    explain: it may act, below the noise. Causes that no data can split count as the one that leads.
-    """
-    told, null = [], next(h for h in found.hypotheses if not h.members)
-    for item, p in zip(found.hypotheses, found.probabilities, strict=True):
-        labels, left = labels_of(found, item), float(p)
-        if item.log_evidence > null.log_evidence:
-            told.append(Explanation(labels, _verdict_of(found, item, model), left))
-            continue
-        verdict = Verdict.NOTHING
-        for wrong in found.wrong:
-            told.append(Explanation(labels, verdict, (1 - wrong.probability) * left))
-            labels |= {f"wrong_value@parameter:{wrong.name}"}
-            left, verdict = left * wrong.probability, Verdict.PARAMETER
-        told.append(Explanation(labels, verdict, left))
-    return told
-
-
-def _verdict_of(found: Posterior, item: Hypothesis, model: Model) -> Verdict:
-    """Return the verdict of the member without which most evidence is lost.
-
-    What is left without one is the evidence of the best set known that has others alone.
-    """
-
-    def without(number: int) -> float:
-        rest = set(item.members) - {number}
-        return max(h.log_evidence for h in found.hypotheses if rest >= set(h.members))
-
-    largest = found.candidates[min(item.members, key=without)]
-    for number in found.leader.members:
-        if equivalent(model, found.candidates[number], largest):
-            return found.candidates[number].verdict
-    return largest.verdict
 
 
 def borne_out(found: Settled) -> bool:
@@ -136,6 +92,18 @@ def borne_out(found: Settled) -> bool:
     if chosen.members and not detection.detected:
         return False
     return residual_to_noise(arena, chosen) <= ABOVE_NOISE
+
+
+def answered(found: Settled, claim: Claim, free: Collection[str]) -> Settled:
+    """Return a decision with the leading set of a claim as the chosen one.
+
+    Wrong values of `free` parameters are re-calibration's.
+    """
+    (arena, entries, chosen, detection), headline, stopped = found
+    wanted = claim.leading - {f"wrong_value@parameter:{name}" for name in free}
+    every = arena.super_model.candidates
+    of = {frozenset(every[i].label for i in e.members): e for e in reversed(entries)}
+    return (arena, entries, of.get(wanted, chosen), detection), headline, stopped
 
 
 def decided_by_evidence(case: Case, found: Posterior) -> Settled:

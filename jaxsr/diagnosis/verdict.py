@@ -1,21 +1,21 @@
 r"""The verdict: a function of the posterior and of two costs.
 
-A claim is a verdict that names a cause, or says that there is none. With :math:`m` the posterior
-mass of the sets of mechanisms that would be answered by the same verdict, a claim is right with
-probability :math:`m`. What is lost, against the better choice, is `false_claim` by a claim that is
-wrong and `abstaining` by saying nothing where the claim is right, so that the expected loss is
-least (Berger 1985, *Statistical Decision Theory*, section 2.4; Chow 1970, IEEE Trans. Inf. Theory
-16) by the claim where
+Two claims can be made, one on top of the other: that there is a mismatch, and what causes it.
+Without the first the verdict is *nothing*, without the second *undecided*. What is lost, against
+the better choice, is `false_claim` by a claim that is wrong and `abstaining` by none where it would
+have been right, so that the expected loss of a claim of posterior mass :math:`m` is least (Berger
+1985, *Statistical Decision Theory*, section 2.4; Chow 1970, IEEE Trans. Inf. Theory 16) by making
+it where
 
 .. math:: C_{\text{abstaining}}\, m > C_{\text{false}}\, (1 - m),
 
-that is where the odds of the claim are above those of the costs. Which mechanism it is may be in
-doubt all the same: that is what its own probability says.
+that is where its odds are above those of the costs. Which mechanism it is may be in doubt all the
+same: that is what its own probability says.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from jaxsr._result import InputError, Verdict
@@ -55,10 +55,9 @@ class Costs:
                 "Name a number above zero, such as 20",
             )
 
-    @property
-    def needed(self) -> float:
-        """Probability above which a claim is made."""
-        return self.false_claim / (self.false_claim + self.abstaining)
+    def allow(self, mass: float) -> bool:
+        """Whether a claim of a probability is made."""
+        return self.abstaining * mass > self.false_claim * (1.0 - mass)
 
 
 @dataclass(frozen=True)
@@ -88,9 +87,9 @@ class Claim:
     ----------
     verdict : Verdict
     leading : frozenset of str
-        The most probable set of that verdict; of all sets, where nothing is claimed.
+        The most probable set of that verdict; of all with a mismatch, where that is undecided.
     mass : float
-        Probability of the verdict that was, or would have been, claimed.
+        Probability of the verdict, and of the one that comes nearest where that is undecided.
     """
 
     verdict: Verdict
@@ -116,14 +115,25 @@ def claimed(
     -------
     Claim
     """
-    costs = costs or Costs()
-    mass = masses(explanations, something_else)
-    leader = max(explanations, key=lambda e: e.probability)
-    best = max(mass, key=lambda v: (mass[v], v is leader.verdict))
-    if not costs.abstaining * mass[best] > costs.false_claim * (1.0 - mass[best]):
-        return Claim(Verdict.UNDECIDED, leader.labels, mass[best])
-    own = (e for e in explanations if e.verdict is best)
-    return Claim(best, max(own, key=lambda e: e.probability).labels, mass[best])
+    costs, mass = costs or Costs(), masses(explanations, something_else)
+    none = mass.pop(Verdict.NOTHING, 0.0)
+    if not costs.allow(1.0 - none):
+        return Claim(Verdict.NOTHING, _most_probable(explanations, {Verdict.NOTHING}), none)
+    if not mass:
+        return Claim(Verdict.UNDECIDED, frozenset(), 0.0)
+    best = max(mass, key=lambda v: mass[v])
+    if costs.allow(mass[best]):
+        return Claim(best, _most_probable(explanations, {best}), mass[best])
+    return Claim(Verdict.UNDECIDED, _most_probable(explanations, mass), mass[best])
+
+
+def _most_probable(
+    explanations: Sequence[Explanation], verdicts: Collection[Verdict]
+) -> frozenset[str]:
+    """Return the labels of the most probable set of some verdicts."""
+    own = (e for e in explanations if e.verdict in verdicts)
+    found = max(own, key=lambda e: e.probability, default=None)
+    return frozenset() if found is None else found.labels
 
 
 def masses(

@@ -146,9 +146,13 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
     if not parts.chosen.members:
         judged = _without_finding(parts, recalibrated)
         leading = [e for e in parts.entries if e.members and e.fit.cost < parts.null.fit.cost]
-        if judged.verdict is Verdict.UNDECIDED and leading:
+        if (
+            judged.verdict is Verdict.UNDECIDED
+            and leading
+            and not (parts.claim and judged.findings)
+        ):
             # Nothing is believed; what comes nearest is named.
-            leader = most_credible(arena.super_model, leading)
+            leader = _nearest(parts, leading)
             rows, rivals, _ = _rows(parts, leader, refine(ground, leader, thorough=False))
             judged = replace(judged, findings=rows, rivals=rivals, leader=leader)
         return judged
@@ -168,6 +172,14 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
         verdict = Verdict.UNDECIDED
     every = sorted([*rows, *rounding], key=lambda row: -row["share"])
     return Judged(recalibrated, best, verdict, every, rivals, True, tuple(edits))
+
+
+def _nearest(parts: Ingredients, entries: Sequence[Entry]) -> Entry:
+    """Return the most probable of some sets, by the evidence where that decided."""
+    super_model, weights = parts.arena.super_model, parts.weights
+    if weights is None:
+        return most_credible(super_model, entries)
+    return max(entries, key=lambda e: weights.share(super_model, e))
 
 
 def _without_idle(parts: Ingredients, best: Estimate) -> Entry | None:
