@@ -144,7 +144,8 @@ def test_wrong_values_do_not_account_for_what_stands_far_above_the_noise(
         told=np.full(values.size, 1e-6),
         theta=entry.fit.theta,
     )
-    case = SimpleNamespace(simulator=SIMULATOR, budget=Budget(), rectified=())
+    attempt = SimpleNamespace(attempt=lambda _, act, other: act())
+    case = SimpleNamespace(simulator=SIMULATOR, budget=Budget(), rectified=(), failures=attempt)
     parts = SimpleNamespace(arena=arena, case=case, null=entry, rng=None, claim=None, whole=None)
     judged = _without_finding(parts, recalibrated)
     assert judged.verdict.value == verdict

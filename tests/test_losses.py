@@ -78,6 +78,7 @@ def test_radiation_counts_from_absolute_zero() -> None:
 def _named(name: str, seed: int) -> None:
     plant = LOSSES[name]
     found = diagnose(Simulator(plant.model), plant.recordings(seed), budget=1000.0)
+    assert found.document["verdict"] == "structure"
     (finding,) = found.document["findings"]
     assert finding["site"] == "equation:Tb"
     assert finding["mechanism"] in ("quadratic_drag", "power_law_drag")
@@ -87,7 +88,7 @@ def _nothing(name: str, seed: int) -> None:
     plant = WHOLE[name]
     found = diagnose(Simulator(plant.model), plant.recordings(seed), budget=1000.0)
     # The free values are off by 10 to 20 %.
-    assert found.document["verdict"] != "structure"
+    assert found.document["verdict"] in ("nothing", "parameter")
     assert all(f["mechanism"] == "wrong_value" for f in found.document["findings"])
 
 

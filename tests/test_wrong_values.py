@@ -22,6 +22,7 @@ def off_by(seed: int) -> float:
 def asked(wrong: str, seed: int, driven: bool) -> dict[str, Any]:
     model = given(wrong, off_by(seed), driven)
     found = diagnose(Simulator(model), recordings(seed, driven), budget=1000.0)
+    assert found.document["verdict"] == "parameter"
     assert {f["mechanism"] for f in found.document["findings"]} == {"wrong_value"}
     return found.document
 
@@ -30,7 +31,7 @@ def check(wrong: str, seed: int, driven: bool) -> None:
     document = asked(wrong, seed, driven)
     (finding,) = document["findings"]
     assert finding["site"] == f"parameter:{wrong}"
-    assert finding["probability"] > 0.5
+    assert finding["probability"] > 0.9
     told = finding["parameters"][wrong]["value"]
     assert told == pytest.approx(VALUES[wrong], rel=0.05)
     parameters = finding["edit"]

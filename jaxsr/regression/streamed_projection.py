@@ -186,7 +186,7 @@ class StreamedFits:
             np.zeros((size, most)),
             np.zeros(size, dtype=bool),
         )
-        alike: dict[tuple[int, ...], list[tuple[Array, ...]]] = {}
+        alike: dict[tuple[int, ...], list[tuple[Any, ...]]] = {}
         with np.errstate(all="ignore"):
             for group, (gram, beside) in zip(self._groups, products, strict=True):
                 still = self._stills[group.still]
@@ -195,7 +195,8 @@ class StreamedFits:
                     left = gram - share @ share.transpose(0, 2, 1)
                     square = np.einsum("skk->sk", gram)
                     total = np.full(len(gram), still.total)
-                    parts = group.sets, total, square, left, beside[:, :, -1]
+                    sets = np.asarray(group.sets)
+                    parts = sets, total, square, left, np.asarray(beside[:, :, -1])
                     alike.setdefault(group.counts, []).append(parts)
             for counts, found in alike.items():
                 _fit(point, counts, *map(np.concatenate, zip(*found, strict=True)))
@@ -221,8 +222,8 @@ class StreamedFits:
         out = []
         for group, parts in zip(self._groups, zip(*pieces, strict=True), strict=True):
             with np.errstate(all="ignore"):
-                gram = sum(part[0] for part in parts)
-                beside = sum(part[1] for part in parts)
+                gram = np.sum([part[0] for part in parts], axis=0)
+                beside = np.sum([part[1] for part in parts], axis=0)
             out.append((gram, beside.reshape(len(group.sets), gram.shape[1], -1)))
         return out
 

@@ -149,6 +149,8 @@ def angle(first: Wrong, second: Wrong) -> float:
     active = np.array(list(dict.fromkeys(index)))
     told = linearise_fit(first.arena.problem, first.entry.fit, active)
     total = told.normal_equations()[0].sum(0)
+    if not np.isfinite(total).all():  # beside such values nothing is alike
+        return 90.0
     at = [list(active).index(i) for i in index]
     one, other = at[: len(first.names)], at[len(first.names) :]
 
