@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 import jaxsr
-from jaxsr import cli
+from jaxsr import _demo_command, cli
 from jaxsr._progress import Budget
 from jaxsr.models import parse_model
 
@@ -253,7 +253,7 @@ def test_outside_the_main_thread_no_handler_is_set(files: Path, library: Recorde
 
 
 def test_demo_knows_its_files() -> None:
-    model, train, held_out = cli._demo_files()
+    model, train, held_out = _demo_command._files()
     assert all(path.is_file() for path in (model, *train, *held_out))
 
 

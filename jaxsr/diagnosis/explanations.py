@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from jaxsr._result import Verdict
-from jaxsr.diagnosis.explaining.equivalence import equivalent
+from jaxsr.diagnosis.judging.equivalence import equivalent
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.posterior import Posterior

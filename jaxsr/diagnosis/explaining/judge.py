@@ -14,7 +14,6 @@ from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.blocks import gain
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.explaining.equivalence import equivalent
 from jaxsr.diagnosis.explaining.explain import (
     Weight,
     finding_row,
@@ -27,6 +26,7 @@ from jaxsr.diagnosis.explaining.wrong_values import frozen
 from jaxsr.diagnosis.judging.alternatives import TIE, Alternative, alternatives, odds
 from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
+from jaxsr.diagnosis.judging.equivalence import equivalent
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, model_limited, residual_to_noise
 from jaxsr.diagnosis.judging.refine import Estimate, Ground, refine
 from jaxsr.diagnosis.judging.weights import Weights
