@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from jaxsr.diagnosis.likelihood.widths import likeliest_width
+from jaxsr.diagnosis.likelihood.widths import is_peaked, likeliest_width
 
 
 def parabola(width: float) -> float:
@@ -30,3 +30,10 @@ def test_no_top_is_looked_for_beyond_the_widths_that_are_known() -> None:
 def test_a_top_that_promises_less_is_not_asked_for() -> None:
     logs = {w: parabola(w) for w in (0.15, 0.3, 0.6)}
     assert likeliest_width(logs, 0.1) is None
+
+
+def test_a_peak_is_one_on_both_sides() -> None:
+    logs = {0.5: 90.0, 1.0: 100.0, 2.0: 97.0}
+    assert is_peaked(logs, 2.0)
+    assert not is_peaked(logs, 4.0)
+    assert not is_peaked({}, 1.0)

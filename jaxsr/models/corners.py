@@ -94,11 +94,15 @@ class Corners:
 
         Samples that stay in a corner may be stiff there: they have a method of their own.
         """
+        if method == self.method and self.parts <= LOOKED:  # equal ones, whatever is there
+            shares = np.linspace(0.0, 1.0, self.parts + 1).reshape(-1, *(1 for _ in np.shape(x[0])))
+            parts = [np.broadcast_to(shares, (len(shares), *np.shape(x[0])))] * length.shape[1]
+            return _in_parts(field, to, method, x, time, length, stages, parts)
         staying, shares = self._seen(field, x, time, length, stages)
+        if method == self.method:
+            return _in_parts(field, to, method, x, time, length, stages, shares)
         ends = [np.array(a) for a in x]
         slopes = np.zeros((len(x), 0 if to is None else to.count, *staying.shape))
-        if method == self.method:
-            staying = np.zeros_like(staying)
         for own, chosen in ((self.method, staying), (method, ~staying)):
             if not chosen.any():
                 continue

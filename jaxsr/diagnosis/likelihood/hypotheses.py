@@ -17,7 +17,7 @@ from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.table import Table
-from jaxsr.diagnosis.likelihood.widths import likeliest_width
+from jaxsr.diagnosis.likelihood.widths import is_peaked, likeliest_width
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -30,10 +30,15 @@ where the law itself is found; where a rounded one is more probable, by a coarse
 ones about the best, the last two as long as they show."""
 HARDLY = WIDEST / COARSE**4
 """Width of a corner that is all but exact, which tells whether a rounder one may be likelier."""
+NEGLIGIBLE = 7.0
+"""Log evidence behind the set that it starts from with which one is not worth finer widths."""
 STANDING = 4.0
 """Deviations of the noise below its largest reading in which a sensor stands at its limit."""
 SHARPENED, CLEAR = 0.5, 1.0
 """Log evidence that a jump must gain to be sharpened further, and another noise to be taken."""
+PEAK, FINEST = 4.0 * SHARPENED, 1.1
+"""Log evidence that both neighbours lack where the top may be missed by what counts: a parabola's
+error is a quarter of it at most; and the factor between widths below which they are one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,17 +136,18 @@ def hypothesis(
     problem, at_mode, width = found
     hopeless = follow.lost(at_mode)
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
-    if gain > CLEAR:
-        anew = replace(scales, noise=likely, decay=at_mode.decay)
-        here = at_mode.theta, at_mode.path
-        if sharp and width > EXACT:  # less noise tells more of how round the corner is
-            follow = replace(follow, width=width)
-            after = _at_its_mode(reduced.problem, sharp, *here, follow, anew)
-        else:
-            again = follow(problem, *here, anew)
-            after = None if again is None else (problem, again, width)
-        if after is not None and after[1].log_evidence > at_mode.log_evidence:
-            (_, at_mode, width), scales = after, anew
+    anew = replace(scales, noise=likely, decay=at_mode.decay) if gain > CLEAR else scales
+    here, after = (at_mode.theta, at_mode.path), None
+    if sharp and width > EXACT and not hopeless:
+        # How round the corner is shows beside the noise that there is.
+        least = -np.inf if near is None else near.log_evidence - NEGLIGIBLE
+        fine = replace(follow, width=width, least=least)
+        after = _at_its_mode(reduced.problem, sharp, *here, fine, anew)
+    elif gain > CLEAR:
+        again = follow(problem, *here, anew)
+        after = None if again is None else (problem, again, width)
+    if after is not None and after[1].log_evidence > at_mode.log_evidence:
+        (_, at_mode, width), scales = after, anew
     values = theta.copy()
     values[reduced.parameters] = at_mode.theta
     names = list(model.model.parameters)
@@ -199,6 +205,7 @@ class _Following:
     best: float
     stop: Callable[[], bool]
     width: float | None = None
+    least: float = np.inf  # log evidence from which a width is sought beyond a factor of two
 
     @property
     def active(self) -> list[int]:
@@ -277,12 +284,17 @@ def _at_its_mode(
                     best *= factor
                 if best != before:
                     break
-            while True:
+            step = FINER
+            while tried[best][1].log_evidence > follow.least:
                 logs = {w: found.log_evidence for w, (_, found) in tried.items() if w > EXACT}
                 between = likeliest_width(logs, SHARPENED)
-                if between is None or not better(between, best):
+                if between is not None and better(between, best):
+                    best = between
+                elif step > FINEST and is_peaked(logs, PEAK):
+                    step = float(np.sqrt(step))
+                    best *= next((f for f in (step, 1.0 / step) if better(best * f, best)), 1.0)
+                else:
                     break
-                best = between
         best = max(tried, key=lambda w: tried[w][1].log_evidence)
         return *tried[best], best
 

@@ -34,3 +34,13 @@ def likeliest_width(logs: Mapping[float, float], gain: float) -> float | None:
     vertex = 0.5 * (a + b) - 0.5 * first / bend
     promised = low + first * (vertex - a) + bend * (vertex - a) * (vertex - b)
     return math.exp(vertex) if promised > top + gain else None
+
+
+def is_peaked(logs: Mapping[float, float], drop: float) -> bool:
+    """Whether the best width's neighbours on both sides, if any, lack more than some evidence."""
+    order = sorted(w for w, log in logs.items() if math.isfinite(log))
+    if not order:
+        return False
+    at = order.index(max(order, key=logs.__getitem__))
+    near = [*order[max(at - 1, 0) : at], *order[at + 1 : at + 2]]
+    return all(logs[w] < logs[order[at]] - drop for w in near)
