@@ -7,9 +7,9 @@ sample, an encoder, a force that no model knows. They run normally for 102 hours
 monitors, which learnt what is normal from another 4,000 samples; they may raise one false alarm per
 hour. Then five effects begin, one at a time, under monitors that may raise one in ten hours, twenty
 runs each. A full run writes ``results/monitor.json`` machine by machine, and --resume goes on with
-those that are left; --quick (two machines, less of all) writes nothing. Ends with status 1 where more false alarms come than
-chance makes of the stated rate in one run of a thousand, or an effect is missed more often than in
-one run of ten.
+those that are left; --quick (two machines, less of all) writes nothing. Ends with
+status 1 where more false alarms come than chance makes of the stated rate in one run of a thousand,
+or an effect is missed more often than in one run of ten.
 """
 
 from __future__ import annotations
