@@ -50,7 +50,8 @@ def main(kind: str, path: str) -> int:
         arrays[f"v{number}"] = values.astype("M8[ns]") if values.dtype.kind == "M" else values
         header.append([name, unit, clock, f"v{number}"])
     out = io.BytesIO()
-    np.savez(out, header=np.frombuffer(json.dumps(header).encode(), np.uint8), **arrays)
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), np.uint8)
+    np.savez(out, allow_pickle=False, **arrays)
     sys.stdout.buffer.write(out.getvalue())
     return 0
 
