@@ -20,7 +20,7 @@ import jaxsr
 from benchmarks import provenance
 from benchmarks.judging import judge
 from benchmarks.systems import chain, variables
-from jaxsr import Recording
+from jaxsr import Recording, Roles, Run
 
 LIMIT = 600.0  # seconds for all equations of one seed
 MASSES = 25
@@ -38,7 +38,9 @@ def run(seed: int, masses: int) -> dict[str, Any]:
     system, data = chain(masses), experiments(masses, seed)
     began, used = time.perf_counter(), time.process_time()
     found = jaxsr.discover(
-        data, states=system.states, derivatives=system.derivatives, seed=seed, budget=LIMIT
+        data,
+        Roles(states=system.states, derivatives=system.derivatives),
+        run=Run(seed=seed, budget=LIMIT),
     )
     seconds, cpu = time.perf_counter() - began, time.process_time() - used
     clean = variables(data[0])

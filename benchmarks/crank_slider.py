@@ -21,6 +21,7 @@ import jaxsr
 from benchmarks import peers, provenance
 from benchmarks.judging import form, is_rational, relative_error
 from benchmarks.systems import CrankSlider, noisy, variables
+from jaxsr import Roles, Run
 from jaxsr.expressions import Term, parse, to_sympy
 from jaxsr.regression import RegressionProblem, coefficient_ci95, constant_slopes
 
@@ -56,7 +57,7 @@ def run(seed: int, system: CrankSlider, decibels: float | None = None) -> dict[s
     if decibels is not None:
         data = noisy(np.random.default_rng([seed, round(decibels)]), data, decibels)
     began = time.perf_counter()
-    found = jaxsr.discover([data], states=["z1"], derivatives=["dz1"], seed=seed)
+    found = jaxsr.discover([data], Roles(states=["z1"], derivatives=["dz1"]), run=Run(seed=seed))
     seconds = time.perf_counter() - began
     equation = found.equations[0]
     return {

@@ -43,7 +43,9 @@ def run(task: tuple[str, int, float]) -> dict[str, Any]:
     case = KINDS[name](np.random.default_rng([seed, list(KINDS).index(name)]))
     began, worked = time.perf_counter(), time.process_time()
     found = jaxsr.discover(
-        case.recordings, states=case.states, seed=seed, budget=seconds, **case.options
+        case.recordings,
+        jaxsr.Roles(states=case.states, **case.options),
+        run=jaxsr.Run(seed=seed, budget=seconds),
     )
     apart = differences(case, found)
     terms = [len(found[state].terms) for state in case.states]

@@ -32,7 +32,9 @@ from jaxsr.diagnosis.explaining.acting import where_acting
 from jaxsr.diagnosis.explaining.detectable import detectable_rows
 from jaxsr.diagnosis.explaining.evidence import noise_floor
 from jaxsr.diagnosis.explaining.explain import confusable_rows
-from jaxsr.diagnosis.explaining.judge import frozen, weight_of_member, weight_of_value
+from jaxsr.diagnosis.explaining.judge import weight_of_member
+from jaxsr.diagnosis.explaining.value_findings import weight_of_value
+from jaxsr.diagnosis.explaining.wrong_values import frozen
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.external import push
 from jaxsr.diagnosis.mechanisms.site import sites_of

@@ -29,14 +29,16 @@ from benchmarks.provenance import write
 from jaxsr.evaluation import Evaluator, Reference, keep_compiled
 from jaxsr.evolution import SearchConfig
 from jaxsr.evolution.library import small_terms
+from jaxsr.expressions import parse
+from jaxsr.regression import RegressionProblem
 
 ROOT = Path(__file__).resolve().parents[1]
 BEFORE = "48e8622"
 """The last commit whose search evaluated term by term in NumPy."""
 TURNS = {200: 3, 1_000: 3, 10_000: 2, 100_000: 1}
 """Searches of each engine, by rows."""
-GENERATIONS, EXACT = 4, 12  # timed of a search; at most until the law is found
-NEW = (30, 100, 400)  # terms in a batch
+GENERATIONS, EXACT = {100_000: 2}, 12  # timed of a search, 4 by default; at most until the law
+NEW, SETS = (30, 100, 400), 60  # terms in a batch; sets in a search over constants
 CODE = """
 import json, sys, time
 import numpy as np
@@ -137,10 +139,47 @@ def evaluation(rows: int, repeats: int) -> list[dict[str, float]]:
     return out
 
 
+def constants(rows: int, repeats: int) -> dict[str, float]:
+    """Return milliseconds of a search over the constants of many sets, by both, in turns.
+
+    Sets hold a shape or two with constants up to a third off, beside terms that do not move; the
+    largest relative difference of their losses stands beside the times.
+    """
+    rng = np.random.default_rng(0)
+    names = ("t", "x", "z")
+    x, z = rng.normal(size=(2, rows))
+    data = {"t": np.linspace(0.0, 10.0, rows), "x": x, "z": z}
+    y = 3.0 * x + 5.0 * np.sin(2.5 * data["t"] + 0.4) - 2.0 / (x**2 + 1.5) + np.exp(0.3 * z)
+    y += 0.3 * rng.normal(size=rows)
+    shapes = ("sin({}*t + {})", "1/(x**2 + {})", "exp({}*z)", "sin({}*t)*exp({}*z)")
+    still = ("x", "z", "t", "x*z", "x**2", "z**2")
+    sets = []
+    for k in range(SETS):
+        own = [shapes[j % len(shapes)] for j in range(k, k + 1 + k % 2)]
+        texts = [shape.format(*rng.uniform(0.3, 3.0, shape.count("{}"))) for shape in own]
+        sets.append([parse(text, names) for text in (*still[: k % 7], *texts)])
+    spent: dict[str, list[float]] = {"machine": [], "numpy": []}
+    losses: dict[str, np.ndarray] = {}
+    for turn in range(repeats + 1):
+        for name, kind in (("machine", _Machine), ("numpy", Reference)):
+            problem = RegressionProblem(y, data, evaluator=kind)
+            found: list[Any] = []
+            seconds = _spent(lambda p=problem, f=found: f.extend(p.refine_many(sets)))
+            losses[name] = np.array([loss for _, loss in found])
+            if turn:  # the first compiles
+                spent[name].append(seconds)
+    apart = np.abs(losses["machine"] / losses["numpy"] - 1.0)
+    row = {name: 1e3 * statistics.median(own) for name, own in spent.items()}
+    return {"sets": SETS, **row, "apart": float(np.max(apart))}
+
+
 class _Machine(Evaluator):
     """By the compiled machine at any number of samples."""
 
     def serves(self, terms: int) -> bool:
+        return True
+
+    def differentiates(self, sets: int) -> bool:
         return True
 
 
@@ -179,10 +218,15 @@ def main() -> None:
     parser.add_argument("--turns", type=int, help="searches of each engine; fewer of long ones")
     parser.add_argument("--quick", action="store_true")
     options = parser.parse_args()
-    rows, sizes = options.rows, (GENERATIONS, EXACT, 200)
+    rows = options.rows
     if options.quick:
-        rows, sizes, options.turns = [200], (2, 4, 40), 1
-    body: dict[str, Any] = {"commit_before": options.commit, "new_terms": {}, "rows": {}}
+        rows, options.turns = [200], 1
+    body: dict[str, Any] = {
+        "commit_before": options.commit,
+        "new_terms": {},
+        "constants": {},
+        "rows": {},
+    }
     with tempfile.TemporaryDirectory() as place:
         keep_compiled(Path(place) / "programs")
         folders = {"numpy": ROOT, "now": ROOT}
@@ -199,8 +243,15 @@ def main() -> None:
                     f"{count:8d} rows, {row['terms']:3d} new terms: machine "
                     f"{row['machine']:8.2f} ms, NumPy {row['numpy']:8.2f} ms"
                 )
+            row = constants(count, 1 if options.quick else 3)
+            body["constants"][count] = row
+            print(
+                f"{count:8d} rows, constants of {row['sets']} sets: machine {row['machine']:8.1f} "
+                f"ms, NumPy {row['numpy']:8.1f} ms, losses {row['apart']:.1e} apart"
+            )
             runs: dict[str, list[Any]] = {engine: [] for engine in folders}
             turns = options.turns or TURNS.get(count, 1)
+            sizes = (2, 4, 40) if options.quick else (GENERATIONS.get(count, 4), EXACT, 200)
             for seed in range(turns):
                 for engine, folder in folders.items():
                     cache = str(Path(place) / "programs")

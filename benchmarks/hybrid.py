@@ -115,9 +115,12 @@ def discovered(
 ) -> tuple[Discovery, float]:
     """Run one discovery and tell how long it took."""
     began = time.perf_counter()
-    usual = {"states": system.states, "derivatives": system.derivatives}
+    usual: dict[str, Any] = {"states": system.states, "derivatives": system.derivatives}
     found = jaxsr.discover(
-        data, inputs=list(system.inputs), seed=seed, modes=modes, **(usual | options)
+        data,
+        jaxsr.Roles(inputs=list(system.inputs), **(usual | options)),
+        prior=jaxsr.Prior(modes=modes),
+        run=jaxsr.Run(seed=seed),
     )
     return found, time.perf_counter() - began
 

@@ -27,7 +27,7 @@ import mujoco
 import numpy as np
 
 import jaxsr
-from benchmarks.mjcf_plants import EFFECTS, FILES, NOISE, SUITE, Run, edited, run, write
+from benchmarks.mjcf_plants import DRY, EFFECTS, FILES, NOISE, SUITE, File, Run, edited, run, write
 from benchmarks.provenance import RESULTS, origin_of
 from jaxsr._files import atomic_write_text, dump_json
 from jaxsr.models.formats.opening import Opened, read_robot
@@ -89,7 +89,7 @@ def doors(folder: Path, seed: int) -> dict[str, Any]:
     m = mujoco.MjModel.from_xml_string(PENDULUM)
     m.opt.timestep = 0.0005
     m.dof_frictionloss[0] = 0.15
-    m.dof_solref[0], m.dof_solimp[0] = (0.004, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
+    m.dof_solref[0], m.dof_solimp[0] = DRY
     rng, files = np.random.default_rng(seed), []
     (folder / "pendulum.xml").write_text(PENDULUM)
     (folder / "pendulum_by_hand.toml").write_text(BY_HAND)
@@ -117,8 +117,6 @@ def doors(folder: Path, seed: int) -> dict[str, Any]:
 
 
 def _door_file(folder: Path) -> Any:
-    from benchmarks.mjcf_plants import File
-
     class Here(File):
         """A file that lies in a folder of its own."""
 
@@ -158,41 +156,46 @@ def case(name: str, effect_name: str, seed: int, folder: Path) -> dict[str, Any]
     before = _error(plain, runs[2])
     after = _error(_explained(folder), runs[2])
     mujoco.set_mjcb_passive(None)
-    return {
-        "file": name,
-        "effect": effect_name,
-        "joint": joint,
-        "value": value,
-        "seed": seed,
-        "verdict": diagnosis.verdict,
-        "seconds": round(seconds, 1),
-        "found": [
-            [f["mechanism"], f["site"], round(f["probability"] or 0.0, 3)]
-            for f in diagnosis.findings
-        ],
-        "written": sorted(files),
-        "before": before,
-        "after": after,
-        **_score(diagnosis, effect_name, joint, before, after),
-    }
+    return _scored(
+        {
+            "file": name,
+            "effect": effect_name,
+            "joint": joint,
+            "value": value,
+            "seed": seed,
+            "verdict": diagnosis.verdict,
+            "seconds": round(seconds, 1),
+            "found": [
+                [f["mechanism"], f["site"], round(f["probability"] or 0.0, 3)]
+                for f in diagnosis.findings
+            ],
+            "constants": [_constants(f) for f in diagnosis.findings],
+            "written": sorted(files),
+            "before": before,
+            "after": after,
+        }
+    )
 
 
-def _score(
-    diagnosis: Any, effect_name: str, joint: str, before: float, after: float
-) -> dict[str, Any]:
-    effect, findings = EFFECTS[effect_name], diagnosis.findings
+def _scored(row: dict[str, Any]) -> dict[str, Any]:
+    """Return the row of a case with its marks; a finding that was not planted is a false one."""
+    effect, findings, joint = EFFECTS[row["effect"]], row["found"], row["joint"]
     if effect is None:
-        return {"right": diagnosis.verdict == "nothing", "false": len(findings)}
+        return {**row, "right": row["verdict"] == "nothing", "false": len(findings)}
     sites = {f"equation:v_{joint}", f"parameter:damping_{joint}", f"parameter:armature_{joint}"}
-    there = [f for f in findings if f["site"] in sites]
-    law = bool(findings) and findings[0]["mechanism"] in effect.names and findings[0] in there
-    closed = 1.0 - max(after - NOISE, 0.0) / max(before - NOISE, 1e-12)
+    if row["effect"] == "rotor" and joint in FILES[row["file"]].gains:
+        sites.add(f"parameter:gain_{FILES[row['file']].gains[joint]}")
+    there = [f for f in findings if f[1] in sites]
+    planted = [f for f in there if f[0] in effect.names]
+    law = bool(findings) and findings[0] in planted
+    closed = 1.0 - max(row["after"] - NOISE, 0.0) / max(row["before"] - NOISE, 1e-12)
     return {
+        **row,
         "joint_right": bool(there),
         "law_first": law,
-        "false": len(findings) - len(there),
+        "false": len(findings) - len(planted),
         "closed": round(closed, 4),
-        "right": law and diagnosis.verdict != "undecided",
+        "right": law and row["verdict"] != "undecided",
     }
 
 
@@ -282,8 +285,10 @@ def _all(arguments: argparse.Namespace, root: Path) -> int:
 
 
 def _there(path: Path) -> list[dict[str, Any]]:
-    """Return the cases of an earlier run."""
-    return json.loads(path.read_text())["cases"] if path.exists() else []
+    """Return the cases of an earlier run, with the marks of today."""
+    if not path.exists():
+        return []
+    return [_scored(row) for row in json.loads(path.read_text())["cases"]]
 
 
 def _line(row: dict[str, Any]) -> str:
@@ -297,7 +302,7 @@ def _line(row: dict[str, Any]) -> str:
 def _summary(cases: list[dict[str, Any]]) -> dict[str, Any]:
     planted = [c for c in cases if "closed" in c]
     nothing = [c for c in cases if "closed" not in c]
-    out: dict[str, Any] = {"cases": len(cases)}
+    out: dict[str, Any] = {"cases": len(cases), "files": len({c["file"] for c in cases})}
     if planted:
         out |= {
             k: f"{sum(c[k] for c in planted)} of {len(planted)}"
@@ -305,7 +310,10 @@ def _summary(cases: list[dict[str, Any]]) -> dict[str, Any]:
         }
         out["closed_median"] = float(np.median([c["closed"] for c in planted]))
     out["nothing"] = f"{sum(c['right'] for c in nothing)} of {len(nothing)}"
+    out["with_false_findings"] = f"{sum(c['false'] > 0 for c in cases)} of {len(cases)}"
+    out["findings"] = sum(len(c["found"]) for c in cases)
     out["false_findings"] = sum(c["false"] for c in cases)
+    out["seconds_median"] = float(np.median([c["seconds"] for c in cases]))
     return out
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,10 @@ from scipy.linalg import solve_discrete_are
 SUBSTEPS = 20
 SHARE = 0.15
 """Size of a planted force: its rms by that of the joint's inertial force."""
+DRY = (0.001, 1.0), (0.9999, 0.9999, 0.001, 0.5, 2.0)
+"""Solver values by which a joint that friction holds stands still. With those that are written for
+a user's longer steps (0.004 s, 0.99) it creeps by more than the encoders' noise: a pendulum pushed
+to and fro below its breakaway moved by 1.7e-3 of its motion else, and by 5e-5 with these."""
 NOISE = 1e-3
 """Standard deviation of an encoder by that of the motion."""
 
@@ -39,6 +43,9 @@ class File:
         Sample interval in s.
     amplitude : float
         Share of the control's range that the excitation takes.
+    gains : mapping
+        Joint to the actuator that moves it alone, where no force but that and damping acts: more
+        inertia there is a gain and a damping divided by one factor (counted as equal).
     """
 
     package: str
@@ -47,6 +54,7 @@ class File:
     balanced: bool = False
     dt: float = 0.01
     amplitude: float = 0.8
+    gains: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def where(self) -> Path:
@@ -64,7 +72,12 @@ FILES = {
     "cartpole": File(SUITE, "suite/cartpole.xml", ("slider", "hinge_1"), True),
     "acrobot": File(SUITE, "suite/acrobot.xml", ("shoulder", "elbow")),
     "reacher": File(SUITE, "suite/reacher.xml", ("shoulder", "wrist"), amplitude=0.5),
-    "point_mass": File(SUITE, "suite/point_mass.xml", ("root_x", "root_y")),
+    "point_mass": File(
+        SUITE,
+        "suite/point_mass.xml",
+        ("root_x", "root_y"),
+        gains={"root_x": "t1", "root_y": "t2"},
+    ),
     "inverted_pendulum": File(
         "gymnasium", f"{ASSETS}/inverted_pendulum.xml", ("slider", "hinge"), True, amplitude=0.4
     ),
@@ -115,7 +128,7 @@ def edited(file: File, joint: str, effect: Effect, value: float) -> Any:
     if effect.attribute == "frictionloss":
         dof = m.joint(joint).dofadr[0]
         m.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-        m.dof_solref[dof], m.dof_solimp[dof] = (0.004, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)
+        m.dof_solref[dof], m.dof_solimp[dof] = DRY
     return m
 
 

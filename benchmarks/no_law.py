@@ -41,7 +41,9 @@ def run(task: tuple[str, int, float]) -> dict[str, Any]:
     case = cases[name](np.random.default_rng([seed, list(cases).index(name)]))
     began = time.perf_counter()
     found = jaxsr.discover(
-        case.recordings, states=case.states, seed=seed, budget=seconds, **case.options
+        case.recordings,
+        jaxsr.Roles(states=case.states, **case.options),
+        run=jaxsr.Run(seed=seed, budget=seconds),
     )
     return {
         "name": name,

@@ -26,7 +26,7 @@ import jaxsr
 from benchmarks import provenance
 from benchmarks.judging import judge, relative_error, values
 from benchmarks.systems import TWO_MASS, System, noisy, two_mass, two_mass_unseen, variables
-from jaxsr import Recording
+from jaxsr import Recording, Roles, Run
 from jaxsr.views import DERIVATIVES, choose_fit, derivative, savitzky_golay
 
 SECONDS = 15.0
@@ -96,10 +96,8 @@ def run(seed: int, decibels: int, smooth: bool, unseen: Recording) -> dict[str, 
     began = time.perf_counter()
     found = jaxsr.discover(
         data,
-        states=SYSTEM.states,
-        derivatives=SYSTEM.derivatives,
-        seed=seed,
-        budget=SECONDS,
+        Roles(states=SYSTEM.states, derivatives=SYSTEM.derivatives),
+        run=Run(seed=seed, budget=SECONDS),
     )
     seconds = time.perf_counter() - began
     laws = {e.state: e.term for e in found.equations}
@@ -130,7 +128,9 @@ def displacement_only(seed: int, decibels: int, view: str, unseen: Recording) ->
         data.append(Recording(recording.name, recording.time, channels))
     began = time.perf_counter()
     found = jaxsr.discover(
-        data, states=["z1", "z2"], derivatives=given, order=2, seed=seed, budget=SECONDS
+        data,
+        Roles(states=["z1", "z2"], derivatives=given, order=2),
+        run=Run(seed=seed, budget=SECONDS),
     )
     seconds = time.perf_counter() - began
     laws = {e.state: e.term for e in found.equations}

@@ -159,7 +159,9 @@ def run(task: tuple[int, int, float, int]) -> dict[str, Any]:
     names = system["names"]
     began = time.perf_counter()
     found = jaxsr.discover(
-        [recording], states=names, autonomous=True, seed=seed, budget=SECONDS * len(names)
+        [recording],
+        jaxsr.Roles(states=names, autonomous=True),
+        run=jaxsr.Run(seed=seed, budget=SECONDS * len(names)),
     )
     seconds = time.perf_counter() - began
     right = [sympy.sympify(e.sympy()) for e in found.equations]

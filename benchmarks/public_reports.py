@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -235,8 +235,7 @@ def million_rows(place: Place) -> Checks:
         data = place.work / f"every{step}.npz"
         found = place.jaxsr("discover", f"d{step}", data, "--states", "q,w")
         rows = found.document.get("equations", ())
-        terms = {r["state"]: {t["expression"]: t["coefficient"] for t in r["terms"]} for r in rows}
-        laws.append(terms)
+        laws.append({r["state"]: _terms(r["terms"]) for r in rows})
         checks[f"every {step}: in time"] = found.seconds <= SLACK * place.budget
     law = laws[0].get("w", {})
     checks["gravity"] = abs(law.get("sin(q)", 0.0) + 9.81) < 0.05
@@ -244,6 +243,16 @@ def million_rows(place: Place) -> Checks:
         a.keys() == b.keys() for a, b in [(laws[0].get(s, {}), laws[1].get(s, {})) for s in "qw"]
     )
     return {**checks, "same terms": same}
+
+
+def _terms(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Return coefficients by expressions, the constants inside them to four digits."""
+
+    def rounded(found: re.Match[str]) -> str:
+        return f"{float(found[0]):.4g}"
+
+    number = r"\d+\.?\d*(?:[eE][-+]?\d+)?"
+    return {re.sub(number, rounded, r["expression"]): r["coefficient"] for r in rows}
 
 
 def random_walk(place: Place) -> Checks:

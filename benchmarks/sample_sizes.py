@@ -20,7 +20,7 @@ import jaxsr
 from benchmarks import provenance
 from benchmarks.judging import judge, values
 from benchmarks.systems import STARTS, TWO_MASS, System, two_mass_unseen, variables
-from jaxsr import Recording
+from jaxsr import Recording, Roles, Run
 
 SIZES = (1000, 500, 250, 100, 50, 20)
 PAPER = {  # samples: e_T, e_V
@@ -57,7 +57,9 @@ def run(seed: int, samples: int, unseen: Recording) -> dict[str, Any]:
     """Discover the four equations from few samples."""
     data = experiments(np.random.default_rng([seed, samples]), samples)
     began = time.perf_counter()
-    found = jaxsr.discover(data, states=SYSTEM.states, derivatives=SYSTEM.derivatives, seed=seed)
+    found = jaxsr.discover(
+        data, Roles(states=SYSTEM.states, derivatives=SYSTEM.derivatives), run=Run(seed=seed)
+    )
     seconds = time.perf_counter() - began
     laws = {e.state: e.term for e in found.equations}
     clean = variables(unseen)

@@ -35,7 +35,7 @@ from benchmarks.systems import (
     variables,
     with_force,
 )
-from jaxsr import Recording
+from jaxsr import Recording, Roles, Run
 
 CLUTTER = 1e-3
 PEER_SEEDS, PEER_SECONDS = 2, 20.0
@@ -77,10 +77,12 @@ def run(seed: int, case: Case) -> dict[str, Any]:
     began, used = time.perf_counter(), time.process_time()
     found = jaxsr.discover(
         case.data,
-        states=list(case.laws),
-        derivatives=[f"d{s}" for s in case.laws],
-        inputs=case.inputs,
-        seed=seed,
+        Roles(
+            states=list(case.laws),
+            derivatives=[f"d{s}" for s in case.laws],
+            inputs=case.inputs,
+        ),
+        run=Run(seed=seed),
     )
     seconds, cpu = time.perf_counter() - began, time.process_time() - used
     laws = {e.state: e.term for e in found.equations}

@@ -77,3 +77,8 @@ def save(found: Any, folder: Path, summary: str, **options: Any) -> None:
     RUN.get().outcome = f"the best so far is in {folder}"
     print_line(summary)
     print_line(f"Report: {folder / 'report.html'}")
+
+
+def verdict_line(diagnosis: Any) -> str:
+    """Return the verdict and its sentence."""
+    return f"Verdict: {diagnosis.verdict}. {diagnosis.sentence}"

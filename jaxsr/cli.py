@@ -30,8 +30,9 @@ from jaxsr._arguments import (
 )
 from jaxsr._batch_command import batch
 from jaxsr._datasets_app import datasets_app
+from jaxsr._demo_command import demo
 from jaxsr._export_command import export
-from jaxsr._job import RUN, command_budget, loaded, save, session
+from jaxsr._job import RUN, command_budget, loaded, save, session, verdict_line
 from jaxsr._monitor_command import monitor
 from jaxsr._output import close_stdout, print_line
 from jaxsr._process import INTERRUPTED, listen, listening, say
@@ -49,8 +50,6 @@ app = typer.Typer(
 )
 app.add_typer(datasets_app, name="datasets")
 
-DEMO_SECONDS = 60.0
-"""Time after which the demonstration takes the best it has."""
 Data = Annotated[list[str], typer.Argument(metavar="DATA...", help="Recordings to learn from.")]
 Out = Annotated[str, typer.Option(metavar="DIR", help="Directory for the results.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of every random choice.")]
@@ -58,6 +57,15 @@ Seconds = Annotated[float | None, typer.Option("--budget", metavar="SECONDS", he
 HeldOut = Annotated[
     list[str] | None,
     typer.Option(metavar="FILE...", help="Recordings opened once, at the end, to report the fit."),
+]
+FalseClaim = Annotated[
+    float | None,
+    typer.Option(
+        metavar="NUMBER",
+        min=0.0,
+        help="What a wrong verdict costs, against abstaining (20): a verdict is given where it is "
+        "so many times as probable as all others.",
+    ),
 ]
 States = Annotated[str | None, typer.Option(metavar="z1,z2", help="Columns that are states.")]
 Table = Annotated[
@@ -177,6 +185,7 @@ def diagnose(
     table: Table = None,
     seed: Seed = 0,
     budget: Seconds = None,
+    false_claim_cost: FalseClaim = None,
 ) -> Job:
     """Find where a simulator differs from recordings, and name what was left out."""
     model, data = model_and_data(arguments, simulated, states)
@@ -192,6 +201,7 @@ def diagnose(
     folder = results_folder(out, roles, written)
     named = split_names(states, "--states")
     limit = command_budget(budget)
+    costs = {} if false_claim_cost is None else {"false_claim_cost": false_claim_cost}
 
     def job(command: str) -> None:
         with session() as progress, contextlib.ExitStack() as ending:
@@ -223,10 +233,11 @@ def diagnose(
                 budget=limit,
                 progress=progress,
                 command=command,
+                **costs,
             )
             if model is not None and (texts := opened.written_back(diagnosis, folder)):
                 learnt = {"more": texts}
-        save(diagnosis, folder, _verdict(diagnosis), budget=limit, **learnt)
+        save(diagnosis, folder, verdict_line(diagnosis), budget=limit, **learnt)
         for error in diagnosis.unread:
             what = f"{error.what}; what was found without it is in {folder}"
             raise InputError(what, error.where, error.remedy)
@@ -295,32 +306,7 @@ def simulate(
     return job
 
 
-@app.command()
-def demo(out: Out = "jaxsr-demo") -> Job:
-    """Diagnose the bundled recordings of a two-link arm, offline."""
-    folder = results_folder(out, {}, ())
-    limit = command_budget(DEMO_SECONDS)
-
-    def job(command: str) -> None:
-        model, train, held_out = _demo_files()
-        with session() as progress:
-            import jaxsr
-
-            simulator = jaxsr.Simulator.from_file(model)
-            diagnosis = loaded(jaxsr.diagnose)(
-                simulator,
-                train,
-                held_out=held_out,
-                budget=limit,
-                progress=progress,
-                command=command,
-            )
-        save(diagnosis, folder, _verdict(diagnosis), budget=limit)
-
-    return job
-
-
-for command in (batch, monitor, export):
+for command in (batch, monitor, export, demo):
     app.command()(command)
 
 
@@ -383,16 +369,6 @@ def _status(given: list[str]) -> int:
         return DEFECT
 
 
-def _demo_files() -> tuple[Path, list[Path], list[Path]]:
-    """Return the bundled model, recordings to learn from and held-out ones."""
-    folder = Path(__file__).parent / "datasets" / "demo"
-    return folder / "arm.toml", [folder / "set1_train.csv"], [folder / "set1_validation.csv"]
-
-
 def _wrong_use(message: str) -> int:
     say(f"error: {' '.join(message.split())}")
     return WRONG_USE
-
-
-def _verdict(diagnosis: Any) -> str:
-    return f"Verdict: {diagnosis.verdict}. {diagnosis.sentence}"

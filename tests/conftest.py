@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 
@@ -15,6 +16,17 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # the workers share the cores: one thre
 # Compilation makes first examples slow; the same draws everywhere make failures repeatable.
 hypothesis.settings.register_profile("jaxsr", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("jaxsr")
+
+
+gc.disable()  # until all tests are there
+
+
+def pytest_collection_finish() -> None:
+    """Spare the collector what stays to the end: libraries and tests, a million objects."""
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
+    gc.enable()
+
 
 ROOT = Path(__file__).resolve().parents[1]
 

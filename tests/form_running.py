@@ -232,6 +232,10 @@ def _document(form: Form, folder: Path, text: str) -> tuple[str, list[str]]:
     found = [f"schema: {line}" for line in diagnosis_schema.problems(document, names)]
     for finding in document.get("findings", []):
         found += _edit(finding, given)
+    broken = [row["message"] for row in document.get("data_checks", []) if row["check"] == "search"]
+    found += [
+        f"step of the search: {line}" for line in broken if form.sound and " broke off (" in line
+    ]
     held = (document.get("fit") or {}).get("held_out")
     if bool(held) != bool(form.held_out):
         found.append(f"schema: fit.held_out is {held!r} with {len(form.held_out)} held-out files")

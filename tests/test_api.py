@@ -19,6 +19,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import jaxsr
 from jaxsr import cli
+from jaxsr._job import verdict_line
 from jaxsr.diagnosis import Diagnosis, Estimate, Rival
 from jaxsr.models import Simulator, parse_model
 from jaxsr.report import Evidence, ForceResidual, Trajectory
@@ -181,7 +182,7 @@ def test_one_verdict_is_said_in_one_sentence(verdict: str, left: str, tmp_path: 
     found = replace(found, evidence=Evidence("drive"))  # no figures
     sentence = verdict_sentence(found.document)
     assert found.sentence == f"{sentence} {left}".strip() and found.sentence.isascii()
-    assert cli._verdict(found) == f"Verdict: {verdict}. {found.sentence}"
+    assert verdict_line(found) == f"Verdict: {verdict}. {found.sentence}"
     assert str(found).splitlines()[0] == f"{verdict}: {found.sentence}"
     found.save(tmp_path / "out")
     page = (tmp_path / "out" / "report.html").read_text()

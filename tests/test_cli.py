@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 import jaxsr
-from jaxsr import cli
+from jaxsr import _demo_command, cli
 from jaxsr._progress import Budget
 from jaxsr.models import parse_model
 
@@ -138,6 +138,7 @@ def test_discover_passes_its_options(files: Path, library: Recorded) -> None:
         "diagnose m.toml a.csv --out d --seed x",
         "diagnose m.toml a.csv --out d --budget 0",
         "diagnose m.toml a.csv --out d --budget nan",
+        "diagnose m.toml a.csv --out d --false-claim-cost -1",
         "diagnose a.csv --simulated b.csv w.csv --out d",
         "diagnose a.csv --simulated b.csv --out d",
         "diagnose m.toml a.csv --simulated b.csv --out d",
@@ -252,7 +253,7 @@ def test_outside_the_main_thread_no_handler_is_set(files: Path, library: Recorde
 
 
 def test_demo_knows_its_files() -> None:
-    model, train, held_out = cli._demo_files()
+    model, train, held_out = _demo_command._files()
     assert all(path.is_file() for path in (model, *train, *held_out))
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
+import pytest
 
 from jaxsr.models import parse_model
+from jaxsr.models.corners import EVEN, graded
 from jaxsr.models.lifting import one_step
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, build_segments
@@ -15,13 +19,21 @@ WIDTH = 0.005
 """Of the rounded friction; a sample changes the speed by some 0.05."""
 
 
-def stepped(substeps: int, parts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def stepped(
+    substeps: int,
+    parts: int,
+    width: float = WIDTH,
+    speed: np.ndarray | None = None,
+    staying: Literal["rk4", "rodas3"] = "rk4",
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ends and derivatives of steps along a motion that slips, crosses and sticks; its speeds."""
     _, record, path = stuck_cart()
+    if speed is not None:
+        path = np.stack([path[0], speed[:, None]])
     simulator = Simulator(parse_model(RUBBED_CART))
     prepared = [Prepared.build(simulator.model, record)]
     segments = build_segments(simulator.model, prepared, [(0, 0, SAMPLES)], substeps)
-    stepping = Stepping("rk4", substeps, (WIDTH,), parts=parts)
+    stepping = Stepping("rk4", substeps, (width,), parts=parts, staying=staying)
     theta = simulator.values()
     active = list(range(len(theta)))
     ends, slopes = one_step(simulator, stepping, segments, np.array(theta), path, active)
@@ -41,3 +53,33 @@ def test_steps_away_from_a_jump_are_not_cut() -> None:
     assert np.array_equal(ends[:, far], coarse[:, far])
     assert np.array_equal(slopes[:, :, far], by[:, :, far])
     assert not np.array_equal(ends[:, ~far], coarse[:, ~far])
+
+
+def test_graded_parts_change_the_argument_equally() -> None:
+    """Through a corner at a third of the step: no part takes more than its share of the level."""
+    width, count, pieces = 1e-4, 41, 16
+    at = (np.linspace(0.0, 1.0, pieces + 1) - 1.0 / 3.0)[:, None]
+    shares = graded(at, np.diff(at, axis=0), width, count)[:, 0]
+    assert shares[0] == 0.0 and shares[-1] == 1.0
+    assert (np.diff(shares) > 0.0).all()
+    argument = shares - 1.0 / 3.0
+    level = np.sign(argument) * np.log1p(np.abs(argument) / width)
+    assert np.abs(np.diff(level)).max() < 1.2 * (level[-1] - level[0]) / ((1 - EVEN) * (count - 1))
+    assert np.diff(shares).max() < 1.2 / (EVEN * (count - 1))
+
+
+@pytest.mark.parametrize("width", [3e-3, 3e-4, 1e-4])
+def test_few_parts_do_for_a_corner_of_any_width(width: float) -> None:
+    """Against as many steps everywhere: states that turn over, or stop, within a sample.
+
+    Equal parts lose as the corner sharpens, and explicit ones where a state stays in it.
+    """
+    speed = np.random.default_rng(0).uniform(-0.08, 0.08, SAMPLES)
+    fine = stepped(1024, 1, width, speed)[0]
+    before, after = speed[:-1], fine[1, :, 0]
+    stopped = (np.abs(after) < width) & (np.abs(before) > 8 * width)
+    turned = (before * after < 0.0) & ~stopped
+    assert min(stopped.sum(), turned.sum()) > 10
+    wrong = np.abs(stepped(1, 64, width, speed, staying="rodas3")[0] - fine)[1, :, 0]
+    assert wrong[turned].max() < 1e-4
+    assert wrong[stopped].max() < 1e-5

@@ -89,3 +89,13 @@ def test_what_is_not_measured_does_not_count() -> None:
     gaps = [fitted(np.where(seen, y, 0.0), c * seen) for c in (known, both)]
     short = [fitted(y[:, :300], c[:, :, :300]) for c in (known, both)]
     assert likelihood_ratio(*gaps) == pytest.approx(likelihood_ratio(*short), rel=1e-6)
+
+
+def test_a_sensor_without_any_error_changes_nothing() -> None:
+    rng = np.random.default_rng(5)
+    known, both = waves(0.011)[:1], np.concatenate([waves(0.011)[:1], waves(0.3)])
+    y = np.stack([noise(rng, RHO), np.zeros((SAMPLES, SEGMENTS))])
+    alone = [fitted(y[:1], columns[:, :1]) for columns in (known, both)]
+    beside = [fitted(y, columns) for columns in (known, both)]
+    assert np.all(beside[1].residual[1] == 0.0)
+    assert likelihood_ratio(*beside) == pytest.approx(likelihood_ratio(*alone), rel=1e-6)

@@ -13,7 +13,8 @@ from scipy.integrate import solve_ivp
 from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.explaining.judge import _differ, _without_finding, frozen
+from jaxsr.diagnosis.explaining.judge import _differ, _without_finding
+from jaxsr.diagnosis.explaining.wrong_values import frozen
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.memory import actuator_lags
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -130,7 +131,8 @@ def test_wrong_values_do_not_account_for_what_stands_far_above_the_noise(
     monkeypatch.setattr(f"{where}.rounding_rows", lambda *_: ([], ()))
     monkeypatch.setattr(f"{where}.odds", lambda *_: 1.0)
     row = {"share": 1.0, "family": "parameter"}
-    monkeypatch.setattr(f"{where}.wrong_value_row", lambda *_: dict(row))
+    told = "jaxsr.diagnosis.explaining.value_findings.wrong_value_row"
+    monkeypatch.setattr(told, lambda *_: dict(row))
     arena = arena_of(cart(0, 1e-3, limit, spring=16.0), 1e-3)
     values = neutral_values(arena.super_model)
     entry = enter(arena, (), values)
@@ -142,8 +144,9 @@ def test_wrong_values_do_not_account_for_what_stands_far_above_the_noise(
         told=np.full(values.size, 1e-6),
         theta=entry.fit.theta,
     )
-    case = SimpleNamespace(simulator=SIMULATOR, budget=Budget(), rectified=())
-    parts = SimpleNamespace(arena=arena, case=case, null=entry, rng=None)
+    attempt = SimpleNamespace(attempt=lambda _, act, other: act())
+    case = SimpleNamespace(simulator=SIMULATOR, budget=Budget(), rectified=(), failures=attempt)
+    parts = SimpleNamespace(arena=arena, case=case, null=entry, rng=None, claim=None, whole=None)
     judged = _without_finding(parts, recalibrated)
     assert judged.verdict.value == verdict
     assert judged.findings

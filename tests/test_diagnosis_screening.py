@@ -259,3 +259,30 @@ k2 = { value = 0.5, bounds = [0.1, 2.0] }
     single = [s for s in found.screening.sets if len(s.members) == 1]
     twins = {"added_mass@equation:x2", "wrong_value@parameter:A2"}
     assert labels(found, min(single, key=lambda s: s.error)) <= twins
+
+
+def test_a_model_whose_values_are_all_set_by_recording_is_screened():
+    values = {"m": 1.2, "k": 40.0, "c": 0.6}
+    rows = "\n".join(f'{name} = {{ "a.csv" = {value} }}' for name, value in values.items())
+    listed = "\n".join(
+        f"{name} = {{ value = {value}, bounds = [0.0, 100.0] }}" for name, value in values.items()
+    )
+    text = """
+[model]
+states = ["q", "v"]
+inputs = ["u"]
+outputs = ["y"]
+[equations]
+q = "v"
+v = "(u - k*q - c*v)/m"
+[readings]
+y = "q"
+[parameters]
+"""
+    model = parse_model(f"{text}{listed}\n[per_recording]\n{rows}\n")
+    time = np.arange(300) * 0.02
+    recording = Recording("a.csv", time, {"u": np.sin(3.0 * time), "y": np.cos(2.0 * time)})
+    found = screen_all(Simulator(model), prepare(model, [recording]), Budget(1e-9))
+    assert found is not None
+    np.testing.assert_allclose(found.screening.empty.values[:3], list(values.values()))
+    assert any(s.members for s in found.screening.sets)

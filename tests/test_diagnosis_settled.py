@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -13,9 +13,11 @@ from jaxsr._progress import Budget
 from jaxsr._result import Verdict
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis import settled as module
+from jaxsr.diagnosis.explanations import explanations, unnamed, weights_of
 from jaxsr.diagnosis.judging.weights import Weights
-from jaxsr.diagnosis.likelihood.posterior import Posterior
-from jaxsr.diagnosis.settled import beyond_doubt, weights_of
+from jaxsr.diagnosis.likelihood.posterior import Posterior, WrongValue
+from jaxsr.diagnosis.settled import answered
+from jaxsr.diagnosis.verdict import Claim, claimed
 from jaxsr.models import Simulator, parse_model
 from tests.test_likelihood_search import MODEL, recorded
 
@@ -26,14 +28,15 @@ class Named:
 
     label: str
     verdict: Verdict = Verdict.STRUCTURE
+    mechanism: str = ""
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """A hypothesis of which only members, convergence and latent force count."""
+    """A hypothesis of which only members, evidence and latent force count."""
 
     members: tuple[int, ...]
-    settled: bool = True
+    log_evidence: float = 0.0
     share: float = 0.0
 
 
@@ -45,42 +48,73 @@ class Estimated:
 
 
 CANDIDATES = (Named("a@x"), Named("a@x"), Named("b@x"), Named("c@y", Verdict.MEASUREMENT))
+GIVEN = parse_model(MODEL)
 
 
-def found(hypotheses: list[Weighed], probabilities: list[float], finished: bool = True) -> Any:
+def found(hypotheses: list[Weighed], probabilities: list[float], **more: Any) -> Posterior:
     every = cast("Any", (CANDIDATES, tuple(hypotheses), np.array(probabilities)))
-    return Posterior(*every, finished=finished)
+    return Posterior(*every, finished=True, **more)
+
+
+def claim(posterior: Posterior) -> Verdict:
+    told = explanations(posterior, GIVEN)
+    return claimed(told, unnamed(told)).verdict
 
 
 def test_variants_of_one_set_share_their_probability() -> None:
-    mass = weights_of(found([Weighed((0,)), Weighed((1,)), Weighed(())], [0.6, 0.3, 0.1])).of
+    told = explanations(found([Weighed((0,)), Weighed((1,)), Weighed(())], [0.6, 0.3, 0.1]), GIVEN)
+    mass = weights_of(told).of
     assert mass == {frozenset({"a@x"}): pytest.approx(0.9), frozenset(): pytest.approx(0.1)}
 
 
-def test_what_leaves_doubt_about_the_verdict_is_not_decided() -> None:
-    clear = found([Weighed((0,)), Weighed(())], [0.95, 0.05])
-    assert beyond_doubt(clear)
-    assert not beyond_doubt(replace(clear, finished=False))
-    assert not beyond_doubt(found([Weighed((0,)), Weighed(())], [0.7, 0.3]))
-    assert not beyond_doubt(found([Weighed((0,)), Weighed((3,)), Weighed(())], [0.7, 0.3, 0.0]))
-    assert not beyond_doubt(found([Weighed((0,), False), Weighed(())], [0.95, 0.05]))
-    # another mechanism, or one more beside it, is the same verdict
-    assert beyond_doubt(found([Weighed((0,)), Weighed((2,)), Weighed(())], [0.5, 0.45, 0.05]))
-    assert beyond_doubt(found([Weighed((0,)), Weighed((0, 2)), Weighed(())], [0.5, 0.45, 0.05]))
-    assert not beyond_doubt(found([Weighed((0,)), Weighed((0, 3)), Weighed(())], [0.7, 0.3, 0.0]))
-    assert beyond_doubt(found([Weighed(()), Weighed((0,))], [0.95, 0.05]))
+def test_another_mechanism_of_the_same_verdict_is_no_doubt_about_it() -> None:
+    a, b, c, none = Weighed((0,), 9.0), Weighed((2,), 9.0), Weighed((3,), 9.0), Weighed((), 0.0)
+    assert claim(found([a, none], [0.96, 0.04])) is Verdict.STRUCTURE
+    assert claim(found([a, none], [0.9, 0.1])) is Verdict.NOTHING  # 9 to 1 that there is something
+    assert claim(found([a, b, none], [0.5, 0.47, 0.03])) is Verdict.STRUCTURE
+    assert claim(found([a, c, none], [0.5, 0.47, 0.03])) is Verdict.UNDECIDED
+    assert claim(found([none, a], [0.96, 0.04])) is Verdict.NOTHING
 
 
-def test_a_force_that_is_there_for_sure_beside_the_answer_leaves_doubt_unless_it_is_little() -> (
-    None
-):
-    def left(share: float, something_else: float) -> bool:
-        sets = [Weighed((0,), share=share), Weighed((), share=0.1)]
-        return beyond_doubt(replace(found(sets, [0.95, 0.05]), something_else=something_else))
+def test_a_set_answers_with_the_verdict_of_the_member_that_explains_most() -> None:
+    none, sensor, law = Weighed((), 0.0), Weighed((3,), 50.0), Weighed((0,), 400.0)
+    both = Weighed((0, 3), 480.0)  # without the law 430 is lost, without the sensor 80
+    assert claim(found([both, law, sensor, none], [1.0, 0.0, 0.0, 0.0])) is Verdict.STRUCTURE
+    sensor, law = Weighed((3,), 400.0), Weighed((0,), 50.0)
+    assert claim(found([both, law, sensor, none], [1.0, 0.0, 0.0, 0.0])) is Verdict.MEASUREMENT
 
-    assert left(0.05, 0.5)
-    assert not left(0.05, 0.99)
-    assert left(0.005, 0.99)
+
+def test_what_has_no_more_evidence_than_recalibration_is_no_mismatch() -> None:
+    """Each of many laws that the data say nothing of has a share: together, they are no claim."""
+    none, idle = Weighed((), 0.0), Weighed((0,), -3.0)
+    assert claim(found([none, idle], [0.6, 0.4])) is Verdict.NOTHING
+    assert claim(found([Weighed((0,), 9.0), none, idle], [0.96, 0.02, 0.02])) is Verdict.STRUCTURE
+
+
+def test_recalibration_beside_a_force_that_stays_is_something_else() -> None:
+    """Neither the law nor a force that nobody names is sure: that there is something, is."""
+    law, null = Weighed((0,), 9.0, 0.05), Weighed((), 8.0, 0.1)
+    posterior = found([law, null], [0.65, 0.35], something_else=0.999)
+    assert unnamed(explanations(posterior, GIVEN)) == pytest.approx(0.35 * 0.999)
+    assert claim(posterior) is Verdict.UNDECIDED
+    # where re-calibration leads, free runs tell whether what it leaves is more than noise
+    assert claim(found([null, law], [0.9, 0.1], something_else=0.999)) is Verdict.NOTHING
+
+
+def test_wrong_values_are_freed_one_after_the_other() -> None:
+    wrong = WrongValue("k", 9.0, 0.1, 0.99), WrongValue("d", 0.5, 0.1, 0.6)
+    posterior = found([Weighed(())], [1.0], wrong=wrong)
+    mass = weights_of(explanations(posterior, GIVEN))
+    assert sum(mass.of.values()) == pytest.approx(1.0)
+    assert mass.of[frozenset()] == pytest.approx(0.01)
+    assert mass.of_label("wrong_value@parameter:k") == pytest.approx(0.99)
+    assert mass.of_label("wrong_value@parameter:d") == pytest.approx(0.99 * 0.6)
+    assert claim(posterior) is Verdict.PARAMETER
+    # what says no more than re-calibration is no doubt about its wrong values
+    sure = (WrongValue("k", 9.0, 0.1, 1.0),)
+    assert claim(found([Weighed(()), Weighed((0,), -3.0)], [0.9, 0.1], wrong=sure)) is (
+        Verdict.PARAMETER
+    )
 
 
 def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:
@@ -98,6 +132,21 @@ def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:
     probability, others = weights.alternatives(model, cast("Any", chosen), 0, cast("Any", entries))
     assert probability == pytest.approx(0.76)
     assert [(a.number, a.probability) for a in others] == [(2, 0.2)]
+
+
+def test_the_chosen_set_is_the_one_that_is_claimed() -> None:
+    arena = type("A", (), {"super_model": type("M", (), {"candidates": CANDIDATES})})
+    null, law, sensor = Estimated(()), Estimated((0,)), Estimated((3,))
+
+    def chosen(*leading: str) -> tuple[int, ...]:
+        found = cast("Any", ((arena, [null, law, sensor], law, None), 1.0, None))
+        claim = Claim(Verdict.STRUCTURE, frozenset(leading), 1.0)
+        return answered(found, claim, ("k",))[0][2].members
+
+    assert chosen("c@y") == (3,)
+    assert chosen() == ()
+    assert chosen("wrong_value@parameter:k") == ()  # re-calibration's
+    assert chosen("b@x") == (0,)  # not estimated: the leader stays
 
 
 def _never(*args: object) -> None:
@@ -138,10 +187,11 @@ def test_the_start_of_the_program_takes_nothing_of_the_search(
     class Seen(BaseException):
         pass
 
-    def see(case: Any) -> None:
+    def see(case: Any, costs: Any) -> None:
         raise Seen(case)
 
-    monkeypatch.setattr(importlib.import_module("jaxsr.diagnosis.diagnose"), "decided_clearly", see)
+    course = importlib.import_module("jaxsr.diagnosis.diagnose")
+    monkeypatch.setattr(course, "decided_by_posterior", see)
     run = recorded(np.random.default_rng(2), lambda q, v: 0.0)
     with pytest.raises(Seen) as seen:
         diagnose(Simulator(parse_model(MODEL)), [run], budget=Budget(1000.0, now() - 400.0))

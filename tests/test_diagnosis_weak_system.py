@@ -200,3 +200,37 @@ def test_recordings_are_told_apart():
     )
     assert set(system.recording) == {0, 1}
     assert system.recording.size == system.residual.size == system.centre.size
+
+
+AXES = """
+[model]
+states = ["q1", "q2", "v1", "v2"]
+inputs = ["u"]
+outputs = ["y1", "y2"]
+[equations]
+q1 = "v1"
+q2 = "v2"
+v1 = "u - 30.0*q1 - c*(v1 - v2)"
+v2 = "RATE"
+[inertia]
+v1 = { v1 = "m1" }
+MASS
+[readings]
+y1 = "q1"
+y2 = "q2"
+[parameters]
+m1 = { value = 2.0, bounds = [0.5, 8.0] }
+m2 = { value = 1.5, bounds = [0.5, 8.0] }
+c = { value = 0.7, bounds = [0.0, 5.0] }
+"""
+
+
+def test_a_row_of_inertia_stands_beside_an_equation_that_divides_by_its_mass():
+    time = np.arange(800) * 0.01
+    channels = {"u": push(time), "y1": np.sin(2.0 * time), "y2": np.cos(1.3 * time)}
+    forces = "-20.0*q2 - c*(v2 - v1)"
+    texts = [("(" + forces + ")/m2", ""), (forces, 'v2 = { v2 = "m2" }')]
+    models = [parse_model(AXES.replace("RATE", r).replace("MASS", m)) for r, m in texts]
+    mixed, both = (weak(model, Recording("a.csv", time, channels)) for model in models)
+    np.testing.assert_allclose(mixed.residual, both.residual, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(mixed.jacobian, both.jacobian, rtol=1e-6, atol=1e-9)

@@ -214,9 +214,9 @@ def test_terms_without_width_are_not_counted_twice(tmp_path, monkeypatch):
         return np.column_stack([c, c])[: real(theta, residual, c, *a, **k).shape[0]]
 
     monkeypatch.setattr(find, "coefficient_ci95", narrow)
-    found = jaxsr.discover(
-        [oscillation(0.01)], states=["q", "v"], autonomous=True, config=QUICK, modes=1
-    )
+    recorded = oscillation(0.01)
+    third = Recording("a", TIME[::3], {k: v[::3] for k, v in recorded.channels.items()})
+    found = jaxsr.discover([third], states=["q", "v"], autonomous=True, config=QUICK, modes=1)
     terms = {t.expression: t.coefficient for t in found["v"].terms}
     assert terms["q"] == pytest.approx(-4.0, rel=0.02)
     assert len(found["v"].terms) == len(terms)
@@ -233,7 +233,11 @@ def test_the_written_model_is_the_stated_law(name, tmp_path):
 
     every = cases.NO_LAW | cases.LAWS
     case = every[name](np.random.default_rng(0))
-    found = jaxsr.discover(case.recordings, states=case.states, budget=60, **case.options)
+    found = jaxsr.discover(
+        case.recordings,
+        jaxsr.Roles(states=case.states, **case.options),
+        run=jaxsr.Run(budget=60),
+    )
     document = check_stated(found, tmp_path / "out")
     assert (document["verdict"] == "undecided") == (name in cases.NO_LAW)
 

@@ -10,13 +10,15 @@ import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 import pandas as pd
 import pytest
-from fmu_plants import LAW, SLOPE, cart_fmu, compiler, description, recorded, slave_fmu
+from fmu_plants import recorded, slave_fmu
 
+from benchmarks.fmu_plants import LAW, SLOPE, cart_fmu, compiler, description
 from jaxsr._result import InputError
 from jaxsr.cli import main
 from jaxsr.expressions import evaluate, to_text
@@ -277,11 +279,7 @@ def test_processes_end_with_their_owner(tmp_path: Path) -> None:
 def test_a_planted_effect_is_found_in_an_fmu(
     tmp_path: Path, law: str, verdict: str, mechanism: str, value: float
 ) -> None:
-    plant, out = cart_fmu(tmp_path), tmp_path / "out"
-    train, other = recorded(tmp_path, law), recorded(tmp_path, law, "b.csv", seed=1)
-    command = ["diagnose", str(plant), str(train), "--held-out", str(other), "--out", str(out)]
-    assert main([*command, "--budget", "240"]) == 0
-    document = json.loads((out / "diagnosis.json").read_text())
+    document = _answered(cart_fmu(tmp_path), tmp_path, law)
     assert document["verdict"] == verdict
     if not mechanism:
         assert not document["findings"]
@@ -291,4 +289,14 @@ def test_a_planted_effect_is_found_in_an_fmu(
     name = "Fc" if mechanism == "coulomb_friction" else "m"
     assert finding["parameters"][name]["value"] == pytest.approx(value, rel=0.05)
     assert finding["parameters"][name]["unit"] == ("N" if name == "Fc" else "kg")
-    assert (out / ("explained.py" if name == "Fc" else "explained.ssv")).is_file()
+    assert (tmp_path / "out" / ("explained.py" if name == "Fc" else "explained.ssv")).is_file()
+
+
+def _answered(plant: Path, folder: Path, law: str, count: int = 500) -> dict[str, Any]:
+    """Diagnose an FMU on a recording of a law, and return the document in ``folder/out``."""
+    train = recorded(folder, law, count=count)
+    other = recorded(folder, law, "b.csv", seed=1, count=count)
+    out = folder / "out"
+    command = ["diagnose", str(plant), str(train), "--held-out", str(other), "--out", str(out)]
+    assert main([*command, "--budget", "240"]) == 0
+    return json.loads((out / "diagnosis.json").read_text())

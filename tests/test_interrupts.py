@@ -196,12 +196,20 @@ def test_results_that_do_not_fit_are_saved_elsewhere(
     assert names(files) == {"m.toml", "a.csv", "temporary"}
 
 
+def processor_time(process: subprocess.Popen[str]) -> float:
+    """Return the seconds that a process has worked."""
+    words = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def interrupt(folder: Path, moment: float, seconds: float) -> tuple[int, str]:
-    """Interrupt a diagnosis a `moment` after its interpreter is there; check what it leaves."""
+    """Interrupt a diagnosis that has worked a `moment` in its interpreter; check what it leaves."""
     argv = ("diagnose", str(ARM / "arm.toml"), str(ARM / "set1_train.csv"), "--out", "d")
     process = started(WHOLE_PROGRAM, folder, *argv, "--budget", str(seconds))
     assert process.stdout is not None and process.stdout.readline() == "\n"
-    time.sleep(moment)
+    until = processor_time(process) + moment
+    while process.poll() is None and processor_time(process) < until:
+        time.sleep(0.002)
     process.send_signal(signal.SIGINT)
     status, _, err = ended(process)
     if (folder / "d").exists():

@@ -19,8 +19,10 @@ from jaxsr.diagnosis.mechanisms.presliding import bending
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import input_samples, state_scale
+from jaxsr.expressions import evaluate
 from jaxsr.models import Model, parse_model
 from jaxsr.models.segments import Prepared
+from jaxsr.models.writing import model_text
 from jaxsr.recordings import Recording
 
 STEP, SAMPLES = 0.02, 300
@@ -173,6 +175,26 @@ def test_friction_of_constant_size_is_no_friction_of_the_load() -> None:
 def test_the_sides_of_a_joint_are_read_off_its_equation() -> None:
     (site,) = sites_of(ARM, {})
     assert loads(site) == ["u", "sin(q)*w", "(u + sin(q)*w)/2"]
+
+
+def test_a_load_is_written_with_the_definitions_of_the_model() -> None:
+    # Written out, each level has the one before it twice: millions of characters in all.
+    levels = [f'a{k + 1} = "a{k}*cos(a{k}/w)"' for k in range(20)]
+    table = "\n".join(["[definitions]", 'a0 = "w*sin(q)"', *levels, "[equations]"])
+    text = model_text(ARM).replace("[equations]", table).replace('w*sin(q)"\n\n', 'a20"\n\n')
+    arm = parse_model(text)
+    (site,) = sites_of(arm, {})
+    assert loads(site) == ["u", "a20", "(u + a20)/2"]
+    (edited,) = (
+        c for c in force_candidates(arm, {}) if c.terms and "Abs(a20))*sign" in c.terms[0][1]
+    )
+    built = SuperModel.build(arm, [edited])
+    term, own = built.model.equation_terms["v"], built.names[0]
+    at = {"q": 0.3, "v": 0.2, "u": 0.0, "d": 0.0, "w": 6.0, own["Fc"]: 0.5, own["mu"]: 0.1}
+    held = 6.0 * np.sin(0.3)
+    for _ in range(20):
+        held *= np.cos(held / 6.0)
+    assert evaluate(term, at) == pytest.approx(-held - (0.5 + 0.1 * abs(held)))
 
 
 @pytest.mark.parametrize("way", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])

@@ -79,14 +79,15 @@ def test_steps_that_do_for_a_law_that_is_off_are_not_kept_once_it_acts(
 
     monkeypatch.setattr(hypotheses, "_at_its_mode", watched)
     monkeypatch.setattr(hypotheses, "switched", lambda problem, theta: None)  # rounded jumps,
-    monkeypatch.setattr(hypotheses, "FINER", ())  # of the leader's width alone
+    monkeypatch.setattr(hypotheses, "FINER", 1.0)  # of the leader's width alone
     null = state.known[()]
     assert null is not None
     near = hypotheses.replace(null, width=1.0, noise=led.noise, path=led.path)
     assert hypotheses.hypothesis(work, table, (coulomb,), near) is not None
     (problem, found, _), scales = kept[0]
     again = resolved(problem, found.theta, found.path, scales.noise, scales.start)
-    assert again.stepping.substeps == problem.stepping.substeps > 1
+    assert again.stepping == problem.stepping
+    assert problem.stepping.substeps * problem.stepping.parts > 1
 
 
 def test_a_linearisation_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:

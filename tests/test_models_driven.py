@@ -56,7 +56,7 @@ def test_a_lag_follows_its_input_from_rest():
 def test_how_a_memory_follows_its_constants():
     """Against differences of two courses; the known states are held."""
     item, theta, chosen = prepared(np.sin(3.0 * TIME)), np.array([0.0, 0.3]), ("tau",)
-    path, slopes = driven_states(Simulator(LAGGED), item, theta, chosen)
+    path, slopes, _ = driven_states(Simulator(LAGGED), item, theta, chosen)
     assert slopes.shape == (200, 1, 1)
     np.testing.assert_array_equal(path, known_states(LAGGED, item, theta)[:, 1:])
     apart = [

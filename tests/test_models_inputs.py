@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from model_runs import model, quiet, read_off, rolled
@@ -9,7 +11,7 @@ from model_runs import model, quiet, read_off, rolled
 from jaxsr._result import InputError
 from jaxsr.models import Simulator
 from jaxsr.models.delays import smoothly_interpolated
-from jaxsr.models.free_run import free_run
+from jaxsr.models.free_run import _field, _Motion, free_run
 from jaxsr.models.inputs import fill_missing, stage_inputs
 from jaxsr.models.rollout import Stepping
 from jaxsr.recordings import Recording
@@ -79,6 +81,15 @@ def test_bandlimited_needs_uniform_time_and_missing_inputs_are_filled() -> None:
     np.testing.assert_array_equal(filled, np.arange(4.0))
 
 
+def test_what_differs_in_values_and_delays_alone_is_compiled_once() -> None:
+    first = _field(_Motion.of(lag("zero")))
+    assert _field(_Motion.of(lag("zero", "[delays]\nu = 0.3\n"))) is first
+    assert _field(_Motion.of(lag("linear"))) is not first
+    other_names = model("x", 'x = "(u - x)/tau"', "tau = 0.5; c = 0.13", "u")
+    other_law = model("x", 'x = "(u - x)/tau + d"', "tau = 0.5; d = 0.13", "u")
+    assert len({_field(_Motion.of(s)) for s in (lag(), other_names, other_law)}) == 3
+
+
 @pytest.mark.slow
 def test_free_run_draws_a_bandlimited_input() -> None:
     time = np.arange(200) * 0.1
@@ -107,18 +118,20 @@ def test_delay_on_an_input(delay: str) -> None:
 
 def test_delay_and_clock_on_an_output() -> None:
     recording = quiet(2.0, 0.01, u=np.zeros(201))
-    late = lag(extra="[delays]\ny = 0.13\n")
-    run = free_run(late, recording, np.ones(1))
-    exact = np.exp(-np.maximum(recording.time - 0.13, 0.0) / 0.5)
-    np.testing.assert_allclose(run.outputs[:, 0], exact, atol=1e-7)
-    y = read_off(late, recording, [1.0], Stepping("rk4", 1))
-    np.testing.assert_allclose(y[:, 0], exact, atol=3e-8)  # cubics between samples
-    fast = lag(extra='[clock]\ny = "1 - d"\n')
-    run = free_run(fast, recording, np.ones(1))
-    exact = np.exp(-recording.time * (1 - 0.13) / 0.5)
-    np.testing.assert_allclose(run.outputs[:, 0], exact, atol=1e-7)
-    y = read_off(fast, recording, [1.0], Stepping("rk4", 1))
-    np.testing.assert_allclose(y[:, 0], exact, atol=3e-8)
+    two = {"outputs": ("late", "fast"), "readings": {"late": "x", "fast": "x"}}
+    given = replace(lag().model, **two, delays={"late": 0.13}, clock={"fast": "1 - d"})
+    simulator = Simulator(given)
+    exact = np.stack(
+        [
+            np.exp(-np.maximum(recording.time - 0.13, 0.0) / 0.5),
+            np.exp(-recording.time * (1 - 0.13) / 0.5),
+        ],
+        axis=1,
+    )
+    run = free_run(simulator, recording, np.ones(1))
+    np.testing.assert_allclose(run.outputs, exact, atol=1e-7)
+    y = read_off(simulator, recording, [1.0], Stepping("rk4", 1))
+    np.testing.assert_allclose(y, exact, atol=3e-8)  # cubics between samples
 
 
 def test_readings_between_samples_are_of_fourth_order() -> None:

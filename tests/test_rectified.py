@@ -85,6 +85,14 @@ def test_a_sensor_without_signs_is_told_by_the_evidence() -> None:
     assert edited.readings["y"] == "Abs(q)"
 
 
+@pytest.mark.parametrize("asked", [0, 3])
+def test_no_sensor_is_told_without_the_time_to_weigh_it(asked: int) -> None:
+    """The time is over at once, or while the model as it is given is weighed."""
+    left = iter([False] * asked)
+    items = prepare(SIGNED, [recorded(0, np.abs), recorded(1, np.abs)])
+    assert rectified_sensors(Simulator(SIGNED), items, lambda: next(left, True)) == ()
+
+
 def test_readings_that_are_as_modelled_keep_their_signs() -> None:
     simulator = Simulator(SIGNED)
     assert not rectified_sensors(simulator, prepare(SIGNED, [recorded(1, lambda q: q)]))

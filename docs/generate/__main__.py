@@ -15,11 +15,13 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from docs.generate import (
+    budget_tables,
     diagnosis_tables,
     discovery_tables,
     mechanisms,
     monitor_tables,
     readme,
+    robot_tables,
     tables,
 )
 from docs.generate.tables import ROOT
@@ -38,10 +40,12 @@ def pages() -> dict[Path, str]:
         trim_blocks=True,
     )
     names = {
+        "budgets": budget_tables,
         "diagnosis": diagnosis_tables,
         "discovery": discovery_tables,
         "mechanisms": mechanisms,
         "monitor": monitor_tables,
+        "robots": robot_tables,
         "tables": tables,
     }
     out = {

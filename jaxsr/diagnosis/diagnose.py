@@ -20,6 +20,7 @@ from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.explaining.document import assemble
 from jaxsr.diagnosis.explaining.judge import Ingredients
+from jaxsr.diagnosis.explanations import explanations, unnamed, weights_of
 from jaxsr.diagnosis.failures import Failures, unsimulable
 from jaxsr.diagnosis.input_noise import idle_noise, quieted
 from jaxsr.diagnosis.judging.alternatives import likelier_with, likelier_without
@@ -37,10 +38,11 @@ from jaxsr.diagnosis.search.choice import (
     with_parts,
 )
 from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_equations
-from jaxsr.diagnosis.settled import decided_by_evidence, weighed, weights_of
+from jaxsr.diagnosis.settled import answered, borne_out, decided_by_evidence, weighed
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.diagnosis.thinning import prepare_search, time_for
 from jaxsr.diagnosis.unsigned import rectified_sensors
+from jaxsr.diagnosis.verdict import FALSE_CLAIM, Claim, Costs, claimed
 from jaxsr.models import Simulator
 from jaxsr.models.python_base import with_function
 from jaxsr.recordings import Recording
@@ -72,6 +74,7 @@ def diagnose(
     held_out: Sequence[str | Path | Recording] = (),
     seed: int = 0,
     budget: float | Budget | None = None,
+    false_claim_cost: float = FALSE_CLAIM,
     progress: Progress | None = None,
     command: str | None = None,
 ) -> Diagnosis:
@@ -89,6 +92,9 @@ def diagnose(
         Of the bootstrap behind the probabilities and of the evolutionary search.
     budget : float, optional
         Seconds; the best so far is reported when they are spent.
+    false_claim_cost : float
+        What a wrong verdict costs, against abstaining: a verdict is claimed where it is so many
+        times as probable as all others together, and is *undecided* elsewhere.
     progress : Progress, optional
     command : str, optional
         Kept in the provenance.
@@ -100,7 +106,7 @@ def diagnose(
     Raises
     ------
     InputError
-        A recording cannot be read or lacks a column of the model.
+        A recording cannot be read or lacks a column of the model, or a cost is negative.
 
     Notes
     -----
@@ -109,7 +115,7 @@ def diagnose(
     are estimated in free run by multiple shooting, and compared on blocks held back in turn.
     docs/method.md has the formulas.
     """
-    progress = progress or Silent()
+    progress, costs = progress or Silent(), Costs(false_claim_cost)
     budget = as_budget(budget)
     began = budget.elapsed  # after the start of the program, which is no measure of what follows
     rng = np.random.default_rng(seed)
@@ -117,10 +123,13 @@ def diagnose(
         simulator = with_function(simulator.model, simulator.function)
     simulator = Simulator(simulator.model.pinned())
     prepared, whole = prepare_search(simulator.model, data, seconds=budget.seconds)
-    failures, early = Failures(progress), budget.share(SCREENING)
+    failures, telling = Failures(progress), budget.share(SCREENING)
     rectified = failures.attempt(
-        "telling signs of readings", lambda: rectified_sensors(simulator, prepared), ()
+        "telling signs of readings",
+        lambda: rectified_sensors(simulator, prepared, lambda: telling.exhausted),
+        (),
     )
+    early = budget.share(SCREENING)
     if rectified:
         recorded = [p.recording for p in prepared] if whole is None else whole.recordings
         items = signed(simulator.model, recorded, rectified)
@@ -142,9 +151,9 @@ def diagnose(
     search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress, failures)
     case = replace(case, quiet=quiet, rectified=rectified)
-    evidence = decided_clearly(case)
+    evidence = decided_by_posterior(case, costs)
     if evidence is not None:
-        (decision, headline, grown), weights = evidence
+        (decision, headline, grown), weights, claim = evidence
     elif with_many_equations(case):
         decision, headline, grown = decided_among_many(case, rng)
     else:
@@ -154,7 +163,7 @@ def diagnose(
         raise unsimulable(simulator, prepared)
     null = next(e for e in good if not e.members)
     if evidence is None:
-        weights = None
+        weights, claim = None, None
         chosen = likelier_with(arena.super_model, chosen, good, np.random.default_rng(seed))
         if likelier_without(arena.super_model, chosen, good, np.random.default_rng(seed)):
             chosen = null
@@ -174,19 +183,29 @@ def diagnose(
         stopped=grown,
         whole=whole,
         weights=weights,
+        claim=claim,
     )
     return assemble(ingredients)
 
 
-def decided_clearly(case: Case) -> tuple[Decided, Weights] | None:
-    """Decide by the evidence of the recordings; None where that leaves doubt."""
+def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Claim] | None:
+    """Decide by the evidence of the recordings.
+
+    None where its search did not come to an end, or free runs do not bear it out: something is
+    there then that the posterior does not see.
+    """
     found = weighed(case)
-    if found is None:
+    if found is None or not found.finished:
         return None
     decision = case.failures.attempt(
         "estimating what the evidence says", lambda: decided_by_evidence(case, found), None
     )
-    return None if decision is None else (decision, weights_of(found))
+    if decision is None or not borne_out(decision):
+        return None
+    told = explanations(found, case.simulator.model)
+    claim = claimed(told, unnamed(told), costs)
+    decision = answered(decision, claim, case.simulator.model.free_parameters)
+    return decision, weights_of(told), claim
 
 
 def decided_among_few(case: Case, reading: float, rng: np.random.Generator) -> Decided:

@@ -1,46 +1,49 @@
-"""The decision by evidence, where the recordings leave no doubt about it.
+"""The decision by evidence.
 
 The posterior (`diagnosis.likelihood`) weighs every mechanism that was offered together with a
-latent force on every equation. Where its search came to an end and nearly all of the probability is
-on sets of one verdict, the most probable of them is the answer. Free runs then estimate it, what it
-competes with and re-calibration, for the report, and must bear it out.
+latent force on every equation. Where its search came to an end, free runs estimate the leading set,
+what it competes with and re-calibration, for the report, and must bear it out. What is claimed then
+is told by the posterior and two costs (`diagnosis.verdict`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
-from jaxsr._result import StoppedBy, Verdict
+from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION, SEVERAL, UNNAMED
 from jaxsr.diagnosis.comparison import opening
-from jaxsr.diagnosis.contest.arena import Arena, in_widths_of_best, neutral_values
+from jaxsr.diagnosis.contest.arena import (
+    Arena,
+    in_sharpest_widths,
+    in_widths_of_best,
+    neutral_values,
+)
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
-from jaxsr.diagnosis.judging.alternatives import TIE
+from jaxsr.diagnosis.explanations import labels_of
 from jaxsr.diagnosis.judging.detection import Detection, detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
-from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.paths import path_over
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior_along
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.thinning import thinned
+from jaxsr.diagnosis.verdict import Claim
 from jaxsr.models.segments import Prepared
 
-LEFT = 0.1
-"""Size of the latent force beside the answer, in that beside re-calibration alone, that is little:
-a hundredth of its power."""
 WEIGHING = 0.75
 """Share of the time left that the posterior may take."""
 MOST = 12_000
 """Samples times states that the posterior is asked about."""
-FOLLOWINGS = 20.0
-"""Time that the posterior is expected to take, relative to the first re-calibration beside latent
-forces."""
+FOLLOWINGS = 5.0
+"""Time that the posterior takes at least, relative to the first re-calibration beside latent
+forces, which compiles what the others share: what cannot end is not begun."""
 RIVALS, TOLD = 4, 1e-3
 """Sets beside the leading one that the report compares it with, and from which probability on; the
 first of them whatever it has."""
@@ -48,22 +51,8 @@ first of them whatever it has."""
 Settled = tuple[tuple[Arena, list[Entry], Entry, Detection], float, StoppedBy]
 
 
-def labels_of(found: Posterior, item: Hypothesis) -> frozenset[str]:
-    """Return the labels of a hypothesis' members."""
-    return frozenset(found.candidates[i].label for i in item.members)
-
-
-def weights_of(found: Posterior) -> Weights:
-    """Sum the probabilities of variants of one set."""
-    mass: dict[frozenset[str], float] = {}
-    for item, p in zip(found.hypotheses, found.probabilities, strict=True):
-        labels = labels_of(found, item)
-        mass[labels] = mass.get(labels, 0.0) + float(p)
-    return Weights(mass)
-
-
 def weighed(case: Case) -> Posterior | None:
-    """Return the posterior where it leaves no doubt, None elsewhere."""
+    """Return the posterior; None where it cannot be had, or not in time."""
     model = case.simulator.model
     if case.simulator.function is not None or model.events:
         return None
@@ -82,8 +71,7 @@ def weighed(case: Case) -> Posterior | None:
             return None
         return posterior_along(model, course, case.screened, lambda: patience.exhausted)
 
-    found = case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
-    return found if found is not None and beyond_doubt(found) else None
+    return case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
 
 
 def _enough(case: Case) -> tuple[Prepared, ...]:
@@ -94,30 +82,32 @@ def _enough(case: Case) -> tuple[Prepared, ...]:
     return thinned(case.simulator.model, [p.recording for p in case.prepared], MOST)[0]
 
 
-def beyond_doubt(found: Posterior) -> bool:
-    """Whether a search that came to its end leaves no doubt about the verdict.
+def borne_out(found: Settled) -> bool:
+    """Whether free runs bear a decision out, so that nothing else has to be there.
 
-    Beside it, something else may act that is as likely as not, or that is little. Which mechanism
-    it is may be in doubt all the same: that is what its probability says.
+    They do not where the set follows the recordings no better than re-calibration, or leaves more
+    than the sensors' noise, which the evidence takes for noise.
     """
-    leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
-    every = zip(found.hypotheses, found.probabilities, strict=True)
-    whole = found.something_else <= 1.0 - TIE or leader.share <= LEFT * null.share
-    same = sum(float(p) for h, p in every if verdicts_of(found, h) == verdicts_of(found, leader))
-    return found.finished and leader.settled and whole and same >= 1.0 - TIE
+    (arena, _, chosen, detection), *_ = found
+    if chosen.members and not detection.detected:
+        return False
+    return residual_to_noise(arena, chosen) <= ABOVE_NOISE
 
 
-def verdicts_of(found: Posterior, item: Hypothesis) -> frozenset[Verdict]:
-    """Return the verdicts that the members of a hypothesis stand for."""
-    return frozenset(found.candidates[i].verdict for i in item.members)
+def answered(found: Settled, claim: Claim, free: Collection[str]) -> Settled:
+    """Return a decision with the leading set of a claim as the chosen one.
 
-
-def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
-    """Return the decision, its horizon in s, and why the search ended.
-
-    None where free runs do not bear it out: the set then follows the recordings no better than
-    re-calibration, or leaves more than the sensors' noise, which the evidence takes for noise.
+    Wrong values of `free` parameters are re-calibration's.
     """
+    (arena, entries, chosen, detection), headline, stopped = found
+    wanted = claim.leading - {f"wrong_value@parameter:{name}" for name in free}
+    every = arena.super_model.candidates
+    of = {frozenset(every[i].label for i in e.members): e for e in reversed(entries)}
+    return (arena, entries, of.get(wanted, chosen), detection), headline, stopped
+
+
+def decided_by_evidence(case: Case, found: Posterior) -> Settled:
+    """Return the decision, its horizon in s, and why the search ended."""
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
     smaller = [h for h in found.hypotheses if set(h.members) < set(leader.members)]
     every = zip(found.hypotheses, found.probabilities, strict=True)
@@ -131,16 +121,14 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     arena, entry, headline, starts = opened
     case.compared.tell(super_model, range(len(super_model.candidates)))
     case.compared.reach(RECALIBRATION, LOCATED, SEVERAL, UNNAMED)
-    arena, entries = _entered(case, arena, entry, starts[1:])
+    if leader.width is not None:
+        arena = in_sharpest_widths(arena, max(leader.width, 1.0))
+    arena, entries = _entered(case, arena, entry, starts[1:], found)
     null_entry = next(e for e in entries if not e.members)
     wanted = starts[1][0] if leader.members else ()
     chosen = next(e for e in entries if e.members == wanted)
     count = len({c.label for c in found.candidates})
     detection = detect_in_noise(null_entry, chosen, count)
-    if chosen is not null_entry and not detection.detected:
-        return None
-    if residual_to_noise(arena, chosen) > ABOVE_NOISE:
-        return None
     return (arena, entries, chosen, detection), headline.seconds, StoppedBy.CONVERGED
 
 
@@ -169,10 +157,18 @@ def _starts(
 
 
 def _entered(
-    case: Case, arena: Arena, null: Entry, starts: Sequence[Start]
+    case: Case, arena: Arena, null: Entry, starts: Sequence[Start], found: Posterior
 ) -> tuple[Arena, list[Entry]]:
-    """Estimate the sets in free run, every reading weighed by what the leading one leaves."""
-    entries = [null]
+    """Estimate the sets in free run, every reading weighed by what the leading one leaves.
+
+    They are sought along the path that the evidence found.
+    """
+    entries, path, near = [null], None, False
+    if len(found.prepared) == len(case.prepared):
+        course = arena.problem.segments, case.prepared, found.prepared, found.rows
+        path = path_over(*course, found.leader.path)
+        pairs = zip(found.prepared, case.prepared, strict=True)
+        near = all(a.time.size == b.time.size for a, b in pairs)
 
     def stop() -> bool:
         return case.search.exhausted
@@ -181,7 +177,7 @@ def _entered(
         if number and stop():
             break
         case.progress.update(number / len(starts))
-        entries.append(enter(arena, members, start, None, stop))
+        entries.append(enter(arena, members, start, path, stop, near=near))
         if number == 0:
             arena, entries = in_widths_of_best(arena, entries)
             arena, entries = rescaled(arena, entries, stop)

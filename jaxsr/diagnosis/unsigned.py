@@ -8,11 +8,12 @@ one mechanism among all. What follows works on the readings with their signs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from jaxsr._deadline import never
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.rectified import Rectified, signed
@@ -42,10 +43,13 @@ def one_sided(values: np.ndarray) -> bool:
     return sum(bool(near[a:b].any()) for a, b in gaps) >= DIPS
 
 
-def rectified_sensors(simulator: Simulator, prepared: Sequence[Prepared]) -> tuple[Rectified, ...]:
+def rectified_sensors(
+    simulator: Simulator, prepared: Sequence[Prepared], stop: Callable[[], bool] = never
+) -> tuple[Rectified, ...]:
     """Return the sensors whose readings have lost their signs.
 
-    Only readings that return to zero from one side are looked at: others cost nothing.
+    Only readings that return to zero from one side are looked at: others cost nothing. Once the
+    time is over (`stop`), no more sensors are told.
     """
     model = simulator.model
     if simulator.function is not None or model.events:
@@ -58,8 +62,10 @@ def rectified_sensors(simulator: Simulator, prepared: Sequence[Prepared]) -> tup
         if absolute(model.reading_terms[output]) is not None or not one_sided(column):
             continue
         if before is None:
-            before = _recalibrated(model, recordings)[0]
-        sensor, changed, after = _best_signs(model, recordings, output)
+            before = _recalibrated(model, recordings, stop)[0]
+        if stop():  # one evidence without the other tells nothing
+            return found
+        sensor, changed, after = _best_signs(model, recordings, output, stop)
         scale = state_scale(model, prepared)
         every = [*force_candidates(model, scale), *sensor_candidates(model)]
         odds = after - before - float(np.log(len({c.label for c in every}) + 1))
@@ -70,7 +76,7 @@ def rectified_sensors(simulator: Simulator, prepared: Sequence[Prepared]) -> tup
 
 
 def _best_signs(
-    model: Model, recordings: Sequence[Recording], output: str
+    model: Model, recordings: Sequence[Recording], output: str, stop: Callable[[], bool]
 ) -> tuple[Rectified, list[Recording], float]:
     """Return a sensor with the values that tell its signs, signed recordings, log evidence.
 
@@ -78,20 +84,24 @@ def _best_signs(
     """
     sensor = Rectified(output, 0.0)
     changed = signed(model, recordings, (sensor,))
-    best, values = _recalibrated(model, changed)
+    best, values = _recalibrated(model, changed, stop)
     for _ in range(TURNS):
+        if stop():
+            break
         other = replace(sensor, values=values)
         anew = signed(model, recordings, (other,))
-        log, values = _recalibrated(model, anew)
+        log, values = _recalibrated(model, anew, stop)
         if not log > best:
             break
         sensor, changed, best = other, anew, log
     return sensor, changed, best
 
 
-def _recalibrated(model: Model, recordings: Sequence[Recording]) -> tuple[float, dict[str, float]]:
+def _recalibrated(
+    model: Model, recordings: Sequence[Recording], stop: Callable[[], bool]
+) -> tuple[float, dict[str, float]]:
     """Return log evidence and values beside unknown forces; none where nothing can be followed."""
-    course = followed(model, prepare(model, recordings))
+    course = None if stop() else followed(model, prepare(model, recordings), stop)
     if course is None:
         return -np.inf, {}
     free = set(model.free_parameters)

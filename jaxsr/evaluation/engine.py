@@ -23,6 +23,7 @@ Use = Callable[[Array, slice, slice], Any]
 
 _MOST_TERMS = 65536  # in one schedule, which bounds a thread's instructions
 _WINDOW = 1024  # outputs taken at a time: what a core's cache holds beside the registers
+_SHARED = 3_000_000  # samples times instructions from which on threads repay their change
 _ROOM = 8  # instructions for a column, where one program is to serve all batches
 
 
@@ -110,7 +111,9 @@ class Engine:
         self.each(data, keep)
         return out
 
-    def each(self, data: Array, use: Use, *, whole: bool = False) -> list[Any]:
+    def each(
+        self, data: Array, use: Use, *, whole: bool = False, constants: Array | None = None
+    ) -> list[Any]:
         """Call ``use(block, terms, samples)`` on blocks of columns; return what it returned.
 
         A block (terms, samples) is the machine's own memory. Blocks come from several threads at
@@ -124,17 +127,21 @@ class Engine:
         whole : bool
             Whether terms stay together, however few the samples: blocks then hold as many terms
             as a window.
+        constants : ndarray, (constants,), optional
+            Values of the batch's open constants, see :class:`jaxsr.evaluation.open.OpenTerms`.
         """
         size = self._config.samples(data.shape[1])
         while True:
             try:
-                return self._each(data, use, size, whole)
+                return self._each(data, use, size, whole, constants)
             except jax.errors.JaxRuntimeError as error:
                 if "RESOURCE_EXHAUSTED" not in str(error) or size <= 16:
                     raise
                 size //= 2
 
-    def _each(self, data: Array, use: Use, size: int, whole: bool) -> list[Any]:
+    def _each(
+        self, data: Array, use: Use, size: int, whole: bool, constants: Array | None
+    ) -> list[Any]:
         rows = data.shape[1]
         if not len(self._batch) or not rows:
             return []
@@ -142,6 +149,8 @@ class Engine:
         # few samples: terms are shared among the threads instead
         shares = 1 if whole or len(starts) >= self._config.workers else self._config.workers
         programs = self._programs(self._parts(shares), data.dtype.name)
+        if constants is not None:
+            programs = [(terms, program.at(constants)) for terms, program in programs]
 
         def one(job: tuple[int, slice, Program]) -> list[Any]:
             start, terms, program = job
@@ -160,7 +169,8 @@ class Engine:
         if self._config.window is None:
             together = _together(programs, len(starts) // self._config.workers)
         jobs = [(start, *piece) for start in starts[::together] for piece in programs]
-        if self._config.workers == 1 or len(jobs) == 1:
+        work = rows * sum(len(program.schedule) for _, program in programs)
+        if self._config.workers == 1 or len(jobs) == 1 or work < _SHARED:
             answers = map(one, jobs)
         else:
             answers = _pool(self._config.workers).map(one, jobs)

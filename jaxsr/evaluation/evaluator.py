@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from jaxsr.evaluation.cache import ColumnCache
 from jaxsr.evaluation.engine import Engine, EngineConfig
-from jaxsr.expressions.postfix import OPERATORS, compile_postfix
+from jaxsr.evaluation.open import OpenTerms, written
+from jaxsr.expressions.postfix import OPERATORS, PostfixBatch, compile_postfix
 from jaxsr.expressions.primitives import PRIMITIVES
 from jaxsr.expressions.term import BOOLEAN, CONSTANT, VARIABLE, Term
 
@@ -22,6 +24,7 @@ PIECE = 4096
 TOGETHER = 512
 """Most terms whose columns are reduced together, and columns that the machine holds at once."""
 _COMPILED_FROM = 32_768  # samples; columns this long no longer fit a core's cache
+_SLOPES_FROM, _SLOPES_WORK = 8192, 2**17  # samples; samples times sets of terms
 _COMPILED_NODES = 2**22  # terms times samples of a batch after which more batches will follow
 _IN_POSTFIX = frozenset(OPERATORS) | {CONSTANT, VARIABLE}
 _LEAVES = frozenset({CONSTANT, VARIABLE, BOOLEAN})
@@ -36,6 +39,16 @@ def is_compiled(samples: int, terms: int) -> bool:
     each core. An estimate of a few terms, however long, is not worth compiling for.
     """
     return samples >= _COMPILED_FROM and terms * samples >= _COMPILED_NODES
+
+
+def are_slopes_compiled(samples: int, sets: int) -> bool:
+    """Tell whether a search over the constants of so many sets pays for the compiled machine.
+
+    Measured as above: from 8,000 samples on a population's first search saves what the compilation
+    costs; on fewer samples, and for a few sets, NumPy's slopes are as fast. It depends on nothing
+    that went before, so that a search that is resumed goes on as if it had not stopped.
+    """
+    return samples >= _SLOPES_FROM and samples * sets >= _SLOPES_WORK
 
 
 class Evaluator:
@@ -165,6 +178,28 @@ class Evaluator:
             answers.append(complete(here, part))
         return answers
 
+    def differentiates(self, sets: int) -> bool:
+        """Tell whether the compiled machine searches over the constants of so many sets."""
+        return bool(self._names) and are_slopes_compiled(self._samples, sets)
+
+    def opens(self, form: Term, count: int) -> PostfixBatch | None:
+        """Return the code of a form and its derivatives by ``count`` open constants.
+
+        None where it holds what the machine does not know.
+        """
+        return written(form, count, self._names)
+
+    def opened(
+        self, forms: Sequence[PostfixBatch], first: Sequence[int]
+    ) -> Callable[[Array, Callable[[Array, slice], Any]], list[Any]]:
+        """Return a function of open constants, which starts with those numbered ``first``.
+
+        It takes constants and what is made of each piece; see
+        :meth:`jaxsr.evaluation.open.OpenTerms.each`.
+        """
+        terms = OpenTerms(forms, first, self._names, self._config())
+        return functools.partial(terms.each, self._matrix())
+
     def _fill(self, out: Array, new: Mapping[Term, Sequence[int]]) -> None:
         """Evaluate distinct terms in one batch, each into its rows of ``out``."""
         engine = self._engine(list(new))
@@ -180,11 +215,14 @@ class Evaluator:
         for first, *others in new.values():
             out[others] = out[first]
 
-    def _engine(self, terms: Sequence[Term]) -> Engine:
+    def _config(self) -> EngineConfig:
         config = EngineConfig(self.threads, chunk=PIECE, window=TOGETHER)
         if config.platform != "cpu":  # a device has no such cache, and wants long rows
             config = replace(config, chunk=None)
-        return Engine(compile_postfix(terms, self._names), config)
+        return config
+
+    def _engine(self, terms: Sequence[Term]) -> Engine:
+        return Engine(compile_postfix(terms, self._names), self._config())
 
     def _matrix(self) -> Array:
         """Return the variables (variables, samples), made once."""
@@ -197,6 +235,10 @@ class Reference(Evaluator):
     """The same by NumPy at any number of samples: what the machine is tested against."""
 
     def serves(self, terms: int) -> bool:
+        """Tell that the machine evaluates nothing."""
+        return False
+
+    def differentiates(self, sets: int) -> bool:
         """Tell that the machine evaluates nothing."""
         return False
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -132,6 +132,15 @@ class Program:
     code: tuple[Any, ...]
     dtype: Any
     device: Any = None
+
+    def at(self, constants: Array) -> Program:
+        """Return the program with open constants (see ``evaluation.open``) at these values."""
+        plan = self.schedule
+        values = np.zeros(len(self.code[-1]), self.dtype)
+        values[: len(plan)] = plan.immediate
+        values[plan.open] = constants[plan.number[plan.open]]
+        with jax.enable_x64(True), jax.default_device(self.device):
+            return replace(self, code=(*self.code[:-1], jnp.asarray(values)))
 
 
 def load(schedule: Schedule, dtype: Any, device: Any = None, room: int = 0) -> Program:

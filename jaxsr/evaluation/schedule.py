@@ -13,6 +13,9 @@ from jaxsr.evaluation.sharing import Ints, Nodes, Places, distinct, linked
 from jaxsr.expressions.postfix import CONSTANT, OPERATORS, PostfixBatch
 
 _FIRST = 3  # postfix code of the first operator
+BOX = 0x7FF8000000000000
+"""Bits of a quiet NaN: a constant written so, with a whole number from 1 on in its lowest bits, is
+open, and two with one number are the same."""
 # Operators that take a constant beside a column without a register for it.
 _IMMEDIATE = ("add", "sub", "mul", "div", "pow")
 INSTRUCTIONS: tuple[str, ...] = (
@@ -77,6 +80,17 @@ class Schedule:
 
     def __len__(self) -> int:
         return len(self.code)
+
+    @property
+    def number(self) -> Places:
+        """Numbers of the open constants that instructions take; negative for one that is closed."""
+        bits = self.immediate.view(np.int64)
+        return np.where(bits & BOX == BOX, bits & ~BOX, 0) - 1
+
+    @property
+    def open(self) -> Places:
+        """Positions of the instructions that take an open constant."""
+        return np.flatnonzero(self.number >= 0)
 
     @property
     def rows(self) -> int:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from jaxsr.models.field import Row
 
@@ -83,3 +85,18 @@ class Directions:
         for number, k in self.delays.items():
             if self.inputs[number] in row:
                 yield k, row[self.inputs[number]] * stages.rate(number, share)
+
+
+def in_a_column(
+    time: Array, length: Array, stages: Callable[[int], Stages], chosen: Array
+) -> tuple[Array, Array, Callable[[int], Stages]]:
+    """Return times, lengths and inputs of some of the samples, one below the other."""
+
+    def cut(number: int) -> Stages:
+        own = stages(number)
+        rates = {k: rate[:, chosen][..., None] for k, rate in own.rates.items()}
+        return Stages(own.values[:, :, chosen][..., None], rates)
+
+    time = np.broadcast_to(time, chosen.shape)[chosen][:, None]
+    wide = np.broadcast_to(length, (chosen.shape[0], length.shape[1], chosen.shape[1]))
+    return time, np.moveaxis(wide, 1, 2)[chosen][:, :, None], cut

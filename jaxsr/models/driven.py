@@ -25,7 +25,11 @@ STABLE = 1.0
 
 
 def known_states(
-    model: Model, item: Prepared, theta: np.ndarray | None = None, simulator: Any = None
+    model: Model,
+    item: Prepared,
+    theta: np.ndarray | None = None,
+    simulator: Any = None,
+    start: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return every state along a recording, shape (samples, states).
 
@@ -40,34 +44,52 @@ def known_states(
         Prepared for `model` without its driven states, or for `model` itself.
     theta : ndarray, shape (parameters,), optional
         Parameters of the driven equations; the model's by default.
+    start : ndarray, shape (driven,), optional
+        Driven states at the first sample; at rest by default.
     """
     known = item.states.values[:, : len(model.states) - len(model.driven)]
     if not model.driven:
         return known
     simulator = simulator or Simulator(model)
     values = simulator.values() if theta is None else theta
-    path, _ = _path(simulator, item, tuple(float(v) for v in values))
+    path = _path(simulator, item, tuple(float(v) for v in values), (), _as_key(start))[0]
     return np.concatenate([known, path], axis=1)
 
 
 def driven_states(
-    simulator: Simulator, item: Prepared, theta: np.ndarray, chosen: tuple[str, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the driven states along a recording, and how they follow parameters.
+    simulator: Simulator,
+    item: Prepared,
+    theta: np.ndarray,
+    chosen: tuple[str, ...],
+    start: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the driven states along a recording, and how they follow parameters and their start.
+
+    They begin at `start`, shape (driven,), or at rest.
 
     Returns
     -------
     path : ndarray, shape (samples, driven)
     slopes : ndarray, shape (samples, driven, chosen)
-        Derivatives by the parameters `chosen`, the known states held.
+        Derivatives by the parameters `chosen`, the known states and the start held.
+    by_start : ndarray, shape (samples, driven, driven)
+        Derivatives by the start, the known states held.
     """
-    return _path(simulator, item, tuple(float(v) for v in theta), chosen)
+    return _path(simulator, item, tuple(float(v) for v in theta), chosen, _as_key(start))
+
+
+def _as_key(start: np.ndarray | None) -> tuple[float, ...] | None:
+    return None if start is None else tuple(float(v) for v in start)
 
 
 @functools.lru_cache(maxsize=64)
 def _path(
-    simulator: Simulator, item: Prepared, theta: tuple[float, ...], chosen: tuple[str, ...] = ()
-) -> tuple[np.ndarray, np.ndarray]:
+    simulator: Simulator,
+    item: Prepared,
+    theta: tuple[float, ...],
+    chosen: tuple[str, ...] = (),
+    start: tuple[float, ...] | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Integrate the driven states along known ones.
 
     Newton's method on all samples at once (`lifting`), the known states held where they are.
@@ -85,15 +107,14 @@ def _path(
     stages = Stages(values.reshape(3, len(table), time.size - 1, 1), {})
     path = np.zeros((len(model.states), time.size, 1))
     path[:known] = x.T[..., None]
-    rest = _at_rest(field, time[0], x[0], u[0], count)
+    rest = _at_rest(field, time[0], x[0], u[0], count) if start is None else np.array(start)
     path[known:] = rest[:, None, None]
     length = np.diff(time)[:, None, None]
     method = _method(field, time, x[0], u[0], rest)
     with np.errstate(all="ignore"):
         for _ in range(ITERATIONS):
-            start = list(path[:, :-1])
             ends, tangents = advanced(
-                field, to, method, start, time[:-1, None], length, lambda _: stages
+                field, to, method, list(path[:, :-1]), time[:-1, None], length, lambda _: stages
             )
             slopes, defects = tangents, np.stack(ends) - path[:, 1:]
             slopes[:known], defects[:known] = 0.0, 0.0
@@ -103,19 +124,17 @@ def _path(
             size = np.abs(path[known:]).max() + 1e-300
             if np.abs(shift).max() < 1e-9 * size:
                 break
-        slopes = np.zeros((time.size, count, len(chosen)))
-        if chosen:
-            n = len(model.states)
-            columns = {name: n + k for k, name in enumerate(chosen)}
-            to = Directions(tuple(model.states), columns, {}, tuple(model.inputs))
-            field, start = Field(simulator, theta, active=chosen), list(path[:, :-1])
-            _, tangents = advanced(
-                field, to, method, start, time[:-1, None], length, lambda _: stages
-            )
-            tangents[:known] = 0.0
-            spread, _ = condensed(tangents, np.zeros((n, time.size - 1, 1)))
-            slopes = np.clip(np.nan_to_num(spread[:, 0, known:, n:]), -LARGEST, LARGEST)
-    return path[known:, :, 0].T, slopes
+        n = len(model.states)
+        columns = {name: n + k for k, name in enumerate(chosen)}
+        to = Directions(tuple(model.states), columns, {}, tuple(model.inputs))
+        field = Field(simulator, theta, active=chosen)
+        _, tangents = advanced(
+            field, to, method, list(path[:, :-1]), time[:-1, None], length, lambda _: stages
+        )
+        tangents[:known] = 0.0
+        spread, _ = condensed(tangents, np.zeros((n, time.size - 1, 1)))
+        spread = np.clip(np.nan_to_num(spread[:, 0, known:]), -LARGEST, LARGEST)
+    return path[known:, :, 0].T, spread[..., n:], spread[..., known:n]
 
 
 def _method(field: Field, time: np.ndarray, x: np.ndarray, u: np.ndarray, z: np.ndarray) -> str:

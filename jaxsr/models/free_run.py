@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import jax
@@ -213,7 +213,7 @@ class _Run:
             arguments = (*numbers, lines)
             for solver, most in plan:
                 solution = diffrax.diffeqsolve(
-                    diffrax.ODETerm(_field(self.simulator)),
+                    diffrax.ODETerm(_field(_Motion.of(self.simulator))),
                     getattr(diffrax, solver)(),
                     jnp.asarray(times[0]),
                     jnp.asarray(times[-1]),
@@ -254,17 +254,40 @@ def _drawn(time: np.ndarray, u: np.ndarray, hold: str) -> tuple[np.ndarray, np.n
     return np.append(knots, time[-1]), np.append(starts.ravel(), ends[-1, -1])
 
 
+@dataclass(frozen=True)
+class _Motion:
+    """The equations of a simulator: those of equal `key` are one function, and compiled once.
+
+    Values, delays and clocks are arguments of the function, or not its own.
+    """
+
+    key: object
+    simulator: Simulator = field(compare=False)
+
+    @staticmethod
+    def of(simulator: Simulator) -> _Motion:
+        model = simulator.model
+        if simulator.function is not None or model.vector_field is not None:
+            return _Motion(id(simulator), simulator)
+        rows = (model.definitions, model.equations, model.additions, model.readings)
+        mass = tuple((row, *cells.items()) for row, cells in model.inertia.items())
+        names = (model.states, model.inputs, model.time, tuple(model.parameters))
+        held = model.input_hold == "zero"
+        return _Motion((names, held, mass, *(tuple(r.items()) for r in rows)), simulator)
+
+
 @functools.lru_cache(maxsize=64)
-def _field(simulator: Simulator) -> Callable[[Array, Array, tuple], Array]:
-    """Return dx/dt as one function a simulator: another run of it compiles nothing new."""
+def _field(motion: _Motion) -> Callable[[Array, Array, tuple], Array]:
+    """Return dx/dt as one function for every simulator of the same motion."""
+    simulator = motion.simulator
     value = _held if simulator.model.input_hold == "zero" else _straight
 
-    def field(t: Array, x: Array, arguments: tuple) -> Array:
+    def rates(t: Array, x: Array, arguments: tuple) -> Array:
         p, widths, lines = arguments
         u = tuple(value(t, knots, values) for knots, values in lines)
         return jnp.stack(simulator.rates(t, tuple(x), u, p, widths))
 
-    return field
+    return rates
 
 
 def _straight(t: Array, knots: Array, values: Array) -> Array:

@@ -26,6 +26,9 @@ class Problem:
     following : ndarray, shape (states, parameters, segments), optional
         Derivatives of starts that are not estimated, such as those of driven states, by the
         parameters.
+    carried : ndarray, shape (states, common, segments), optional
+        Derivatives of starts by further unknowns that segments have in common, such as where a
+        memory stood when the recording began.
     """
 
     simulator: Simulator
@@ -33,6 +36,7 @@ class Problem:
     segments: Segments
     scale: np.ndarray
     following: np.ndarray | None = None
+    carried: np.ndarray | None = None
 
     def residual(self, y: np.ndarray) -> np.ndarray:
         """Return (measured - y) / scale, zero where nothing was measured."""

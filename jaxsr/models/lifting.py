@@ -276,7 +276,8 @@ class _Ground:
         stages = delayed_stages(model, segments, values, chosen)
         jumps = Jumps.of(field, Point(segments.time, list(segments.course), list(segments.inputs)))
         switches = Switches.of(field, segments.course) if field.switched else None
-        corners = Corners.of(field, stepping.widths, stepping.parts)
+        cut = stepping.widths, stepping.parts, stepping.staying
+        corners = Corners.of(field, *cut)
         bends = jumps, switches, corners
         return _Ground(stepping, segments, values, field, to, stages, *bends, own)
 

@@ -190,12 +190,11 @@ class Search:
         self, best: Attempt, damping: float, stop: Callable[[], bool]
     ) -> tuple[Attempt | None, float]:
         """Take a step that lowers the cost, or that closes the simulation."""
-        low, high = self.bounds
-        share = 1.0
+        (low, high), share = self.bounds, 1.0
         for _ in range(3 if self.closing else 8):
             if stop():
                 break
-            step, starts = levenberg_step(best.fit, damping, low, high)
+            step, starts = self._step(best, damping)
             theta = best.fit.theta.copy()
             theta[self.active] = np.clip(
                 theta[self.active] + step, low[self.active], high[self.active]
@@ -219,6 +218,29 @@ class Search:
             if not best.closed:
                 share *= 0.5
         return None, damping
+
+    def _step(self, best: Attempt, damping: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return steps of the active parameters and of the starts."""
+        fit_, carried = best.fit, self.problem.carried
+        if carried is None:
+            return levenberg_step(fit_, damping, *self.bounds)
+        # What segments have in common is one more parameter each, without bounds.
+        alone = np.logical_not(np.any(carried, axis=1))[:, None, None, :]
+        weight = self.problem.segments.weights / self.problem.scale[:, None, None]
+        common = np.einsum("koms,kcs->coms", best.linear.by_start, carried) * weight
+        places = len(fit_.theta) + np.arange(len(common))
+        whole = replace(
+            fit_,
+            theta=np.concatenate([fit_.theta, np.zeros(len(common))]),
+            active=np.concatenate([fit_.active, places]),
+            jacobian=np.concatenate([fit_.jacobian, np.where(weight > 0.0, common, 0.0)]),
+            by_start=np.where(alone, fit_.by_start, 0.0),
+        )
+        far = np.full(len(common), np.inf)
+        (low, high), count = self.bounds, fit_.active.size
+        bounds = np.concatenate([low, -far]), np.concatenate([high, far])
+        step, starts = levenberg_step(whole, damping, *bounds)
+        return step[:count], starts + np.einsum("kcs,c->ks", carried, step[count:])
 
     def _closed(self, best: Attempt, stop: Callable[[], bool]) -> Attempt:
         """Close what is left of the gap; a path that does not close is no simulation."""

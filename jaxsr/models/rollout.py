@@ -25,7 +25,8 @@ class Stepping:
     """How segments are integrated: method, steps between samples, smoothing widths.
 
     `smooth` tells how a model without jumps is, whose steps need not resolve any. Where a rounded
-    jump turns over, one-step maps take each of them in `parts` (`corners`).
+    jump turns over, one-step maps take each of them in `parts` (`corners`); samples that stay there
+    may be stiff and have a method of their own.
     """
 
     method: Literal["rk4", "rodas3"] = "rk4"
@@ -33,6 +34,7 @@ class Stepping:
     widths: tuple[float, ...] = ()
     smooth: Stepping | None = None
     parts: int = 1
+    staying: Literal["rk4", "rodas3"] = "rk4"
 
 
 def outputs(

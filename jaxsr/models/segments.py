@@ -180,14 +180,15 @@ def build_segments(
     shape: tuple[int, int] = (0, 0),
     theta: np.ndarray | None = None,
     margin: int = 0,
+    starts: Sequence[np.ndarray] | None = None,
 ) -> Segments:
     """Collect the arrays of the segments `rows`.
 
     `shape` is the least number of samples and of segments: padding recordings of another length
     to one shape lets them share a compiled simulation. Driven states start where parameters
-    `theta` (the model's by default) lead them. The simulation begins and ends `margin` samples
-    outside the rows where the recording reaches so far, so that delayed signals exist all along
-    a row; the outputs there are left out.
+    `theta` (the model's by default) lead them from `starts`, one a recording (rest by default).
+    The simulation begins and ends `margin` samples outside the rows where the recording reaches so
+    far, so that delayed signals exist all along a row; the outputs there are left out.
     """
     ends = [_stretch(prepared[r], a) for r, a, _ in rows]
     wide = [
@@ -195,7 +196,11 @@ def build_segments(
         for (r, a, b), (first, last) in zip(rows, ends, strict=True)
     ]
     size = max(max(stop - start for _, start, stop in wide), shape[0])
-    known = [known_states(model, item, theta) for item in prepared]
+    begun = [None] * len(prepared) if starts is None else starts
+    known = [
+        known_states(model, item, theta, start=start)
+        for item, start in zip(prepared, begun, strict=True)
+    ]
     spare = max(shape[1] - len(rows), 0)
     stages = [_stage_table(model, item, substeps) for item in prepared]
     parts: dict[str, list[np.ndarray]] = {

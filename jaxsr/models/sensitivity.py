@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxsr.models.corners import Corners
-from jaxsr.models.directions import Directions, Stages
+from jaxsr.models.directions import Directions, Stages, in_a_column
 from jaxsr.models.field import Field, Point
 from jaxsr.models.jumps import Jumps
 from jaxsr.models.steps import METHODS
@@ -75,7 +75,7 @@ def advanced(
     if jumps is None or not jumping.any():
         return states, slopes
     states = [np.array(state) for state in states]
-    part = _part(begin, length, stages, jumping)
+    part = in_a_column(begin, length, stages, jumping)
     ends, by = jumps.through(
         field.column(jumping), to, method, [a[jumping][:, None] for a in x], *part
     )
@@ -83,21 +83,6 @@ def advanced(
         state[jumping] = end[:, 0]
     slopes[:, :, jumping] = by[..., 0]
     return states, slopes
-
-
-def _part(
-    time: Array, length: Array, stages: Callable[[int], Stages], chosen: Array
-) -> tuple[Array, Array, Callable[[int], Stages]]:
-    """Return times, lengths and inputs of some of the samples, one below the other."""
-
-    def cut(number: int) -> Stages:
-        own = stages(number)
-        rates = {k: rate[:, chosen][..., None] for k, rate in own.rates.items()}
-        return Stages(own.values[:, :, chosen][..., None], rates)
-
-    time = np.broadcast_to(time, chosen.shape)[chosen][:, None]
-    wide = np.broadcast_to(length, (chosen.shape[0], length.shape[1], chosen.shape[1]))
-    return time, np.moveaxis(wide, 1, 2)[chosen][:, :, None], cut
 
 
 def condensed(slopes: Array, defects: Array) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -12,9 +12,10 @@ from jaxsr._result import InputError
 from jaxsr.expressions.postfix import OPERATORS
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
-from jaxsr.regression.marquardt import levenberg_marquardt
+from jaxsr.regression.marquardt import Course, ExactFits, levenberg_marquardt
 from jaxsr.regression.projection import Sets, batches, evaluate
 from jaxsr.regression.slopes import Form, constants_of, with_constants
+from jaxsr.regression.streamed_projection import fits, opened
 
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem
@@ -79,17 +80,49 @@ def refine_many(
         sum of squares relative to the target's; inf where a term is not finite.
     """
     limits = limits or Refinement()
-    total = problem.total or 1.0
     out: list[tuple[tuple[Term, ...], float]] = [(tuple(terms), np.inf) for terms in sets]
-    for places, batch in batches(problem, sets, limits.most_constants):
-        own = [sets[place] for place in places]
-        constants, loss = _search(problem, batch, own, limits, total)
-        for row, terms in enumerate(own):
-            if np.any(batch.used[row]):
-                moved = iter(constants[row].tolist())
-                terms = [with_constants(term, moved) for term in terms]
-            out[places[row]] = (tuple(terms), float(loss[row] / total))
+    total = problem.total or 1.0
+    begun: dict[int, Course] = {}
+    done: set[int] = set()
+    if limits.method == "levenberg_marquardt" and problem.view is None:
+        for k, course in _streamed(problem, sets, limits):
+            if course.unsure[0]:
+                begun[k] = course
+            else:
+                out[k] = _moved(sets[k], course.constants[0]), float(course.loss[0] / total)
+                done.add(k)
+    rest = [k for k in range(len(sets)) if k not in done]
+    for places, batch in batches(problem, [sets[k] for k in rest], limits.most_constants):
+        numbers = [rest[place] for place in places]
+        course = Course.of(batch.start, limits)
+        for row, k in enumerate(numbers):
+            if k in begun:
+                course.follow(row, begun[k])
+        constants, loss = _search(problem, batch, [sets[k] for k in numbers], limits, course)
+        for row, k in enumerate(numbers):
+            terms = _moved(sets[k], constants[row]) if np.any(batch.used[row]) else tuple(sets[k])
+            out[k] = terms, float(loss[row] / total)
     return out
+
+
+def _moved(terms: Sequence[Term], constants: Array) -> tuple[Term, ...]:
+    moved = iter(constants.tolist())
+    return tuple(with_constants(term, moved) for term in terms)
+
+
+def _streamed(
+    problem: RegressionProblem, sets: Sequence[Sequence[Term]], limits: Refinement
+) -> Iterator[tuple[int, Course]]:
+    """Yield sets that the compiled machine has gone through, and how far their search came."""
+    if not problem.evaluator.differentiates(len(sets)):
+        return
+    opens = [opened(problem, terms, limits.most_constants) for terms in sets]
+    numbers = [k for k, own in enumerate(opens) if own is not None]
+    for places, batch in fits(problem, [own for own in opens if own is not None]):
+        course = Course.of(batch.start, limits)
+        levenberg_marquardt(batch, course, limits, problem.total or 1.0)
+        for row, place in enumerate(places):
+            yield numbers[place], course.row(row)
 
 
 def _search(
@@ -97,14 +130,15 @@ def _search(
     batch: Sets,
     sets: Sequence[Sequence[Term]],
     limits: Refinement,
-    total: float,
+    course: Course,
 ) -> tuple[Array, Array]:
     """Return constants and losses of a batch, never worse than the start."""
     moving = [[term for term in terms if constants_of(term)] for terms in sets]
     nodes = [node for terms in moving for term in terms for node in term.walk()]
     coded = all(node.op in OPERATORS for node in nodes if node.args)
     if limits.method == "levenberg_marquardt" or not coded or not batch.used.shape[1]:
-        return levenberg_marquardt(batch, limits, total)
+        levenberg_marquardt(ExactFits(batch), course, limits, problem.total or 1.0)
+        return course.constants, course.loss
     from jaxsr.regression.descent import descend  # optax is loaded only when asked for
 
     every = np.arange(len(sets))

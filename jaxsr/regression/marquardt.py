@@ -10,18 +10,54 @@ Kaufman (1975), BIT 15, 49-57.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from jaxsr.regression.gram import Array
-from jaxsr.regression.projection import Places, Point, Sets, evaluate
+from jaxsr.regression.projection import Mask, Places, Point, Sets, evaluate
 
 if TYPE_CHECKING:
     from jaxsr.regression.constants import Refinement
 
 # Share of a slope's square that is no more than rounding.
 _ROUNDING = 1e-20
+
+
+class Fits(Protocol):
+    """Sets of terms whose loss is a function of their constants.
+
+    Points are whatever the fits make: they have ``loss`` and ``unsure`` (sets,), and an ``update``
+    from another point.
+    """
+
+    moves: Mask
+    """Sets that hold constants."""
+
+    def evaluate(self, constants: Array, rows: Places) -> Any:
+        """Return the point of the sets ``rows`` at ``constants`` (rows, constants)."""
+        ...
+
+    def curvature(self, point: Any, rows: Places) -> tuple[Array, Array]:
+        """Return J^T J (rows, constants, constants) and J^T residual at a point of all sets."""
+        ...
+
+
+class ExactFits:
+    """Fits by orthogonalisation of the columns themselves."""
+
+    def __init__(self, batch: Sets) -> None:
+        self._batch = batch
+        self.moves = np.any(batch.used, axis=1)
+
+    def evaluate(self, constants: Array, rows: Places) -> Point:
+        """Return the point of the sets ``rows`` at ``constants`` (rows, constants)."""
+        return evaluate(self._batch, constants, rows)
+
+    def curvature(self, point: Point, rows: Places) -> tuple[Array, Array]:
+        """Return J^T J (rows, constants, constants) and J^T residual at a point of all sets."""
+        return _curvature(self._batch, point, rows)
 
 
 def _curvature(batch: Sets, point: Point, rows: Places) -> tuple[Array, Array]:
@@ -55,22 +91,68 @@ def _moves(
     return np.clip(delta, -reach, reach), promised
 
 
-def levenberg_marquardt(batch: Sets, limits: Refinement, total: float) -> tuple[Array, Array]:
-    """Return constants (sets, constants) and losses at a local minimum of each set's loss.
+@dataclass(slots=True)
+class Course:
+    """Where the search of each set stands.
+
+    Attributes
+    ----------
+    constants : ndarray, (sets, constants)
+    damping : ndarray, (sets,)
+    left : ndarray of int, (sets,)
+        Steps that may still be tried.
+    loss : ndarray, (sets,)
+    unsure : ndarray of bool, (sets,)
+        Where the search was left since the fits cannot tell how it goes on.
+    """
+
+    constants: Array
+    damping: Array
+    left: Places
+    loss: Array
+    unsure: Mask
+
+    @classmethod
+    def of(cls, start: Array, limits: Refinement) -> Course:
+        """Return the course before the first step."""
+        count = len(start)
+        return cls(
+            start.copy(),
+            np.full(count, 1e-3),
+            np.full(count, limits.iterations, dtype=np.intp),
+            np.full(count, np.inf),
+            np.zeros(count, dtype=bool),
+        )
+
+    def row(self, row: int) -> Course:
+        """Return the course of one set."""
+        parts = (getattr(self, name)[row : row + 1] for name in Course.__slots__)
+        return Course(*(part.copy() for part in parts))
+
+    def follow(self, row: int, other: Course) -> None:
+        """Go on with the course of one set."""
+        count = min(self.constants.shape[1], other.constants.shape[1])
+        self.constants[row, :count] = other.constants[0, :count]
+        self.damping[row], self.left[row] = other.damping[0], other.left[0]
+
+
+def levenberg_marquardt(fits: Fits, course: Course, limits: Refinement, total: float) -> None:
+    """Take ``course`` to a local minimum of each set's loss.
 
     Steps end where the loss is ``limits.floor`` of ``total``, or no longer falls.
     """
-    every = np.arange(len(batch.start))
-    c, damping = batch.start.copy(), np.full(len(every), 1e-3)
-    point = evaluate(batch, c, every)
-    live = np.isfinite(point.loss) & np.any(batch.used, axis=1)
+    c, damping = course.constants, course.damping
+    every = np.arange(len(c))
+    point = fits.evaluate(c, every)
+    course.unsure[:] = point.unsure
+    live = np.isfinite(point.loss) & fits.moves & ~point.unsure
     matrix = np.zeros((*c.shape, c.shape[1]))
     moment, stale = np.zeros_like(c), np.ones(len(every), dtype=bool)
-    for _ in range(limits.iterations):
-        live &= point.loss > limits.floor * total
+    while True:
+        live &= (point.loss > limits.floor * total) & (course.left > 0)
         fresh = np.flatnonzero(live & stale)
         if len(fresh):
-            matrix[fresh], moment[fresh] = _curvature(batch, point, fresh)
+            matrix[fresh], moment[fresh] = fits.curvature(point, fresh)
             stale[fresh] = False
         at = np.flatnonzero(live)
         delta, promised = _moves(matrix[at], moment[at], damping[at], c[at], limits)
@@ -79,13 +161,18 @@ def levenberg_marquardt(batch: Sets, limits: Refinement, total: float) -> tuple[
         at, delta = at[able], delta[able]
         if not len(at):
             break
-        trial = evaluate(batch, c[at] + delta, at)
-        better = trial.loss < point.loss[at]
-        fall = 1.0 - trial.loss / point.loss[at]
+        trial = fits.evaluate(c[at] + delta, at)
+        course.unsure[at[trial.unsure]] = True
+        live[at[trial.unsure]] = False
+        told = np.flatnonzero(~trial.unsure)
+        at, delta, loss = at[told], delta[told], trial.loss[told]
+        course.left[at] -= 1
+        better = loss < point.loss[at]
+        fall = 1.0 - loss / point.loss[at]
         damping[at] = np.where(better, damping[at] / 6.0, damping[at] * 8.0)
         live[at] = np.where(better, fall >= limits.gain, damping[at] <= 1e6)
         won = at[better]
         c[won] += delta[better]
-        point.update(won, trial, np.flatnonzero(better))
+        point.update(won, trial, told[better])
         stale[won] = True
-    return c, point.loss
+    course.loss[:] = point.loss

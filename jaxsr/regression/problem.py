@@ -131,7 +131,7 @@ class RegressionProblem:
         self.fixed = np.zeros((self.rows, 0)) if fixed is None else np.asarray(fixed, float)
         if self.fixed.shape[0] != self.rows:
             raise InputError(f"fixed has {self.fixed.shape[0]} rows, y has {self.rows}", "fixed")
-        self._basis = _orthonormal(self.fixed)
+        self.basis = _orthonormal(self.fixed)
         self.target = self._project(self.y[:, None])[:, 0]
         self.total = float(self.target @ self.target)
         self._scale = np.sqrt(self.total) or 1.0
@@ -163,9 +163,9 @@ class RegressionProblem:
 
     def _empty_store(self, target: Array) -> Store:
         capacity = self._limit // (16 * self.rows)
-        if capacity < _HELD and self.view is None and not self._basis.shape[1]:
+        if capacity < _HELD and self.view is None and not self.basis.shape[1]:
             return StreamedStore(self._reduced, self.admits, target, self._limit)
-        project = self._project if self._basis.shape[1] else None
+        project = self._project if self.basis.shape[1] else None
         return ColumnStore(self.columns, project, self.admits, target, max(256, capacity))
 
     def _reduced(self, terms: Sequence[Term], use: Callable[[Array, slice], Any]) -> list[Any]:
@@ -188,9 +188,9 @@ class RegressionProblem:
         return samples if self.view is None else self.view(samples)
 
     def _project(self, columns: Array) -> Array:
-        if not self._basis.shape[1]:
+        if not self.basis.shape[1]:
             return columns
-        return columns - self._basis @ (self._basis.T @ columns)
+        return columns - self.basis @ (self.basis.T @ columns)
 
     def columns(self, terms: Sequence[Term], *, keep: bool = True) -> Array:
         """Return the viewed columns (rows, terms); what is not finite stays so."""
@@ -214,7 +214,7 @@ class RegressionProblem:
         """
         self.check()
         viewed = self._viewed(samples)
-        if not self._basis.shape[1]:
+        if not self.basis.shape[1]:
             return viewed
         with np.errstate(all="ignore"):  # a column that is not finite stays so
             left = self._project(viewed)

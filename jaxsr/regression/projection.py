@@ -104,6 +104,11 @@ class Point:
     loss: Array
     slopes: Array
 
+    @property
+    def unsure(self) -> Mask:
+        """Nothing is: columns are orthogonalised themselves."""
+        return np.zeros(len(self.loss), dtype=bool)
+
     def update(self, where: Places, other: Point, rows: Places) -> None:
         """Take over ``rows`` of another point at ``where``."""
         for name in ("basis", "xi", "residual", "loss", "slopes"):
@@ -196,10 +201,10 @@ def _still(
     none = np.zeros((count, 0, rows))
     basis, _, usable = orthonormal(stacked, present, none)
     target = np.broadcast_to(problem.target, (count, rows)).copy()
-    return basis, _without(target[:, None], basis)[:, 0], usable
+    return basis, without(target[:, None], basis)[:, 0], usable
 
 
-def _without(columns: Array, basis: Array) -> Array:
+def without(columns: Array, basis: Array) -> Array:
     """Project columns (sets, k, rows) off a basis, twice: once leaves rounding behind."""
     for _ in range(2 if basis.shape[1] else 0):
         columns = columns - (columns @ basis.transpose(0, 2, 1)) @ basis
@@ -231,7 +236,7 @@ def orthonormal(columns: Array, used: Mask, beside: Array) -> tuple[Array, Array
     safe = columns if np.all(asked) else np.where(asked[:, :, None], columns, 0.0)
     norms = np.sqrt(np.vecdot(safe, safe))
     norms = np.where(norms > 0.0, norms, 1.0)
-    left = _without(safe / norms[:, :, None], beside)
+    left = without(safe / norms[:, :, None], beside)
     basis, upper = np.zeros((count, width, rows)), np.zeros((count, width, width))
     usable = np.all(good, axis=1)
     for k in range(width):
@@ -269,7 +274,7 @@ def evaluate(batch: Sets, constants: Array, rows: Places) -> Point:
     basis, upper, usable = orthonormal(seen, batch.used[rows], batch.basis[rows])
     target = batch.target[rows]
     shares = (basis @ target[:, :, None])[:, :, 0]
-    residual = _without(target[:, None], basis)[:, 0]
+    residual = without(target[:, None], basis)[:, 0]
     xi = np.asarray(np.linalg.solve(upper, shares[:, :, None])[:, :, 0], np.float64)
     loss = np.einsum("br,br->b", residual, residual)
     return Point(basis, xi, residual, np.where(usable & batch.usable[rows], loss, np.inf), slopes)

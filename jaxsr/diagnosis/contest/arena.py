@@ -168,12 +168,13 @@ def in_widths(arena: Arena, widths: tuple[float, ...]) -> Arena:
     return replace(arena, problem=rounded(arena.problem), wide=wide)
 
 
-def in_sharpest_widths(arena: Arena) -> Arena:
-    """Return the arena with jumps as sharp as it knows them."""
+def in_sharpest_widths(arena: Arena, factor: float = 1.0) -> Arena:
+    """Return the arena with jumps as sharp as it knows them, or `factor` times as wide."""
     widths = arena.problem.stepping.widths
     if arena.jumps is not None:
         arguments, least = arena.problem.simulator.smoothed_arguments, arena.jumps.sharpest
-        widths = tuple(least.get(a, w) for a, w in zip(arguments, widths, strict=False))
+        known = zip(arguments, widths, strict=False)
+        widths = tuple(factor * least[a] if a in least else w for a, w in known)
     return in_widths(arena, widths)
 
 

@@ -17,6 +17,8 @@ from jaxsr.models.shooting import fit
 
 CONTEST_TOLERANCE = 1e-4
 """Gain in cost at which the estimation of a set stops: far below `MIN_GAIN`."""
+MOVED = 1e-3
+"""Change of a parameter, or of a start, relative to itself, that leads later starts elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +45,19 @@ class Estimation:
     def renewed(
         self, own: Reduced, theta: np.ndarray, path: np.ndarray | None, near: bool, times: int
     ) -> Fit:
-        """Estimate, and again while the parameters that lead the driven states' starts move."""
+        """Estimate, and again while what leads the driven states' later starts moves.
+
+        That is the parameters, and the starts of the recordings.
+        """
+        count = len(own.problem.simulator.model.driven)
         result = self(own, theta, path, near)
-        for _ in range(times):
-            moved = np.abs(result.theta - theta) > 1e-3 * np.abs(theta)
-            if not own.problem.simulator.model.driven or not moved.any() or not result.usable:
+        begun = own.problem.segments.guess if path is None else path[:, 0]
+        for _ in range(times if count else 0):
+            moved = np.abs(result.theta - theta) > MOVED * np.abs(theta)
+            away = np.abs(result.x0 - begun)[-count:] > MOVED * np.abs(result.x0[-count:])
+            if not (moved.any() or away.any()) or not result.usable:
                 break
-            theta = result.theta
+            theta, begun = result.theta, result.x0
             result = self(own, theta, result.path, near)
         return result
 
@@ -79,19 +87,31 @@ class Estimation:
 def _driven(
     arena: Arena, problem: Problem, theta: np.ndarray, active: np.ndarray, x0: np.ndarray | None
 ) -> tuple[Problem, np.ndarray]:
-    """Return the starts with driven states where `theta` leads them, and whither it moves them."""
+    """Return the starts with driven states where `theta` leads them, and whither it moves them.
+
+    Where a recording begins nothing led them: that start is estimated, from `x0` on or, by default,
+    from rest, and moves those of the recording's later segments.
+    """
     segments, model = problem.segments, problem.simulator.model
-    x0 = np.array(segments.guess if x0 is None else x0)
-    count, order = len(model.driven), list(model.parameters)
+    known, count, order = x0, len(model.driven), list(model.parameters)
+    x0, free = np.array(segments.guess if x0 is None else x0), segments.free_start.copy()
     inside = set().union(*(model.equation_terms[s].variables for s in model.driven))
     chosen = tuple(order[j] for j in active if order[j] in inside)
     following = np.zeros((len(x0), len(order), segments.number))
     columns = [order.index(name) for name in chosen]
+    carried = np.zeros((len(x0), count * len(arena.prepared), segments.number))
     for r, item in enumerate(arena.prepared):
         mine = segments.recording == r
-        path, slopes = driven_states(problem.simulator, item, theta, chosen)
+        begun = mine & (segments.start == 0)
+        start = None if known is None or not begun.any() else known[-count:, begun][:, 0]
+        path, slopes, by_start = driven_states(problem.simulator, item, theta, chosen, start)
         x0[-count:, mine] = path[segments.start[mine]].T
+        free[-count:, begun] = True
         at = slopes[segments.start[mine]].transpose(1, 2, 0)
         for k, column in enumerate(columns):
             following[-count:, column, mine] = at[:, k]
-    return replace(problem, following=following), x0
+        if begun.any():
+            own = slice(r * count, (r + 1) * count)
+            carried[-count:, own, mine] = by_start[segments.start[mine]].transpose(1, 2, 0)
+    segments = replace(segments, guess=x0, free_start=free)
+    return replace(problem, segments=segments, following=following, carried=carried), x0

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr.diagnosis.contest.memory_starts import memory_starts
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.lifting import liftable
 from jaxsr.models.rollout import Stepping, outputs
@@ -66,7 +67,8 @@ def free_run(
 ) -> FreeRun:
     """Simulate consecutive segments, each from a start estimated on its first 5 % only.
 
-    At least 3 samples serve for the start, on a whole recording at least 50. The segments are
+    At least 3 samples serve for the start, on a whole recording at least 50. A memory's start is
+    told by the first 5 % of the recording, and from there its course is led on. The segments are
     padded to the shape of those of `like`, whose compiled simulation then serves here as well.
     What `stop` ends was not run (`not_run`).
     """
@@ -78,10 +80,15 @@ def free_run(
         return not_run(prepared)
     others = cut(like, None if whole else horizon) if like else []
     shape = (max((b - a for _, a, b in others), default=0), len(others))
-    segments = build_segments(model, prepared, rows, stepping.substeps, shape, theta)
+    starts = None
+    if model.driven:
+        begun = [_first(item.time.size, 50) for item in prepared]
+        scale = _scales(prepared).mean(0)
+        starts = memory_starts(simulator, stepping, prepared, theta, begun, scale, stop)
+    segments = build_segments(model, prepared, rows, stepping.substeps, shape, theta, starts=starts)
     least = 50 if whole else 3
-    first = [min(b - a, max(least, int(np.ceil(START_SHARE * (b - a))))) for _, a, b in rows]
-    begin = _beginnings(simulator, prepared, rows, first, segments, stepping, theta)
+    first = [_first(b - a, least) for _, a, b in rows]
+    begin = _beginnings(simulator, prepared, rows, first, segments, stepping, theta, starts)
     problem = Problem(simulator, stepping, begin, _scales(prepared).mean(0))
     none = np.zeros(0, dtype=int)
     start = fit(problem, theta, none, (theta, theta), max_iterations=8, tolerance=1e-3)
@@ -100,6 +107,11 @@ def free_run(
     return _scored(prepared, simulated, covered)
 
 
+def _first(samples: int, least: int) -> int:
+    """How many of some samples tell a start."""
+    return min(samples, max(least, int(np.ceil(START_SHARE * samples))))
+
+
 def not_run(prepared: Sequence[Prepared]) -> FreeRun:
     """Return what is known of recordings along which nothing was run."""
     nothing = [np.full_like(p.outputs, np.nan) for p in prepared]
@@ -114,6 +126,7 @@ def _beginnings(
     segments: Segments,
     stepping: Stepping,
     theta: np.ndarray,
+    starts: Sequence[np.ndarray] | None,
 ) -> Segments:
     """Return the segments with the outputs of all but their first samples left out.
 
@@ -123,7 +136,8 @@ def _beginnings(
         short = [(r, a, a + n) for (r, a, _), n in zip(rows, first, strict=True)]
         size = max(n for n in first)
         shape = (size, segments.number)
-        return build_segments(simulator.model, prepared, short, stepping.substeps, shape, theta)
+        steps = stepping.substeps
+        return build_segments(simulator.model, prepared, short, steps, shape, theta, starts=starts)
     measured = segments.outputs.copy()
     for s, n in enumerate(first):
         measured[:, n:, s] = np.nan

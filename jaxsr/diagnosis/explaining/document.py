@@ -222,7 +222,7 @@ def _document(
         "findings": judged.findings,
         "calibration": calibration_rows(judged.explained, model),
         "fit": fit,
-        "confusable": confusable_rows(parts, outer) if outer else [],
+        "confusable": [*judged.confusable, *(confusable_rows(parts, outer) if outer else [])],
         "smallest_detectable": detectable_rows(parts, inner) if inner else {},
         "next_experiment": attempt(
             "choosing the next experiment",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,32 +14,32 @@ from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.blocks import gain
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.explaining.equivalence import equivalent
 from jaxsr.diagnosis.explaining.explain import (
     Weight,
     finding_row,
     rounding_rows,
     where,
-    wrong_value_row,
 )
 from jaxsr.diagnosis.explaining.rectifying import rectified_rows
+from jaxsr.diagnosis.explaining.value_findings import REFINING, moved_values, told_values
+from jaxsr.diagnosis.explaining.wrong_values import frozen
 from jaxsr.diagnosis.judging.alternatives import TIE, Alternative, alternatives, odds
 from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
+from jaxsr.diagnosis.judging.equivalence import equivalent
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, model_limited, residual_to_noise
 from jaxsr.diagnosis.judging.refine import Estimate, Ground, refine
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.judging.whole import over_all
 from jaxsr.diagnosis.open_mass import OpenMass, open_mass
 from jaxsr.diagnosis.thinning import Whole
+from jaxsr.diagnosis.verdict import Claim
 from jaxsr.models import Edit, Model, apply_edit
 
 UNEXPLAINED = 5.0
 """Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""
 COMPLETING = 0.25
 """Share of the time left that an estimate over all recordings may take."""
-REFINING = 0.15
-"""Share of the time left that leading estimates out of corners and checking them may take."""
 SHARPENING = 0.3
 """The same for estimates without the rounding of jumps, and their comparison."""
 WRONG = 0.02
@@ -70,7 +70,8 @@ class Ingredients:
     command: str | None
     stopped: StoppedBy  # why no more sets were tried
     whole: Whole | None = None  # all recordings, where the search worked on a part of them
-    weights: Weights | None = None  # probabilities of sets, where the evidence decided
+    weights: Weights | None = None  # probabilities of sets, where the evidence decided,
+    claim: Claim | None = None  # and its verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +87,7 @@ class Judged:
     edits: tuple[Edit, ...] = ()  # of readings alone, which no simulation feels
     leader: Entry | None = None  # what `rivals` could replace, where nothing was chosen
     open: OpenMass = field(default_factory=OpenMass)  # of what was not compared
+    confusable: tuple[list[Any], ...] = ()  # wrong values that others do as well as
 
 
 def judge(parts: Ingredients) -> Judged:
@@ -144,9 +146,13 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
     if not parts.chosen.members:
         judged = _without_finding(parts, recalibrated)
         leading = [e for e in parts.entries if e.members and e.fit.cost < parts.null.fit.cost]
-        if judged.verdict is Verdict.UNDECIDED and leading:
+        if (
+            judged.verdict is Verdict.UNDECIDED
+            and leading
+            and not (parts.claim and judged.findings)
+        ):
             # Nothing is believed; what comes nearest is named.
-            leader = most_credible(arena.super_model, leading)
+            leader = _nearest(parts, leading)
             rows, rivals, _ = _rows(parts, leader, refine(ground, leader, thorough=False))
             judged = replace(judged, findings=rows, rivals=rivals, leader=leader)
         return judged
@@ -160,11 +166,20 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
     verdict = _verdict(parts, order, rivals)
     if max((row["share"] for row in rounding), default=0.0) > rows[0]["share"]:
         verdict = Verdict.MEASUREMENT
-    if verdict is not Verdict.MEASUREMENT and not _simulates_better(parts, recalibrated, best):
+    by_runs = parts.claim is None and verdict is not Verdict.MEASUREMENT
+    if by_runs and not _simulates_better(parts, recalibrated, best):
         # Short runs of late or clipped readings start from what those do not tell.
         verdict = Verdict.UNDECIDED
     every = sorted([*rows, *rounding], key=lambda row: -row["share"])
     return Judged(recalibrated, best, verdict, every, rivals, True, tuple(edits))
+
+
+def _nearest(parts: Ingredients, entries: Sequence[Entry]) -> Entry:
+    """Return the most probable of some sets, by the evidence where that decided."""
+    super_model, weights = parts.arena.super_model, parts.weights
+    if weights is None:
+        return most_credible(super_model, entries)
+    return max(entries, key=lambda e: weights.share(super_model, e))
 
 
 def _without_idle(parts: Ingredients, best: Estimate) -> Entry | None:
@@ -246,11 +261,13 @@ def _verdict(parts: Ingredients, order: list[int], rivals: list) -> Verdict:
     Where a state hides, an estimate may end far from the best one: what is left above the noise
     then says that none of the sets can be trusted.
     """
-    if parts.case.screened is None and model_limited(parts.arena, parts.chosen):
-        return Verdict.UNDECIDED
     candidates = parts.arena.super_model.candidates
     number, others = rivals[order[0]]
     own = candidates[number].verdict
+    if parts.claim is not None:
+        return Verdict.UNDECIDED if parts.claim.verdict is Verdict.UNDECIDED else own
+    if parts.case.screened is None and model_limited(parts.arena, parts.chosen):
+        return Verdict.UNDECIDED
     model = parts.arena.super_model.given
     doubt = sum(
         a.probability
@@ -281,29 +298,17 @@ def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate
 
 def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
     """Tell nothing from a wrong value from a mismatch that no mechanism explains."""
-    given, given_values = _given(parts), neutral_values(parts.arena.super_model)
-    rows = []
-    for name in parts.case.simulator.model.free_parameters:
-        place = recalibrated.positions[name]
-        half = float(recalibrated.told[place])
-        distance = abs(float(recalibrated.theta[place]) - given_values[place])
-        if distance > half:
-            rows.append((distance / max(half, 1e-300), name))
+    if parts.claim is not None:
+        return _by_claim(parts, recalibrated, parts.claim)
+    given = _given(parts)
+    names = moved_values(parts, recalibrated)
+    findings, explained, alike = [], recalibrated, ()
     _, rounding, edits = _with_sensors(parts, recalibrated, [], given.fit.cost)
-    findings = []
-    if rows and _differ(given, recalibrated):
-        rows.sort(reverse=True)
+    if names and _differ(given, recalibrated):
         probability = odds(parts.arena.super_model, recalibrated.entry, given, parts.rng)
-        findings = [
-            wrong_value_row(
-                parts,
-                recalibrated,
-                name,
-                weight_of_value(parts, name, given.fit.cost),
-                probability,
-            )
-            for _, name in rows
-        ]
+        told = told_values(parts, recalibrated, names, given.fit.cost)
+        findings = told.rows(dict.fromkeys(names, probability), probability)
+        explained, alike = told.estimate, told.confusable
     unexplained = residual_to_noise(recalibrated.arena, recalibrated.entry) > UNEXPLAINED
     if findings or rounding:
         both = sorted([*rounding, *findings], key=lambda row: -row["share"])
@@ -311,9 +316,27 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
         first = Verdict.MEASUREMENT if measured else Verdict.PARAMETER
         # wrong values do not account for what stands far above the noise
         first = Verdict.UNDECIDED if unexplained and not rounding else first
-        return Judged(recalibrated, recalibrated, first, both, [], True, tuple(edits))
+        judged = Judged(recalibrated, explained, first, both, [], True, tuple(edits))
+        return replace(judged, confusable=alike)
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
     return Judged(recalibrated, recalibrated, verdict, [], [], False)
+
+
+def _by_claim(parts: Ingredients, recalibrated: Estimate, claim: Claim) -> Judged:
+    """Return what is said where the most probable set is re-calibration alone."""
+    assert parts.weights is not None
+    cost, labels = _given(parts).fit.cost, "wrong_value@parameter:{}".format
+    free = parts.case.simulator.model.free_parameters
+    names = [n for n in free if labels(n) in claim.leading]
+    told = told_values(parts, recalibrated, names, cost)
+    each = {n: parts.weights.of_label(labels(n)) for n in names}
+    findings = told.rows(each, parts.weights.of_any(map(labels, names)))
+    _, rounding, edits = _with_sensors(parts, recalibrated, [], cost)
+    both = sorted([*rounding, *findings], key=lambda row: -row["share"])
+    measured = bool(both) and both[0]["family"] == "measurement"
+    verdict = Verdict.MEASUREMENT if measured else claim.verdict
+    judged = Judged(recalibrated, told.estimate, verdict, both, [], bool(both), tuple(edits))
+    return replace(judged, confusable=told.confusable)
 
 
 def _with_sensors(
@@ -352,18 +375,6 @@ def _given(parts: Ingredients) -> Entry:
     return enter(frozen(parts.arena), (), neutral_values(parts.arena.super_model))
 
 
-def frozen(arena: Arena, names: Collection[str] | None = None) -> Arena:
-    """An arena in which some parameters are not estimated; by default nothing but the starts is."""
-    given = replace(
-        arena.super_model.given,
-        parameters={
-            n: replace(p, bounds=None) if names is None or n in names else p
-            for n, p in arena.super_model.given.parameters.items()
-        },
-    )
-    return replace(arena, super_model=replace(arena.super_model, given=given))
-
-
 def weight_of_member(parts: Ingredients, entry: Entry, number: int, given: float) -> Weight:
     """Return what one member of a set matters; the set without it is estimated if none was."""
     rest = tuple(i for i in entry.members if i != number)
@@ -373,19 +384,6 @@ def weight_of_member(parts: Ingredients, entry: Entry, number: int, given: float
         start, path = parts.null.fit.theta, parts.null.fit.path
         without = enter(parts.arena, rest, start, path, lambda: budget.exhausted).fit.cost
     return Weight.of(given, without, entry.fit.cost)
-
-
-def weight_of_value(parts: Ingredients, name: str, given: float) -> Weight:
-    """Return what the value of one parameter matters: the others are estimated with it as given."""
-    arena, null = frozen(parts.arena, (name,)), parts.null
-    theta = null.fit.theta.copy()
-    at = list(arena.super_model.model.parameters).index(name)
-    theta[at] = neutral_values(arena.super_model)[at]
-    budget = parts.case.budget.share(REFINING)
-    cost = given
-    if len(parts.case.simulator.model.free_parameters) > 1:
-        cost = enter(arena, (), theta, null.fit.path, lambda: budget.exhausted).fit.cost
-    return Weight.of(given, cost, null.fit.cost)
 
 
 def explained(judged: Judged) -> Model:

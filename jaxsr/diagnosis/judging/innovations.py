@@ -68,11 +68,12 @@ class Autoregression:
         count = max(int(known.sum()), 2)
         # one factor serves all orders: their columns are its first ones
         factor = np.asarray(np.linalg.qr(np.stack([*lags[1:], lags[0]], axis=1), mode="r"))
-        told = factor[:, -1]
+        told = factor[:, -1] if known.any() else np.zeros(1)  # a sensor without any error
         predictors = [np.zeros(0)]
         for m in range(1, largest + 1):
             inner = factor[:m, :m]
-            predictors.append(np.linalg.lstsq(inner, told[:m], rcond=1e-12)[0])
+            solved = np.linalg.lstsq(inner, told[:m], rcond=1e-12)[0]
+            predictors.append(np.asarray(solved, dtype=np.float64))
         left = np.cumsum(told[::-1] ** 2)[::-1][: largest + 1]
         variances = left / count + 1e-300
         orders = np.arange(largest + 1)

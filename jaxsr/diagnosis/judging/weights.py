@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from jaxsr.diagnosis.contest.entry import Entry
@@ -25,6 +25,15 @@ class Weights:
         """Return the probability of one set."""
         return self.of.get(frozenset(super_model.candidates[i].label for i in entry.members), 0.0)
 
+    def of_label(self, label: str) -> float:
+        """Return the probability that a mechanism at its site is part of the truth."""
+        return min(sum(p for labels, p in self.of.items() if label in labels), 1.0)
+
+    def of_any(self, labels: Iterable[str]) -> float:
+        """Return the probability that at least one of some mechanisms is part of the truth."""
+        wanted = frozenset(labels)
+        return min(sum(p for known, p in self.of.items() if known & wanted), 1.0)
+
     def alternatives(
         self, super_model: SuperModel, chosen: Entry, number: int, entries: Sequence[Entry]
     ) -> tuple[float, list[Alternative]]:
@@ -41,5 +50,4 @@ class Weights:
             other = next(i for i in entry.members if candidates[i].label in swapped)
             probability = self.of.get(labels, 0.0)
             mass.setdefault(candidates[other].label, Alternative(other, probability, entry))
-        probability = sum(p for labels, p in self.of.items() if own in labels)
-        return min(probability, 1.0), sorted(mass.values(), key=lambda a: -a.probability)
+        return self.of_label(own), sorted(mass.values(), key=lambda a: -a.probability)

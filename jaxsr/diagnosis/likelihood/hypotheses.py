@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.contest.integration import steady
+from jaxsr.diagnosis.contest.memory_starts import start_of
 from jaxsr.diagnosis.contest.reduced import Reduced, lean
 from jaxsr.diagnosis.likelihood.beliefs import belief_of
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated, left
@@ -16,16 +17,19 @@ from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.table import Table
-from jaxsr.diagnosis.likelihood.workspace import Workspace, start_of
+from jaxsr.diagnosis.likelihood.widths import likeliest_width
+from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.segments import build_segments
 
-EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.015, 4.0, (2.0, 1.4, 1.2, 1.1)
+EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.02, 4.0, 2.0
 """Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, from
 where the law itself is found; where a rounded one is more probable, by a coarse factor, and finer
 ones about the best, the last two as long as they show."""
+HARDLY = WIDEST / COARSE**4
+"""Width of a corner that is all but exact, which tells whether a rounder one may be likelier."""
 STANDING = 4.0
 """Deviations of the noise below its largest reading in which a sensor stands at its limit."""
 SHARPENED, CLEAR = 0.5, 1.0
@@ -265,17 +269,21 @@ def _at_its_mode(
         return (*tried[1.0], 1.0) if better(1.0, None) else None
 
     def refined(best: float) -> tuple[Problem, Estimate, float]:
-        """Take finer steps about a width, unless the set is far behind, and the best of all."""
+        """Take the likeliest width about one, unless the set is far behind, and the best of all."""
         if best > EXACT and not left(tried[best][1].log_evidence, 0.0, follow.best):
-            for step in FINER:
+            for factor in (FINER, 1.0 / FINER):
                 before = best
-                for factor in (step, 1.0 / step):
-                    if better(best * factor, best):
-                        best *= factor
-                        break
-                if step not in FINER[:1] and best == before:
+                while better(best * factor, best):
+                    best *= factor
+                if best != before:
                     break
-        best = max((EXACT, best), key=lambda w: tried[w][1].log_evidence if w in tried else -np.inf)
+            while True:
+                logs = {w: found.log_evidence for w, (_, found) in tried.items() if w > EXACT}
+                between = likeliest_width(logs, SHARPENED)
+                if between is None or not better(between, best):
+                    break
+                best = between
+        best = max(tried, key=lambda w: tried[w][1].log_evidence)
         return *tried[best], best
 
     best = WIDEST
@@ -289,6 +297,8 @@ def _at_its_mode(
     if EXACT not in tried and better(EXACT, best):
         # How round the corner is shows where the law itself leads, if anywhere.
         rounder = [w for w in (best, best / COARSE) if better(w, EXACT)]
+        if not rounder and not follow.lost(tried[EXACT][1]):
+            rounder = [HARDLY] if better(HARDLY, EXACT) else []
         if not rounder:
             return *tried[EXACT], EXACT
         best = max(rounder, key=lambda w: tried[w][1].log_evidence)

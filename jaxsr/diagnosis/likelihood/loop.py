@@ -13,7 +13,7 @@ from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 
 TRIED = 6
-"""Proposals that are estimated about one leader."""
+"""Proposals that are estimated about one leader at a time."""
 MEMORIES = 3
 """The same of those with states of their own."""
 PROMISING = 2.0
@@ -153,14 +153,20 @@ def step(state: State, table: Table) -> State:
         state = replace(state, known=known, rivalled=rivalled)
         if state.leader.members != leader.members:
             return state  # nothing is added to what is not the best of its kind
-    proposed = [(*leader.members, i) for i in _additions(state, here, leader)]
+    plain, others = _additions(state, here, leader)
+    proposed = [(*leader.members, i) for i in (*plain[:TRIED], *others)]
     proposed += pairs(every, here, leader.members, PAIRED, PROMISING + size)
-    if len(leader.members) >= MOST_MEMBERS:
+    while proposed:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
-    known = _estimated(state, table, leader, proposed)
-    if work.stop():
-        return replace(state, known=known)
-    return replace(state, known=known, grown=state.grown | {leader.members})
+        state = replace(state, known=_estimated(state, table, leader, proposed))
+        if work.stop():
+            return state
+        if leader.share == 0.0 or state.leader.share < leader.share:
+            break
+        # None accounts for any of the force that is missing: others are asked as well.
+        plain = plain[TRIED:]
+        proposed = [(*leader.members, i) for i in plain[:TRIED]]
+    return replace(state, grown=state.grown | {leader.members})
 
 
 def _estimated(
@@ -188,8 +194,8 @@ def better(before: Hypothesis | None, after: Hypothesis | None) -> Hypothesis | 
     return max(both, key=lambda h: h.log_evidence, default=None)
 
 
-def _additions(state: State, table: Table, leader: Hypothesis) -> list[int]:
-    """Candidates by what they promise beside a set, the best first.
+def _additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int], list[int]]:
+    """Candidates by what they promise beside a set, the best first, and others that are due.
 
     Those with states of their own have turns of their own: at the first values of their inner
     constants they promise less than they keep.
@@ -212,10 +218,9 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> list[int]:
     best: dict[str, int] = {}  # variants of a mechanism differ by their start alone
     for _, i in sorted(promised, reverse=True):
         best.setdefault(candidates[i].label, i)
-    plain = [i for i in best.values() if not candidates[i].states][:TRIED]
+    plain = [i for i in best.values() if not candidates[i].states]
     memories = [i for i in best.values() if candidates[i].states][:MEMORIES]
     # Readings that stand still at a limit ask for one: its column is nothing along such readings.
     clipped = [i for i in table.own if candidates[i].mechanism == "clipping"]
-    return list(
-        dict.fromkeys([*plain, *memories, *(i for i in clipped if i not in leader.members)])
-    )
+    others = (i for i in (*memories, *clipped) if i not in (*leader.members, *plain[:TRIED]))
+    return plain, list(dict.fromkeys(others))

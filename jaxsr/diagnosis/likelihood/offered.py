@@ -11,7 +11,9 @@ from jaxsr.diagnosis.likelihood.course import Course
 from jaxsr.diagnosis.likelihood.support import supported
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.losses import losses
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates
+from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.setup import input_samples, sample_step, state_scale
 from jaxsr.models import Model
@@ -30,6 +32,8 @@ def offered(model: Model, course: Course, seen: Sequence[Candidate] = ()) -> lis
     prepared, step = course.prepared, sample_step(course.prepared)
     scale = state_scale(model, prepared)
     forces = force_candidates(model, scale, course.motion, input_samples(model, prepared))
+    # Beside a loss in proportion these follow much: the evidence alone charges them for it.
+    forces += [c for site in sites_of(model, scale, course.motion) for c in losses(site)]
     memories = [
         v for c in memory_candidates(model, scale, step, course.motion) for v in _variants(c)
     ]

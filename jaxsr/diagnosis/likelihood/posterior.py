@@ -44,6 +44,8 @@ class Posterior:
         Whether everything was looked at that could be added to the leading set.
     something_else : float
         Probability of a force that no member of the leading set is, against that of none.
+    prepared, rows
+        Recordings and pieces of them that paths lie along.
     """
 
     candidates: tuple[Candidate, ...]
@@ -52,6 +54,8 @@ class Posterior:
     wrong: tuple[WrongValue, ...] = ()
     finished: bool = False
     something_else: float = 0.0
+    prepared: tuple[Prepared, ...] = ()
+    rows: tuple[tuple[int, int, int], ...] = ()
 
     @staticmethod
     def of(state: State) -> Posterior:
@@ -65,6 +69,8 @@ class Posterior:
             tuple(found),
             weights / max(weights.sum(), 1e-300),
             finished=found[0].members in state.grown and len(found[0].members) < MOST_MEMBERS,
+            prepared=state.work.prepared,
+            rows=state.work.rows,
         )
 
     @property

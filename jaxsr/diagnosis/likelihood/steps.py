@@ -12,14 +12,15 @@ from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel, defects, linearised
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.lifting import one_step
+from jaxsr.models.rollout import Stepping
 
 TOLERABLE = 0.5
 """Log likelihood that errors of integration may cost."""
 FINEST = 16
 """Steps between two samples."""
-MOST_PARTS, SHORTEST = 64, 256
-"""Parts that a step is taken in where a rounded jump turns over, and steps between two samples
-there."""
+FEWEST, MOST_PARTS, SHORTEST = 32, 64, 512
+"""Parts that a step is taken in where a rounded jump turns over: to begin with, and those that
+explicit steps may ask for; steps between two samples there at most."""
 FLAT = 1e6
 """Factor on the width of a jump with which it asks for no short steps."""
 
@@ -47,23 +48,39 @@ def resolved(
         Constants that what comes next differentiates by, so that it is done once (`linearised`).
     """
     problem = _cornered(problem, theta)
+    known: dict[Stepping, np.ndarray] = {}
+
+    def leading(there: Problem) -> np.ndarray:
+        """Where the steps of a problem lead, less the path; shape (steps, pieces, states)."""
+        if there.stepping not in known:
+            with np.errstate(all="ignore"):
+                args = there.simulator, there.stepping, there.segments, theta, path
+                ends = one_step(*args, tangents=False)[0]
+            known[there.stepping] = defects(ends, path, there.segments).transpose(1, 2, 0)
+        return known[there.stepping]
+
     while True:
         with np.errstate(all="ignore"):
             args = problem.simulator, problem.stepping, problem.segments, theta, path
             local = linearised(*args, active)
-        for finer in _finer(problem):
-            loss = _loss(local, finer, theta, path, noise, start)
-            if np.isfinite(loss) and loss > TOLERABLE:
-                problem = finer
+        known[problem.stepping] = local.defect
+        begun = problem.stepping
+        while True:  # derivatives are dear, and hardly others with finer steps
+            for finer in _finer(problem):
+                loss = _loss(local, leading(finer) - leading(problem), noise, start)
+                if np.isfinite(loss) and loss > TOLERABLE:
+                    problem = finer
+                    break
+            else:
                 break
-        else:
+        if problem.stepping == begun:
             return problem
 
 
 def _cornered(problem: Problem, theta: np.ndarray) -> Problem:
     """Return the problem with explicit steps, short where its rounded jumps turn over alone.
 
-    As it is where nothing is rounded, and where explicit steps would have to be too many.
+    As it is where nothing is rounded, and where the rest is stiff.
     """
     stepping = problem.stepping
     if not any(stepping.widths):
@@ -72,13 +89,14 @@ def _cornered(problem: Problem, theta: np.ndarray) -> Problem:
     needed = stable_substeps(problem, theta)
     steps = stable_substeps(replace(problem, stepping=flat), theta)
     steps = max(steps, stepping.substeps if stepping.method == "rk4" else 1)
-    parts = max(needed // steps, stepping.parts)
-    if steps > FINEST or parts > MOST_PARTS or parts <= 1:
+    stiff = stepping.staying != "rk4" or needed > MOST_PARTS * steps
+    parts = max(min(needed // steps, FEWEST) if stiff else needed // steps, stepping.parts)
+    if steps > FINEST or parts <= 1:
         return problem
-    if (stepping.method, stepping.substeps, stepping.parts) == ("rk4", steps, parts):
-        return problem
-    problem = with_steps(problem, "rk4", steps)
-    return replace(problem, stepping=replace(problem.stepping, parts=parts))
+    if stepping.method != "rk4" or stepping.substeps != steps:
+        problem = with_steps(problem, "rk4", steps)
+    staying = "rodas3" if stiff else "rk4"
+    return replace(problem, stepping=replace(problem.stepping, parts=parts, staying=staying))
 
 
 def _finer(problem: Problem) -> Iterator[Problem]:
@@ -89,27 +107,20 @@ def _finer(problem: Problem) -> Iterator[Problem]:
         yield replace(problem, stepping=replace(stepping, parts=2 * parts))
     if steps < FINEST:
         finer = with_steps(problem, stepping.method, 2 * steps)
-        yield replace(finer, stepping=replace(finer.stepping, parts=max(parts // 2, 1)))
+        fewer = max(parts // 2, min(parts, FEWEST))  # corners ask for some however long a step
+        yield replace(finer, stepping=replace(finer.stepping, parts=fewer))
 
 
-def _loss(
-    coarse: LocalModel,
-    fine: Problem,
-    theta: np.ndarray,
-    path: np.ndarray,
-    noise: Noise,
-    start: np.ndarray,
-) -> float:
-    """Half the squared innovations that the difference of two ways to integrate causes."""
-    with np.errstate(all="ignore"):
-        args = fine.simulator, fine.stepping, fine.segments, theta, path
-        defect = defects(one_step(*args, tangents=False)[0], path, fine.segments)
-    apart = defect.transpose(1, 2, 0) - coarse.defect
+def _loss(local: LocalModel, apart: np.ndarray, noise: Noise, start: np.ndarray) -> float:
+    """Half the squared innovations that a difference of two ways to integrate causes.
+
+    Its shape is (steps, pieces, states).
+    """
     if not np.isfinite(apart).all():
         return np.inf
-    nothing = np.where(np.isfinite(coarse.innovation), 0.0, np.nan)
+    nothing = np.where(np.isfinite(local.innovation), 0.0, np.nan)
     steps, pieces, n = apart.shape
-    local = replace(coarse.moved(np.zeros(coarse.by_constant.shape[3])), defect=apart)
+    local = replace(local.moved(np.zeros(local.by_constant.shape[3])), defect=apart)
     local = replace(local, innovation=nothing)
     free = Latent(np.zeros((steps, pieces, n, 0)), np.zeros(0), 0.0)
     with np.errstate(all="ignore"):

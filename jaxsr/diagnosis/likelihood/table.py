@@ -26,6 +26,7 @@ TOGETHER = 4
 
 SAME = 1e-9
 """Cosine, less than 1, from which two effects in the sensors are one: rounding."""
+_STILL = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +197,7 @@ class _Usual:
     @staticmethod
     def of(work: Workspace, local: LocalModel, path: np.ndarray, places: Sequence[int]) -> _Usual:
         inside = np.arange(1, path.shape[1])[:, None] < work.narrow.segments.count
-        moved = np.sqrt(np.mean(np.diff(path, axis=1)[:, inside] ** 2, axis=1)) + 1e-300
+        moved = np.sqrt(np.mean(np.diff(path, axis=1)[:, inside] ** 2, axis=1)) + _STILL
         rows = list(work.force_states)
         effect = np.sqrt(np.mean(local.by_constant[..., list(places)] ** 2, axis=(0, 1)))
         own = effect[rows, range(len(rows))]
@@ -205,10 +206,13 @@ class _Usual:
         return _Usual(moved, work.narrow.scale, size, work.force_states)
 
     def deviations(self, step: np.ndarray, reading: np.ndarray) -> np.ndarray:
-        """Return the sizes that coefficients are believed to have, shape (columns,)."""
+        """Return the sizes that coefficients are believed to have, shape (columns,).
+
+        A state that stands still says of no coefficient how large it is.
+        """
         effect = np.sqrt(np.mean(step**2, axis=(0, 1)))
         read = np.sqrt(np.mean(reading**2, axis=(0, 1)))
-        rows = list(self.states)
+        rows = [row for row in self.states if self.moved[row] > _STILL]
         share = np.sum((effect[rows] / self.moved[rows, None]) ** 2, axis=0)
         share += np.sum((read / self.read[:, None]) ** 2, axis=0)
         return np.where(share > 0.0, 1.0 / np.sqrt(share + 1e-300), 1.0)

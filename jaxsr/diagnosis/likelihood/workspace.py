@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.converters import steps_of
 from jaxsr.diagnosis.contest.integration import choose_stepping
+from jaxsr.diagnosis.contest.memory_starts import start_of
 from jaxsr.diagnosis.likelihood.estimate import Scales
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -27,8 +28,6 @@ SHARES = (0.0, *np.geomspace(1e-3, 1.0, 7))
 """Of the net force that the latent force may be."""
 TIMES, BRIEFER = 4, 4.0
 """Times for which the latent force may keep its sign, and the factor from one to the next."""
-START = 4.0
-"""Variance of a start about the path, in that of the state over the recordings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,14 +134,6 @@ def first_noise(model: Model, prepared: Sequence[Prepared]) -> Noise:
     white = np.square(np.maximum(levels, 1e-9 * spread(outputs)))
     white = np.maximum(white, steps)
     return Noise(white, np.zeros_like(white), np.zeros_like(white))
-
-
-def start_of(course: np.ndarray) -> np.ndarray:
-    """Return variances of the states at a start, of their course (states, samples, pieces)."""
-    moved = course.var(axis=(1, 2))
-    # a state that nothing moved yet may be of any size that it has
-    size = np.where(moved > 0.0, moved, np.mean(course**2, axis=(1, 2)))
-    return START * size + 1e-24
 
 
 def along(work: Workspace, path: np.ndarray) -> tuple[Prepared, ...]:

@@ -68,8 +68,8 @@ class AddedState:
     equation : str
         Template of its rate.
     initial : float or "free"
-        Its start in the edited model. While candidates are compared it starts where the
-        recording has driven it.
+        Its start in the edited model. While candidates are compared its start is estimated where a
+        recording begins; later segments start where the recording has driven it from there.
     """
 
     name: str

@@ -19,6 +19,7 @@ from jaxsr.expressions import Term, to_text
 from jaxsr.expressions.canonical import simplify
 from jaxsr.expressions.derivative import built
 from jaxsr.models.force_factor import as_force
+from jaxsr.models.model import Model
 
 _SOURCE = "Duclusaud, Passault, Padois & Ly, ICRA (2025), arXiv 2410.08650"
 
@@ -94,9 +95,28 @@ def loads(site: Site) -> list[str]:
             return []
         force = force if (sign > 0.0) == driven else built("neg", force)
         sides[driven] = built("add", sides[driven], force) if driven in sides else force
-    texts = [to_text(simplify(sides[k])) for k in (True, False) if k in sides]
+    texts = [written(model, sides[k]) for k in (True, False) if k in sides]
     both = [f"({' + '.join(texts)})/2"] if len(texts) == 2 else []
     return [*texts, *both]
+
+
+def written(model: Model, term: Term) -> str:
+    """Return a term as text in which the definitions of a model stand by their names.
+
+    Written out, those of an arm of six joints are hundreds of thousands of characters.
+    """
+    names = {d: Term.variable(n) for n, d in model.definition_terms.items() if d.args}
+    return to_text(simplify(_named(term, names)))
+
+
+def _named(term: Term, names: dict[Term, Term]) -> Term:
+    """Return a term with known subtrees replaced; `names` is filled on the way."""
+    if not term.args:
+        return term
+    if term not in names:
+        args = tuple(_named(a, names) for a in term.args)
+        names[term] = term if args == term.args else Term(term.op, args)
+    return names[term]
 
 
 def _holds(site: Site, summand: Term) -> bool:

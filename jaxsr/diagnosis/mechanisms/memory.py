@@ -117,11 +117,7 @@ def hysteresis(site: Site) -> Iterator[Candidate]:
         ),
         "A force along {site} remembers which way it came (hysteresis).",
         terms=((v, "- {kz}*{z}"),),
-        states=(
-            AddedState(
-                "z", f"{{a}}*{v} - {{b}}*Abs({v})*{{z}} - {{g}}*{v}*Abs({{z}})", unit, initial=0.0
-            ),
-        ),
+        states=(AddedState("z", f"{{a}}*{v} - {{b}}*Abs({v})*{{z}} - {{g}}*{v}*Abs({{z}})", unit),),
         physical=dissipates,
         source="Wen, J. Eng. Mech. Div. ASCE 102 (1976)",
     )

@@ -62,7 +62,7 @@ def presliding(site: Site) -> Iterator[Candidate]:
             (*own, *specs),
             "Dry friction along {site} bends its contacts before they slip (presliding).",
             terms=((v, "- {kz}*{z}"),),
-            states=(AddedState("z", f"{{b}}*({v} - Abs({v})*{{z}}{shape})", "1", initial=0.0),),
+            states=(AddedState("z", f"{{b}}*({v} - Abs({v})*{{z}}{shape})", "1"),),
             substeps=steps,
             source="Canudas de Wit, Olsson, Astrom & Lischinsky, IEEE Trans. Autom. Control 40 "
             "(1995)",

@@ -265,6 +265,7 @@ class _Search:
         m = self.moment[:, active].swapaxes(0, 1)
         total_g, total_m = g.sum(1), m.sum(1)
         ridge = 1e-11 * np.trace(total_g, axis1=1, axis2=2)[:, None, None, None] / count
+        ridge = np.where(ridge > 0.0, ridge, 1.0)  # constants without any effect stay as they are
         systems = np.concatenate([total_g[:, None], total_g[:, None] - g], axis=1)
         rights = np.concatenate([total_m[:, None], total_m[:, None] - m], axis=1)
         try:

@@ -174,8 +174,8 @@ def _by_formula(
         balance = Balance.of(simulator.model)
         if balance is not None:
             gains = field.evaluated(balance.gains, at)
-            forces, masses = balance.weighed(gains, found, time.size)
-            found |= forces
+            forces, weighed = balance.weighed(gains, found, time.size)
+            found, masses = found | forces, masses | weighed  # rows of [inertia] keep their own
             quiet |= balance.weighed(gains, quiet, time.size)[0]
 
     def wide(value: Any) -> np.ndarray:

@@ -57,26 +57,30 @@ def simulate(
     out = np.full((samples, *starts.shape), np.nan)
     out[0] = x = starts.copy()
 
-    def f(x: np.ndarray, place: int, part: float) -> np.ndarray:
+    def known(place: int, part: float) -> dict[str, Any]:
         t = segments.time
         values: dict[str, Any] = {time_name: t[place] + part * (t[place + 1] - t[place])}
-        values.update((name, _between(segments, name, place, part)) for name in driven)
-        values.update(zip(states, x, strict=True))
-        result = np.empty_like(x)
-        for row, rate in enumerate(rates(values, c)):
-            result[row] = rate
-        return result
+        return values | {name: _between(segments, name, place, part) for name in driven}
 
+    def f(x: np.ndarray, values: dict[str, Any], slope: np.ndarray) -> np.ndarray:
+        for name, row in zip(states, x, strict=True):
+            values[name] = row
+        for place, rate in enumerate(rates(values, c)):
+            slope[place] = rate
+        return slope
+
+    parts = np.arange(2 * substeps + 1) / 2.0 / substeps
+    room = [np.empty_like(x) for _ in range(4)]
     with np.errstate(all="ignore"):
         for place in range(samples - 1):
             ensure(expired)
             h = (segments.time[place + 1] - segments.time[place]) / substeps
-            for step in range(substeps):
-                at, half, end = (np.array([0.0, 0.5, 1.0]) + step) / substeps
-                k1 = f(x, place, at)
-                k2 = f(x + 0.5 * h * k1, place, half)
-                k3 = f(x + 0.5 * h * k2, place, half)
-                k4 = f(x + h * k3, place, end)
+            nodes = [known(place, part) for part in parts]  # steps share their ends
+            for at, half, end in zip(nodes[:-1:2], nodes[1::2], nodes[2::2], strict=True):
+                k1 = f(x, at, room[0])
+                k2 = f(x + 0.5 * h * k1, half, room[1])
+                k3 = f(x + 0.5 * h * k2, half, room[2])
+                k4 = f(x + h * k3, end, room[3])
                 x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
             x[np.abs(x) > far] = np.nan
             out[place + 1] = x

@@ -21,6 +21,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from jaxsr import _clock
 from jaxsr._result import InputError
 
 SCRIPT = Path(__file__).with_name("worker.py")
@@ -30,7 +31,7 @@ PATIENCE = 6.0
 """Times as much may pass on the clock of a loaded machine; one that sleeps is ended by it."""
 ROWS = 20_000
 """Rows that are asked at once."""
-KEPT = 12
+KEPT = 24
 """Answers that are kept: the rates of several states are asked one after another."""
 _ALIVE: weakref.WeakSet[Native] = weakref.WeakSet()
 
@@ -66,7 +67,7 @@ class Native:
         self.path, self._seconds = path, SECONDS if seconds is None else seconds
         self._folder = tempfile.mkdtemp(prefix="jaxsr-native-")
         self._limit: _Limit | None = None
-        self._late, self._gone = False, ""
+        self._late, self._gone, self._used = False, "", 0.0
         self._lock = threading.RLock()
         self._known: OrderedDict[tuple[Any, ...], np.ndarray] = OrderedDict()
         quiet = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -101,6 +102,18 @@ class Native:
         """Return derivatives by some columns of the rows, shape (rows, results, columns)."""
         return self._many("slopes", rows, tuple(columns))
 
+    def with_slopes(self, rows: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """Return rates and their derivatives in one request, shape (rows, results, 1 + columns).
+
+        What else is asked at the rows, rates or those slopes, is known then.
+        """
+        found = self._many("with_slopes", rows, tuple(columns))
+        with self._lock:
+            key = np.ascontiguousarray(rows, dtype=float).tobytes()
+            self._keep(("rates", (), key), found[:, :, 0])
+            self._keep(("slopes", tuple(columns), key), found[:, :, 1:])
+        return found
+
     def run(self, rows: np.ndarray) -> np.ndarray:
         """Return the states of a run by the simulator's own steps, shape (samples, states).
 
@@ -121,7 +134,8 @@ class Native:
 
     def _many(self, op: str, rows: np.ndarray, columns: tuple[int, ...]) -> np.ndarray:
         rows = np.ascontiguousarray(rows, dtype=float)
-        shape = (self.results, len(columns)) if op == "slopes" else (self.results,)
+        wide = {"rates": (), "slopes": (len(columns),), "with_slopes": (1 + len(columns),)}
+        shape = self.results, *wide[op]
         with self._lock:
             key = op, columns, rows.tobytes()
             if key in self._known:
@@ -137,10 +151,13 @@ class Native:
                 _, data = self._asked(head, body, limit)
                 parts.append(np.frombuffer(data, dtype=float).reshape(len(part), *shape))
             found = np.concatenate(parts) if parts else np.zeros((0, *shape))
-            self._known[key] = found
-            if len(self._known) > KEPT:
-                self._known.popitem(last=False)
+            self._keep(key, found)
             return found
+
+    def _keep(self, key: tuple[Any, ...], found: np.ndarray) -> None:
+        self._known[key] = found
+        if len(self._known) > KEPT:
+            self._known.popitem(last=False)
 
     def _asked(self, head: dict[str, Any], body: bytes, limit: float) -> tuple[dict, bytes]:
         """Ask, and wait for the answer no longer than the limit in s."""
@@ -169,6 +186,9 @@ class Native:
                 raise
             finally:
                 self._limit = None
+            used = float(found.pop("used", self._used))
+            _clock.count(used - self._used)
+            self._used = used
         if "refused" in found:
             raise InputError(str(found["refused"]), self.path.name, str(found.get("remedy", "")))
         return found, data

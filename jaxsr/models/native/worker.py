@@ -3,9 +3,10 @@
 Native code may hang, crash, print or change the process it runs in. Here that costs a process,
 not the user's session. It imports nothing of the package, so that it starts quickly.
 
-A request is a JSON line with an ``op``, and for ``rates`` and ``slopes`` the bytes of a float64
-array (rows, columns), a row being time, states, inputs and parameters. The answer is a JSON line
-and, where it says ``size``, that many bytes of float64.
+A request is a JSON line with an ``op``, and for ``rates``, ``slopes`` and ``with_slopes`` the bytes
+of a float64 array (rows, columns), a row being time, states, inputs and parameters. The answer is a
+JSON line with the processor time used so far and, where it says ``size``, that many bytes of
+float64.
 """
 
 from __future__ import annotations
@@ -157,8 +158,11 @@ def answered(state: dict[str, Any], request: dict[str, Any], body: bytes) -> Any
     with np.errstate(all="ignore"):
         if op == "run":
             return run_of_steps(backend, rows)
-        if op == "slopes":
-            return slopes(backend, rows, state["scales"], request["columns"])
+        if op in ("slopes", "with_slopes"):
+            found = slopes(backend, rows, state["scales"], request["columns"])
+            if op == "slopes":
+                return found
+            return np.concatenate([evaluated(backend, rows)[:, :, None], found], axis=2)
         return evaluated(backend, rows)
 
 
@@ -181,14 +185,13 @@ def main() -> None:
             if getattr(error, "what", None) is None and not isinstance(error, SystemExit):
                 what = f"{type(error).__name__}: {what}" if str(error) else what
             remedy = getattr(error, "remedy", "")
-            own.write(json.dumps({"refused": what[:160], "remedy": remedy}).encode() + b"\n")
-            own.flush()
-            continue
-        if isinstance(found, np.ndarray):
-            data = np.ascontiguousarray(found, dtype=float).tobytes()
-            own.write(json.dumps({"size": len(data)}).encode() + b"\n" + data)
+            head, data = {"refused": what[:160], "remedy": remedy}, b""
         else:
-            own.write(json.dumps(found).encode() + b"\n")
+            head, data = found, b""
+            if isinstance(found, np.ndarray):
+                data = np.ascontiguousarray(found, dtype=float).tobytes()
+                head = {"size": len(data)}
+        own.write(json.dumps({**head, "used": time.process_time()}).encode() + b"\n" + data)
         own.flush()
     shutil.rmtree(folder, ignore_errors=True)
     os._exit(0)  # libraries of others may hang in what they do at the end

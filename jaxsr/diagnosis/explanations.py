@@ -1,0 +1,81 @@
+"""What a posterior says, as answers: sets of mechanisms with their verdicts and probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from jaxsr._result import Verdict
+from jaxsr.diagnosis.judging.equivalence import equivalent
+from jaxsr.diagnosis.judging.weights import Weights
+from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.posterior import Posterior
+from jaxsr.diagnosis.verdict import Explanation
+from jaxsr.models import Model
+
+
+def labels_of(found: Posterior, item: Hypothesis) -> frozenset[str]:
+    """Return the labels of a hypothesis' members."""
+    return frozenset(found.candidates[i].label for i in item.members)
+
+
+def weights_of(told: Sequence[Explanation]) -> Weights:
+    """Sum the probabilities of variants of one set."""
+    mass: dict[frozenset[str], float] = {}
+    for item in told:
+        mass[item.labels] = mass.get(item.labels, 0.0) + item.probability
+    return Weights(mass)
+
+
+def explanations(found: Posterior, model: Model) -> list[Explanation]:
+    """Return what was weighed as answers.
+
+    Re-calibration alone stands for a model that is right and for one with wrong values, one after
+    the other (`Posterior.wrong`). A set with no more evidence has no mismatch of its own to
+    explain: it may act below the noise, and answers as re-calibration does. Causes that no data can
+    split count as the one that leads. What is left to a probability of one is that of a force that
+    nobody names (`unnamed`).
+    """
+    null = next(h for h in found.hypotheses if not h.members)
+    told = []
+    for item, p in zip(found.hypotheses, found.probabilities, strict=True):
+        if item.log_evidence <= null.log_evidence:
+            told += _calibrated(found, labels_of(found, item), float(p))
+        else:
+            verdict = _verdict_of(found, item, model)
+            told.append(Explanation(labels_of(found, item), verdict, float(p)))
+    return told
+
+
+def unnamed(told: Sequence[Explanation]) -> float:
+    """Return the probability that is left to something else."""
+    return max(0.0, 1.0 - sum(e.probability for e in told))
+
+
+def _calibrated(found: Posterior, labels: frozenset[str], p: float) -> list[Explanation]:
+    """Return a set with no verdict of its own without wrong values and with them."""
+    told, verdict = [], Verdict.NOTHING
+    null = next(h for h in found.hypotheses if not h.members)
+    if found.leader.members and null.share:  # a force that nobody names acts beside it
+        p *= 1.0 - found.something_else
+    for wrong in found.wrong:
+        told.append(Explanation(labels, verdict, (1.0 - wrong.probability) * p))
+        labels, verdict = labels | {f"wrong_value@parameter:{wrong.name}"}, Verdict.PARAMETER
+        p *= wrong.probability
+    return [*told, Explanation(labels, verdict, p)]
+
+
+def _verdict_of(found: Posterior, item: Hypothesis, model: Model) -> Verdict:
+    """Return the verdict of the member without which most evidence is lost.
+
+    What is left without one is the evidence of the best set known that has others alone.
+    """
+
+    def without(number: int) -> float:
+        rest = set(item.members) - {number}
+        return max(h.log_evidence for h in found.hypotheses if rest >= set(h.members))
+
+    largest = found.candidates[min(item.members, key=without)]
+    for number in found.leader.members:
+        if equivalent(model, found.candidates[number], largest):
+            return found.candidates[number].verdict
+    return largest.verdict

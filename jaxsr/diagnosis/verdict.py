@@ -1,0 +1,148 @@
+r"""The verdict: a function of the posterior and of two costs.
+
+Two claims can be made, one on top of the other: that there is a mismatch, and what causes it.
+Without the first the verdict is *nothing*, without the second *undecided*. What is lost, against
+the better choice, is `false_claim` by a claim that is wrong and `abstaining` by none where it would
+have been right, so that the expected loss of a claim of posterior mass :math:`m` is least (Berger
+1985, *Statistical Decision Theory*, section 2.4; Chow 1970, IEEE Trans. Inf. Theory 16) by making
+it where
+
+.. math:: C_{\text{abstaining}}\, m > C_{\text{false}}\, (1 - m),
+
+that is where its odds are above those of the costs. Which mechanism it is may be in doubt all the
+same: that is what its own probability says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from jaxsr._result import InputError, Verdict
+
+FALSE_CLAIM = 20.0
+"""Cost of a false claim against that of abstaining: a claim is made at odds of twenty to one, near
+the one in twenty that an interval of 95 % leaves."""
+
+
+@dataclass(frozen=True)
+class Costs:
+    """What a wrong choice loses against the better one.
+
+    Attributes
+    ----------
+    false_claim : float
+        By a claim that is wrong.
+    abstaining : float
+        By no claim where it would have been right.
+
+    Raises
+    ------
+    InputError
+        A cost is negative or not finite, or both are zero.
+    """
+
+    false_claim: float = FALSE_CLAIM
+    abstaining: float = 1.0
+
+    def __post_init__(self) -> None:
+        known = all(0.0 <= cost < float("inf") for cost in (self.false_claim, self.abstaining))
+        if not (known and self.false_claim + self.abstaining > 0.0):
+            raise InputError(
+                "costs of a false claim and of abstaining must be finite and not negative: "
+                f"{self.false_claim:g} against {self.abstaining:g}",
+                "false_claim_cost",
+                "Name a number above zero, such as 20",
+            )
+
+    def allow(self, mass: float) -> bool:
+        """Whether a claim of a probability is made."""
+        return self.abstaining * mass > self.false_claim * (1.0 - mass)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A set of mechanisms as an answer.
+
+    Attributes
+    ----------
+    labels : frozenset of str
+        Mechanisms at their sites; none where nothing is missing.
+    verdict : Verdict
+        That of its largest share.
+    probability : float
+        Of the set, against all others.
+    """
+
+    labels: frozenset[str]
+    verdict: Verdict
+    probability: float
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What is answered.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    leading : frozenset of str
+        The most probable set of that verdict; of all with a mismatch, where that is undecided.
+    mass : float
+        Probability of the verdict, and of the one that comes nearest where that is undecided.
+    """
+
+    verdict: Verdict
+    leading: frozenset[str]
+    mass: float
+
+
+def claimed(
+    explanations: Sequence[Explanation], something_else: float = 0.0, costs: Costs | None = None
+) -> Claim:
+    """Return the verdict of least expected loss, and its leading set.
+
+    Parameters
+    ----------
+    explanations : sequence of Explanation
+        All sets that were weighed; their probabilities are taken relative to their sum.
+    something_else : float
+        Probability that what none of them names has the largest share.
+    costs : Costs, optional
+        20 to 1 by default.
+
+    Returns
+    -------
+    Claim
+    """
+    costs, mass = costs or Costs(), masses(explanations, something_else)
+    none = mass.pop(Verdict.NOTHING, 0.0)
+    if not costs.allow(1.0 - none):
+        return Claim(Verdict.NOTHING, _most_probable(explanations, {Verdict.NOTHING}), none)
+    if not mass:
+        return Claim(Verdict.UNDECIDED, frozenset(), 0.0)
+    best = max(mass, key=lambda v: mass[v])
+    if costs.allow(mass[best]):
+        return Claim(best, _most_probable(explanations, {best}), mass[best])
+    return Claim(Verdict.UNDECIDED, _most_probable(explanations, mass), mass[best])
+
+
+def _most_probable(
+    explanations: Sequence[Explanation], verdicts: Collection[Verdict]
+) -> frozenset[str]:
+    """Return the labels of the most probable set of some verdicts."""
+    own = (e for e in explanations if e.verdict in verdicts)
+    found = max(own, key=lambda e: e.probability, default=None)
+    return frozenset() if found is None else found.labels
+
+
+def masses(
+    explanations: Sequence[Explanation], something_else: float = 0.0
+) -> dict[Verdict, float]:
+    """Return the probability of every verdict; what is left to one is that of something else."""
+    total = sum(e.probability for e in explanations)
+    found: dict[Verdict, float] = {}
+    for e in explanations:
+        share = (1.0 - something_else) * e.probability / max(total, 1e-300)
+        found[e.verdict] = found.get(e.verdict, 0.0) + share
+    return found

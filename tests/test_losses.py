@@ -1,0 +1,116 @@
+"""Losses of temperatures and levels that are not in proportion, and none where none is missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from store_plants import BODY, CIRCUIT, LOSSES, TANKS, WHOLE
+
+from jaxsr.diagnosis import diagnose
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.losses import losses, surroundings
+from jaxsr.diagnosis.mechanisms.site import Site, sites_of
+from jaxsr.models import Model, Simulator, apply_edit, parse_model
+
+WARM = {"Th": np.linspace(40.0, 90.0, 21), "Tb": np.linspace(30.0, 60.0, 21)}
+
+
+def site(model: Model, state: str, low: float = 1.0, high: float = 9.0) -> Site:
+    scale = {s: WARM.get(s, np.linspace(low, high, 21)) for s in model.states}
+    return next(s for s in sites_of(model, scale) if s.state == state)
+
+
+def offered(of: Site) -> list[Candidate]:
+    return list(losses(of))
+
+
+def test_surroundings_are_told_by_shifting_everything_that_is_compared() -> None:
+    assert surroundings(site(BODY, "Tb")) == ("Ta",)
+    assert surroundings(site(BODY, "Th")) == ()  # it exchanges with a state alone
+    assert surroundings(site(TANKS, "h1")) == ()
+    written = replace(BODY, equations={**BODY.equations, "Tb": "h/Cb*Th - (h + k)/Cb*Tb + k*Ta/Cb"})
+    assert surroundings(site(written, "Tb")) == ("Ta",)
+    fixed = parse_model(
+        """
+[model]
+states = ["T"]
+inputs = ["P"]
+outputs = ["y"]
+[equations]
+T = "(P - k*(T - T0)**1.2)/C"
+[readings]
+y = "T"
+[parameters]
+k = 1.0
+C = 100.0
+T0 = 20.0
+"""
+    )
+    assert surroundings(site(fixed, "T", 30.0, 60.0)) == ("T0",)
+
+
+def test_losses_are_those_of_stores() -> None:
+    found = {c.label for c in offered(site(BODY, "Tb"))}
+    assert found == {"quadratic_drag@equation:Tb", "power_law_drag@equation:Tb"}
+    assert [c.label for c in offered(site(TANKS, "h2"))]
+    electrical = replace(CIRCUIT, units={"i": "A", "uc": "V", "u": "V"})
+    assert not offered(site(electrical, "i")) and not offered(site(electrical, "uc"))
+    assert not offered(site(CIRCUIT, "i", -2.0, 2.0))  # what changes its sign is no store
+    motor = replace(BODY, units={"Th": "m/s", "Tb": "rad/s"})
+    assert not offered(site(motor, "Th")) and not offered(site(motor, "Tb"))
+
+
+def test_radiation_counts_from_absolute_zero() -> None:
+    (warm,) = [c for c in offered(site(BODY, "Tb")) if c.parameters[0].name == "kr"]
+    edit = warm.edit(BODY, warm.names(BODY.symbols), {"kr": 2e-8, "p": 4.0})
+    assert "(Tb + 273.15)**p - (Ta + 273.15)**p" in edit.changes["equations.Tb"]
+    assert apply_edit(BODY, edit).parameters["p"].bounds is None
+    scale = {s: np.linspace(290.0, 350.0, 21) for s in BODY.states}
+    hot = next(s for s in sites_of(BODY, scale) if s.state == "Tb")
+    (kelvin,) = [c for c in offered(hot) if c.parameters[0].name == "kr"]
+    assert kelvin.terms == (("Tb", "- {kr}*(Tb**{p} - Ta**{p})"),)
+    levels = replace(BODY, units={"Th": "m", "Tb": "m", "Ta": "m"})
+    assert not [c for c in offered(site(levels, "Tb")) if c.parameters[0].name == "kr"]
+
+
+def _named(name: str, seed: int) -> None:
+    plant = LOSSES[name]
+    found = diagnose(Simulator(plant.model), plant.recordings(seed), budget=1000.0)
+    assert found.document["verdict"] == "structure"
+    (finding,) = found.document["findings"]
+    assert finding["site"] == "equation:Tb"
+    assert finding["mechanism"] in ("quadratic_drag", "power_law_drag")
+
+
+def _nothing(name: str, seed: int) -> None:
+    plant = WHOLE[name]
+    found = diagnose(Simulator(plant.model), plant.recordings(seed), budget=1000.0)
+    # The free values are off by 10 to 20 %.
+    assert found.document["verdict"] in ("nothing", "parameter")
+    assert all(f["mechanism"] == "wrong_value" for f in found.document["findings"])
+
+
+@pytest.mark.parametrize("name", ["square", "radiation"])
+def test_losses_of_a_temperature_are_named(name: str) -> None:
+    _named(name, 0)
+
+
+@pytest.mark.parametrize("name", sorted(WHOLE))
+def test_nothing_is_lost_where_nothing_is_missing(name: str) -> None:
+    _nothing(name, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 10))
+@pytest.mark.parametrize("name", sorted(LOSSES))
+def test_losses_of_a_temperature_are_named_over_seeds(name: str, seed: int) -> None:
+    _named(name, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 10))
+@pytest.mark.parametrize("name", sorted(WHOLE))
+def test_nothing_is_lost_where_nothing_is_missing_over_seeds(name: str, seed: int) -> None:
+    _nothing(name, seed)
