@@ -30,7 +30,7 @@ from jaxsr._files import atomic_write_text, dump_json
 from jaxsr.monitoring import Monitor, monitor
 
 RESULT = RESULTS / "monitor.json"
-SEED = 37
+SEED = 38
 NORMAL, LITTLE = 4000, 2000
 """Samples of normal running that a monitor learns from; the same with --quick."""
 QUICK_HOURS = 1.0

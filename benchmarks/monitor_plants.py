@@ -1,8 +1,9 @@
 """Machines that a monitor watches: a model file each, and a simulation with or without an effect.
 
-Simulations are four Runge-Kutta steps between samples, sharp laws and all; the models are what an
-explained model would be. Sensors have white noise, noise that is correlated from sample to sample,
-or the steps of an encoder; one machine is driven by a force that no model knows.
+Simulations are Runge-Kutta steps, many between samples where a law is steep: an error of theirs
+would be a machine that does not follow its model. The models are what an explained model would be.
+Sensors have white noise, noise that is correlated from sample to sample, or the steps of an
+encoder; one machine is driven by a force that no model knows.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from scipy.signal import lfilter
 from jaxsr.models import Model, parse_model
 from jaxsr.recordings import Recording
 
-STEPS = 4
 HOLD = 12
 """Samples for which an input is led to its next level."""
 
@@ -66,6 +66,8 @@ class Plant:
         Changes of a state at every sample that no model knows.
     drift : float
         Of the first sensor, for the effect ``drift``, per s.
+    steps : int
+        Between two samples: as many as leave errors far below the noise.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Plant:
     sensors: tuple[Sensor, ...]
     unknown: tuple[int, float, float] | None = None
     drift: float = 0.0
+    steps: int = 4
 
     @property
     def model(self) -> Model:
@@ -128,13 +131,13 @@ class Plant:
         states = np.zeros((len(self.start), samples, machines))
         x = np.repeat(np.array(self.start, dtype=float)[:, None], machines, axis=1)
         normal, changed = self.rates[""], self.rates.get(effect, self.rates[""])
-        h = self.interval / STEPS
+        h = self.interval / self.steps
         for i in range(samples):
             states[:, i] = x
             f = changed if i >= begins else normal
             here, rise = inputs[:, i], inputs[:, i + 1] - inputs[:, i]
-            for s in range(STEPS):
-                u0, u1, u2 = (here + (s + part) / STEPS * rise for part in (0.0, 0.5, 1.0))
+            for s in range(self.steps):
+                u0, u1, u2 = (here + (s + part) / self.steps * rise for part in (0.0, 0.5, 1.0))
                 a = f(x, u0)
                 b = f(x + 0.5 * h * a, u1)
                 c = f(x + 0.5 * h * b, u1)
@@ -242,6 +245,7 @@ speed = "rad/s"
     (0.0,),
     (0.0, 0.0),
     (Sensor(0, 0.0, step=2.0 * np.pi / 4096), Sensor(1, 0.1, 0.9)),
+    steps=24,
 )
 
 

@@ -215,6 +215,7 @@ def test_document_has_the_contracts_form(case):
     provenance = document["provenance"]
     assert set(provenance) == {
         "version",
+        *("python", "jax", "numpy", "platform"),
         "seed",
         "command",
         "seconds",

@@ -12,6 +12,8 @@ import jaxsr
 from benchmarks.monitor_plants import MOUNT, TANKS, correlated
 from jaxsr._arguments import expand_file_lists
 from jaxsr.cli import main
+from jaxsr.diagnosis.setup import prepare
+from jaxsr.monitoring import live
 from jaxsr.monitoring.detector import Watch, exponent
 from jaxsr.monitoring.folder import recordings
 from jaxsr.monitoring.windows import Rhythm
@@ -97,6 +99,18 @@ def test_normal_running_raises_no_alarm_and_a_softer_spring_does(watch: jaxsr.Mo
     assert 85.0 < alarms[0].since < alarms[0].time
     assert "does not follow its model" in alarms[0].sentence
     assert alarms[0].stretch.time[-1] >= alarms[0].time
+
+
+def test_ratios_are_1_at_most_in_normal_running_however_little_of_it_was_learnt() -> None:
+    """What is not there at all is told by a bound alone, and a step from it may go too far."""
+    learnt = MOUNT.runs(np.random.default_rng([37, 0]), 3, 2000)[1]
+    watch = jaxsr.monitor(MOUNT.model, [learnt])
+    prepared = prepare(MOUNT.model, MOUNT.runs(np.random.default_rng(6), 1, 10_000))
+    windows = watch.rhythm.windows(0, prepared[0])
+    gains = live._gains(watch._follower, watch.normal, watch._ways, prepared, windows)
+    means = np.log(np.mean(np.exp(gains), axis=1))
+    assert means.max() < 0.2
+    assert watch.exponent == 1.0
 
 
 def test_a_stream_in_pieces_is_judged_as_the_whole(watch: jaxsr.Monitor) -> None:

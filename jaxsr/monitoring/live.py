@@ -103,13 +103,18 @@ def _gains(
     prepared: Sequence[Prepared],
     windows: Sequence[Window],
 ) -> np.ndarray:
-    """Return logarithms of the ratios of densities, shape (alternatives, windows)."""
-    filters = [*(w.filter for w in ways), *(w.normal for w in ways)]
+    """Return logarithms of the ratios of densities, shape (alternatives, windows).
+
+    Each is the ratio to normal running as it was estimated, or as it is most like the alternative
+    within what the estimate leaves open, whichever makes the block likelier.
+    """
+    filters = [*(w.filter for w in ways), *(w.normal for w in ways), normal.filter]
     parts = [np.empty((len(ways), 0))]
     for some in batches(windows, LANES):
         followed = follower.follow(prepared, some, normal.filter)
         logs = follower.log_likelihoods(followed, filters)
-        parts.append(logs[: len(ways)] - logs[len(ways) :])
+        # Beside the better of two: a step as far as the estimate leaves open may go past the truth.
+        parts.append(logs[: len(ways)] - np.maximum(logs[len(ways) : -1], logs[-1]))
     return np.concatenate(parts, axis=1)
 
 

@@ -25,7 +25,7 @@ def read(path: str) -> list[tuple[str, None, np.ndarray, str]]:
     names = [name.rpartition("/")[2] for name, *_ in found]
     # By their own names, where those are different; else by their paths.
     if len(set(names)) == len(names):
-        return [(n, *row[1:]) for n, row in zip(names, found, strict=True)]
+        return [(n, None, v, u) for n, (_, _, v, u) in zip(names, found, strict=True)]
     return found
 
 
