@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.evidence_plants import Dry, cart, drive
 from jaxsr.diagnosis.contest.integration import with_steps
-from jaxsr.diagnosis.likelihood import hypotheses, local
+from jaxsr.diagnosis.likelihood import hypotheses, local, rounding
 from jaxsr.diagnosis.likelihood.loop import State, begun, search
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.workspace import Workspace, in_columns
@@ -71,15 +71,15 @@ def test_steps_that_do_for_a_law_that_is_off_are_not_kept_once_it_acts(
     coulomb = [c.mechanism for c in work.super_model.candidates].index("coulomb_friction")
     led = hypotheses.hypothesis(work, table, (coulomb,))
     assert led is not None
-    estimate, kept = hypotheses._at_its_mode, []
+    estimate, kept = hypotheses.at_its_mode, []
 
     def watched(problem, sharp, values, path, follow, scales):
         kept.append((estimate(problem, sharp, values, path, follow, scales), scales))
         return kept[-1][0]
 
-    monkeypatch.setattr(hypotheses, "_at_its_mode", watched)
-    monkeypatch.setattr(hypotheses, "switched", lambda problem, theta: None)  # rounded jumps,
-    monkeypatch.setattr(hypotheses, "FINER", 1.0)  # of the leader's width alone
+    monkeypatch.setattr(hypotheses, "at_its_mode", watched)
+    monkeypatch.setattr(rounding, "switched", lambda problem, theta: None)  # rounded jumps,
+    monkeypatch.setattr(rounding, "FINER", 1.0)  # of the leader's width alone
     null = state.known[()]
     assert null is not None
     near = hypotheses.replace(null, width=1.0, noise=led.noise, path=led.path)

@@ -2,43 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.integration import steady
 from jaxsr.diagnosis.contest.memory_starts import start_of
 from jaxsr.diagnosis.contest.reduced import Reduced, lean
 from jaxsr.diagnosis.likelihood.beliefs import belief_of
-from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated, left
+from jaxsr.diagnosis.likelihood.estimate import Scales
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.noise import likeliest
-from jaxsr.diagnosis.likelihood.steps import resolved
-from jaxsr.diagnosis.likelihood.switched import switched
+from jaxsr.diagnosis.likelihood.rounding import EXACT, Following, at_its_mode
 from jaxsr.diagnosis.likelihood.table import Table
-from jaxsr.diagnosis.likelihood.widths import is_peaked, likeliest_width
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.segments import build_segments
 
-EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.02, 4.0, 2.0
-"""Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, from
-where the law itself is found; where a rounded one is more probable, by a coarse factor, and finer
-ones about the best, the last two as long as they show."""
-HARDLY = WIDEST / COARSE**4
-"""Width of a corner that is all but exact, which tells whether a rounder one may be likelier."""
 NEGLIGIBLE = 7.0
 """Log evidence behind the set that it starts from with which one is not worth finer widths."""
 STANDING = 4.0
 """Deviations of the noise below its largest reading in which a sensor stands at its limit."""
-SHARPENED, CLEAR = 0.5, 1.0
-"""Log evidence that a jump must gain to be sharpened further, and another noise to be taken."""
-PEAK, FINEST = 4.0 * SHARPENED, 1.1
-"""Log evidence that both neighbours lack where the top may be missed by what counts: a parabola's
-error is a quarter of it at most; and the factor between widths below which they are one."""
+CLEAR = 1.0
+"""Log evidence that another noise must gain to be taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,13 +111,13 @@ def hypothesis(
     places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
     sharp = any(model.candidates[i].jumps for i in members)
     values = theta[reduced.parameters]
-    follow = _Following(*places, belief, best, work.stop)
+    follow = Following(*places, belief, best, work.stop)
     hidden = beyond_limits(work, fresh)
     if hidden.any():
         values, own = _led_on(reduced.problem, hidden, sharp, values, own, follow, scales)
     # Along the path of a set with jumps no rounder ones have to lead to theirs.
     follow = replace(follow, width=None if near is None else near.width)
-    found = _at_its_mode(reduced.problem, sharp, values, own, follow, scales)
+    found = at_its_mode(reduced.problem, sharp, values, own, follow, scales)
     if found is None:
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
@@ -142,7 +130,7 @@ def hypothesis(
         # How round the corner is shows beside the noise that there is.
         least = -np.inf if near is None else near.log_evidence - NEGLIGIBLE
         fine = replace(follow, width=width, least=least)
-        after = _at_its_mode(reduced.problem, sharp, *here, fine, anew)
+        after = at_its_mode(reduced.problem, sharp, *here, fine, anew)
     elif gain > CLEAR:
         again = follow(problem, *here, anew)
         after = None if again is None else (problem, again, width)
@@ -195,154 +183,6 @@ def _inherited(
     return theta
 
 
-@dataclass(frozen=True, eq=False)
-class _Following:
-    """Which parameters are followed to their mode, with what belief, and from which jumps."""
-
-    chosen: np.ndarray
-    helpers: np.ndarray
-    belief: Belief
-    best: float
-    stop: Callable[[], bool]
-    width: float | None = None
-    least: float = np.inf  # log evidence from which a width is sought beyond a factor of two
-
-    @property
-    def active(self) -> list[int]:
-        """Parameters that steps are differentiated by."""
-        return list(dict.fromkeys([*map(int, self.chosen), *map(int, self.helpers)]))
-
-    def lost(self, found: Estimate) -> bool:
-        """Whether an estimate is too far behind the best to be followed, or time is over."""
-        return self.stop() or left(found.log_evidence, 0.0, self.best)
-
-    def __call__(
-        self, problem: Problem, theta: np.ndarray, path: np.ndarray, scales: Scales
-    ) -> Estimate | None:
-        """Estimate; None where nothing finite comes of it."""
-        with np.errstate(all="ignore"):
-            try:
-                args = self.chosen, self.helpers, self.belief, scales, self.best, self.stop
-                return estimated(problem, theta, path, *args)
-            except (np.linalg.LinAlgError, FloatingPointError):
-                return None
-
-
-def _at_its_mode(
-    problem: Problem,
-    sharp: bool,
-    values: np.ndarray,
-    path: np.ndarray,
-    follow: _Following,
-    scales: Scales,
-) -> tuple[Problem, Estimate, float] | None:
-    """Iterate; jumps rounded first, then exact, then as round as is most probable.
-
-    Returned are the problem, its estimate, and the width of its jumps.
-    """
-    tried: dict[float, tuple[Problem, Estimate]] = {}
-
-    def better(factor: float, than: float | None) -> bool:
-        """Estimate with jumps of some width, from where another one led, if there is time."""
-        if tried and follow.stop():
-            return False
-        begun = (values, path) if than is None else (tried[than][1].theta, tried[than][1].path)
-        with np.errstate(all="ignore"):
-            stepped = _stepped(problem, factor, begun, scales, follow.active)
-        # Round jumps leave more than sharp ones: what is behind with them may yet be ahead.
-        hopeful = follow if factor <= 1.0 else replace(follow, best=-np.inf)
-        found = None if stepped is None else hopeful(stepped, *begun, scales)
-        while stepped is not None and found is not None and not hopeful.lost(found):
-            # Steps that do for a law that is off may be too long once it acts.
-            here = found.theta, found.path, scales.noise, scales.start
-            finer = resolved(stepped, *here, follow.active)
-            if finer.stepping == stepped.stepping:
-                break
-            stepped, found = finer, hopeful(finer, found.theta, found.path, scales)
-        if stepped is None or found is None:
-            return False
-        tried[factor] = stepped, found
-        before = -np.inf if than is None else tried[than][1].log_evidence
-        return found.log_evidence > before + SHARPENED
-
-    def sharpened(at: float) -> bool:
-        """Whether jumps less wide than some are better, and may be sharpened further."""
-        if at <= SHARPEST or not better(at / COARSE, at):
-            return False
-        before, after = (tried[f][1].log_evidence for f in (at, at / COARSE))
-        return at > 1.0 or not left(after, after - before, follow.best)
-
-    if not sharp:
-        return (*tried[1.0], 1.0) if better(1.0, None) else None
-
-    def refined(best: float) -> tuple[Problem, Estimate, float]:
-        """Take the likeliest width about one, unless the set is far behind, and the best of all."""
-        if best > EXACT and not left(tried[best][1].log_evidence, 0.0, follow.best):
-            for factor in (FINER, 1.0 / FINER):
-                before = best
-                while better(best * factor, best):
-                    best *= factor
-                if best != before:
-                    break
-            step = FINER
-            while tried[best][1].log_evidence > follow.least:
-                logs = {w: found.log_evidence for w, (_, found) in tried.items() if w > EXACT}
-                between = likeliest_width(logs, SHARPENED)
-                if between is not None and better(between, best):
-                    best = between
-                elif step > FINEST and is_peaked(logs, PEAK):
-                    step = float(np.sqrt(step))
-                    best *= next((f for f in (step, 1.0 / step) if better(best * f, best)), 1.0)
-                else:
-                    break
-        best = max(tried, key=lambda w: tried[w][1].log_evidence)
-        return *tried[best], best
-
-    best = WIDEST
-    if follow.width is not None and better(follow.width, None):
-        found = tried[follow.width][1]
-        # Beside a set whose jumps are rounded, or leave nothing, others are as round.
-        if follow.width > EXACT or found.share == 0.0:
-            return refined(follow.width)
-    if not better(best, None):
-        return (*tried[EXACT], EXACT) if EXACT in tried else None
-    if EXACT not in tried and better(EXACT, best):
-        # How round the corner is shows where the law itself leads, if anywhere.
-        rounder = [w for w in (best, best / COARSE) if better(w, EXACT)]
-        if not rounder and not follow.lost(tried[EXACT][1]):
-            rounder = [HARDLY] if better(HARDLY, EXACT) else []
-        if not rounder:
-            return *tried[EXACT], EXACT
-        best = max(rounder, key=lambda w: tried[w][1].log_evidence)
-    while sharpened(best):
-        best /= COARSE
-    return refined(best)
-
-
-def _stepped(
-    problem: Problem,
-    factor: float,
-    begun: tuple[np.ndarray, np.ndarray],
-    scales: Scales,
-    active: Sequence[int],
-) -> Problem | None:
-    """Widen or sharpen the jumps of a problem, and step it finely enough for that.
-
-    None where they cannot be switched exactly. It begins with some constants and a path.
-    """
-    stepping, (theta, path) = problem.stepping, begun
-    if factor == EXACT:
-        exact = switched(problem, theta)
-        if exact is None:
-            return None
-        problem = exact
-    elif stepping.widths:
-        widths = tuple(factor * w for w in stepping.widths)
-        problem = replace(problem, stepping=replace(stepping, widths=widths))
-        problem = steady(problem, theta)
-    return resolved(problem, theta, path, scales.noise, scales.start, active)
-
-
 def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
     """Return which samples stand at the limit of a sensor that members say it has.
 
@@ -369,7 +209,7 @@ def _led_on(
     sharp: bool,
     values: np.ndarray,
     path: np.ndarray,
-    follow: _Following,
+    follow: Following,
     scales: Scales,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return constants and the path on which the other samples lead beyond a sensor's limit.
@@ -380,7 +220,7 @@ def _led_on(
     outputs = np.where(hidden, np.nan, segments.outputs)
     blind = replace(problem, segments=replace(segments, outputs=outputs))
     follow = replace(follow, best=-np.inf)  # fewer samples: another evidence
-    found = _at_its_mode(blind, sharp, values, path, follow, scales)
+    found = at_its_mode(blind, sharp, values, path, follow, scales)
     return (values, path) if found is None else (found[1].theta, found[1].path)
 
 

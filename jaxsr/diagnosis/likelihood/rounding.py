@@ -1,0 +1,208 @@
+"""Sets followed to their modes; where laws jump, at the most probable width of the jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.diagnosis.contest.integration import steady
+from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated, left
+from jaxsr.diagnosis.likelihood.steps import resolved
+from jaxsr.diagnosis.likelihood.switched import switched
+from jaxsr.diagnosis.likelihood.widths import is_peaked, likeliest_width
+from jaxsr.models.least_squares import Problem
+
+EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.02, 4.0, 2.0
+"""Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, from
+where the law itself is found; where a rounded one is more probable, by a coarse factor, and by a
+finer one about the best."""
+HARDLY = WIDEST / COARSE**4
+"""Width of a corner that is all but exact, which tells whether a rounder one may be likelier."""
+SHARPENED = 0.5
+"""Log evidence that a jump must gain to be sharpened further."""
+PEAK, ALIKE = 4.0 * SHARPENED, 1.1
+"""Log evidence that both neighbours lack where the top may be missed by what counts: a parabola's
+error is a quarter of it at most; and the factor between widths below which they are one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """Which parameters are followed to their mode, with what belief, and from which jumps."""
+
+    chosen: np.ndarray
+    helpers: np.ndarray
+    belief: Belief
+    best: float
+    stop: Callable[[], bool]
+    width: float | None = None
+    least: float = np.inf  # log evidence from which a width is sought beyond a factor of two
+
+    @property
+    def active(self) -> list[int]:
+        """Parameters that steps are differentiated by."""
+        return list(dict.fromkeys([*map(int, self.chosen), *map(int, self.helpers)]))
+
+    def lost(self, found: Estimate) -> bool:
+        """Whether an estimate is too far behind the best to be followed, or time is over."""
+        return self.stop() or left(found.log_evidence, 0.0, self.best)
+
+    def __call__(
+        self, problem: Problem, theta: np.ndarray, path: np.ndarray, scales: Scales
+    ) -> Estimate | None:
+        """Estimate; None where nothing finite comes of it."""
+        with np.errstate(all="ignore"):
+            try:
+                args = self.chosen, self.helpers, self.belief, scales, self.best, self.stop
+                return estimated(problem, theta, path, *args)
+            except (np.linalg.LinAlgError, FloatingPointError):
+                return None
+
+
+def at_its_mode(
+    problem: Problem,
+    sharp: bool,
+    values: np.ndarray,
+    path: np.ndarray,
+    follow: Following,
+    scales: Scales,
+) -> tuple[Problem, Estimate, float] | None:
+    """Iterate; jumps rounded first, then exact, then as round as is most probable.
+
+    Returned are the problem, its estimate, and the width of its jumps; None where nothing finite
+    comes of it.
+    """
+    widths = _Widths(problem, (values, path), follow, scales)
+    if not sharp:
+        return widths.at(1.0) if widths.better(1.0, None) else None
+    if follow.width is not None and widths.better(follow.width, None):
+        # Beside a set whose jumps are rounded, or leave nothing, others are as round.
+        if follow.width > EXACT or widths.tried[follow.width][1].share == 0.0:
+            return widths.refined(follow.width)
+    best = WIDEST
+    if not widths.better(best, None):
+        return widths.at(EXACT) if EXACT in widths.tried else None
+    if EXACT not in widths.tried and widths.better(EXACT, best):
+        # How round the corner is shows where the law itself leads, if anywhere.
+        rounder = [w for w in (best, best / COARSE) if widths.better(w, EXACT)]
+        if not rounder and not follow.lost(widths.tried[EXACT][1]):
+            rounder = [HARDLY] if widths.better(HARDLY, EXACT) else []
+        if not rounder:
+            return widths.at(EXACT)
+        best = max(rounder, key=widths.log_evidence)
+    while widths.sharpened(best):
+        best /= COARSE
+    return widths.refined(best)
+
+
+class _Widths:
+    """Widths at which a set was estimated; `tried` has the problem and the estimate of each."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        begun: tuple[np.ndarray, np.ndarray],
+        follow: Following,
+        scales: Scales,
+    ) -> None:
+        self.problem, self.begun, self.follow, self.scales = problem, begun, follow, scales
+        self.tried: dict[float, tuple[Problem, Estimate]] = {}
+
+    def at(self, width: float) -> tuple[Problem, Estimate, float]:
+        """Return what was found with jumps of some width, and that."""
+        return *self.tried[width], width
+
+    def log_evidence(self, width: float) -> float:
+        """Return the log evidence at a width that was tried."""
+        return self.tried[width][1].log_evidence
+
+    def better(self, width: float, than: float | None) -> bool:
+        """Estimate with jumps of some width, from where another one led, if there is time."""
+        follow, scales = self.follow, self.scales
+        if self.tried and follow.stop():
+            return False
+        begun = self.begun
+        if than is not None:
+            begun = self.tried[than][1].theta, self.tried[than][1].path
+        with np.errstate(all="ignore"):
+            stepped = _stepped(self.problem, width, begun, scales, follow.active)
+        # Round jumps leave more than sharp ones: what is behind with them may yet be ahead.
+        hopeful = follow if width <= 1.0 else replace(follow, best=-np.inf)
+        found = None if stepped is None else hopeful(stepped, *begun, scales)
+        while stepped is not None and found is not None and not hopeful.lost(found):
+            # Steps that do for a law that is off may be too long once it acts.
+            here = found.theta, found.path, scales.noise, scales.start
+            finer = resolved(stepped, *here, follow.active)
+            if finer.stepping == stepped.stepping:
+                break
+            stepped, found = finer, hopeful(finer, found.theta, found.path, scales)
+        if stepped is None or found is None:
+            return False
+        self.tried[width] = stepped, found
+        before = -np.inf if than is None else self.log_evidence(than)
+        return found.log_evidence > before + SHARPENED
+
+    def sharpened(self, at: float) -> bool:
+        """Whether jumps less wide than some are better, and may be sharpened further."""
+        if at <= SHARPEST or not self.better(at / COARSE, at):
+            return False
+        before, after = (self.log_evidence(w) for w in (at, at / COARSE))
+        return at > 1.0 or not left(after, after - before, self.follow.best)
+
+    def refined(self, best: float) -> tuple[Problem, Estimate, float]:
+        """Take the likeliest width about one, unless the set is far behind, and the best of all."""
+        if best > EXACT and not left(self.log_evidence(best), 0.0, self.follow.best):
+            self._peaked(self._climbed(best))
+        return self.at(max(self.tried, key=self.log_evidence))
+
+    def _climbed(self, best: float) -> float:
+        """Return the best width by factors of `FINER` from one."""
+        for factor in (FINER, 1.0 / FINER):
+            before = best
+            while self.better(best * factor, best):
+                best *= factor
+            if best != before:
+                break
+        return best
+
+    def _peaked(self, best: float) -> None:
+        """Try widths about one where parabolas through those that are known have their tops.
+
+        A peak that is too sharp for that is closed in on by smaller and smaller factors.
+        """
+        step = FINER
+        while self.log_evidence(best) > self.follow.least:
+            logs = {w: self.log_evidence(w) for w in self.tried if w > EXACT}
+            between = likeliest_width(logs, SHARPENED)
+            if between is not None and self.better(between, best):
+                best = between
+            elif step > ALIKE and is_peaked(logs, PEAK):
+                step = float(np.sqrt(step))
+                best *= next((f for f in (step, 1.0 / step) if self.better(best * f, best)), 1.0)
+            else:
+                break
+
+
+def _stepped(
+    problem: Problem,
+    width: float,
+    begun: tuple[np.ndarray, np.ndarray],
+    scales: Scales,
+    active: Sequence[int],
+) -> Problem | None:
+    """Widen or sharpen the jumps of a problem, and step it finely enough for that.
+
+    None where they cannot be switched exactly. It begins with some constants and a path.
+    """
+    stepping, (theta, path) = problem.stepping, begun
+    if width == EXACT:
+        exact = switched(problem, theta)
+        if exact is None:
+            return None
+        problem = exact
+    elif stepping.widths:
+        widths = tuple(width * w for w in stepping.widths)
+        problem = replace(problem, stepping=replace(stepping, widths=widths))
+        problem = steady(problem, theta)
+    return resolved(problem, theta, path, scales.noise, scales.start, active)
