@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from typing import Protocol
 
 
@@ -32,6 +33,41 @@ def ensure(expired: Callable[[], bool]) -> None:
     """Raise ``OutOfTime`` once ``expired()``."""
     if expired():
         raise OutOfTime
+
+
+_limit: ContextVar[Callable[[], bool]] = ContextVar("limit", default=never)
+
+
+@contextlib.contextmanager
+def limited(expired: Callable[[], bool]) -> Iterator[None]:
+    """Let everything inside the block that asks (`ask`) be left once ``expired()``.
+
+    Limits around the block hold inside it too.
+    """
+    around = _limit.get()
+    token = _limit.set(lambda: expired() or around())
+    try:
+        yield
+    finally:
+        _limit.reset(token)
+
+
+@contextlib.contextmanager
+def unlimited() -> Iterator[None]:
+    """Let nothing inside the block be left, whatever limits are around: it cannot be done without."""
+    token = _limit.set(never)
+    try:
+        yield
+    finally:
+        _limit.reset(token)
+
+
+def ask() -> None:
+    """Raise ``OutOfTime`` once the time of a block around is over (`limited`).
+
+    For what is dear and knows no budget, such as one linearisation of a large model.
+    """
+    ensure(_limit.get())
 
 
 @contextlib.contextmanager

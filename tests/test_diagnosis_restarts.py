@@ -12,7 +12,7 @@ import pytest
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.explaining.bounds import bound_rows
-from jaxsr.diagnosis.explaining.judge import _not_worse
+from jaxsr.diagnosis.explaining.recalibrating import not_worse
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.restarts import Restarts, design, touched
 from jaxsr.diagnosis.setup import prepare
@@ -114,5 +114,5 @@ def test_what_follows_worse_than_the_given_values_is_drawn_back(best: float, kep
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxsr.diagnosis.explaining.judge.replace", replaced)
-        found = _not_worse(parts, estimate)
+        found = not_worse(parts, estimate)
     assert found.theta == pytest.approx(given + kept * step)

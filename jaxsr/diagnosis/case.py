@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from jaxsr._progress import Budget, Progress, Silent
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.compared import Compared
+from jaxsr.diagnosis.contest.arena import Arena
+from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.failures import Failures
 from jaxsr.diagnosis.rectified import Rectified
 from jaxsr.diagnosis.setup import Screened
@@ -36,6 +38,9 @@ class Case:
         Inputs whose noise did not act and was smoothed out.
     rectified : tuple of Rectified
         Sensors that read no signs; in `prepared` they have them.
+    so_far : list
+        What could be decided on if time ended now: arena, entries and the headline's horizon in s,
+        the latest last.
     """
 
     simulator: Simulator
@@ -48,6 +53,7 @@ class Case:
     compared: Compared = field(default_factory=Compared)
     quiet: tuple[str, ...] = ()
     rectified: tuple[Rectified, ...] = ()
+    so_far: list[tuple[Arena, list[Entry], float]] = field(default_factory=list)
 
     def stopped_by(self, grown: StoppedBy) -> StoppedBy:
         """Why no more sets are tried, where larger ones are not tried by `grown`."""

@@ -92,6 +92,8 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
         return None
     arena, null, headline, starts = opened
     entries = [null]
+    if beyond is None:
+        case.so_far.append((arena, [null], headline.seconds))
     # Where re-calibration is near the noise, larger sets grow from single ones.
     calm = residual_to_noise(arena, entries[0]) <= ABOVE_NOISE
     if beyond is not None and residual_to_noise(arena, entries[0]) < HIDDEN:
@@ -110,6 +112,8 @@ def contest(case: Case, beyond: float | None = None) -> Contest | None:
     if len(entries) == 1:
         arena, entries = rescaled(arena, entries, stop)
     arena, entries = in_widths_of_best(arena, entries)
+    if beyond is None:
+        case.so_far.append((arena, list(entries), headline.seconds))
     stopped = case.search.stopped_by
     if entries[0].fit.usable:
         short = case.search.remaining < LOCATING * case.budget.seconds

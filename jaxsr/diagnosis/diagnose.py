@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime, limited
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
@@ -22,6 +23,7 @@ from jaxsr.diagnosis.explaining.document import assemble
 from jaxsr.diagnosis.explaining.judge import Ingredients
 from jaxsr.diagnosis.explanations import explanations, unnamed, weights_of
 from jaxsr.diagnosis.failures import Failures, unsimulable
+from jaxsr.diagnosis.hurried import decided_in_time
 from jaxsr.diagnosis.input_noise import idle_noise, quieted
 from jaxsr.diagnosis.judging.alternatives import likelier_with, likelier_without
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
@@ -63,6 +65,8 @@ SLOW, MOST_REPORTING = 10.0, 0.45
 OWN, OWN_SLOW = 0.05, 4.0
 """Time that a set's own widths of jumps may need: a share of the budget, and relative to the
 estimation of the set."""
+ENDING = 0.15
+"""Share of the time budget, at least, before whose end everything dear is left where it stands."""
 AGAIN = 0.2
 """Share of the time budget from which longer segments are still asked."""
 
@@ -144,26 +148,27 @@ def diagnose(
         )
         prepared = quieted(simulator.model, prepared, quiet) if quiet else prepared
     progress.stage("screening mechanisms in the weak view")
-    screened = failures.attempt("screening", lambda: screen_all(simulator, prepared, early), None)
+    last = budget.keeping(max(ENDING * budget.seconds, budget.elapsed - began))
+    with limited(lambda: last.remaining == 0.0):
+        screened = failures.attempt(
+            "screening", lambda: screen_all(simulator, prepared, early), None
+        )
     # What was slow to read and to screen is slow to report.
     reading = max(budget.elapsed - began, time_for(whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
     case = Case(simulator, prepared, screened, budget, search, progress, failures)
     case = replace(case, quiet=quiet, rectified=rectified)
-    evidence = decided_by_posterior(case, costs)
-    if evidence is not None:
-        (decision, headline, grown), weights, claim = evidence
-    elif with_many_equations(case):
-        decision, headline, grown = decided_among_many(case, rng)
-    else:
-        decision, headline, grown = decided_among_few(case, reading, rng)
+    try:
+        with limited(lambda: last.remaining == 0.0):
+            (decision, headline, grown), weights, claim = _decided(case, costs, reading, rng)
+    except OutOfTime:
+        (decision, headline, grown), weights, claim = decided_in_time(case), None, None
     arena, good, chosen, detection = decision
     if not any(e.fit.usable for e in good):
         raise unsimulable(simulator, prepared)
     null = next(e for e in good if not e.members)
-    if evidence is None:
-        weights, claim = None, None
+    if claim is None:
         chosen = likelier_with(arena.super_model, chosen, good, np.random.default_rng(seed))
         if likelier_without(arena.super_model, chosen, good, np.random.default_rng(seed)):
             chosen = null
@@ -186,6 +191,18 @@ def diagnose(
         claim=claim,
     )
     return assemble(ingredients)
+
+
+def _decided(
+    case: Case, costs: Costs, reading: float, rng: np.random.Generator
+) -> tuple[Decided, Weights | None, Claim | None]:
+    """Decide by the evidence where it can, else by a contest of free runs."""
+    evidence = decided_by_posterior(case, costs)
+    if evidence is not None:
+        return evidence
+    if with_many_equations(case):
+        return decided_among_many(case, rng), None, None
+    return decided_among_few(case, reading, rng), None, None
 
 
 def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Claim] | None:

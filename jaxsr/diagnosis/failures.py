@@ -9,6 +9,7 @@ from typing import TypeVar
 import jax
 import numpy as np
 
+from jaxsr._deadline import OutOfTime
 from jaxsr._progress import Progress
 from jaxsr._result import InputError
 from jaxsr.models import Simulator
@@ -34,12 +35,15 @@ class Failures:
     def attempt(self, step: str, job: Callable[[], Found], otherwise: Found) -> Found:
         """Run a step of the search; where it breaks, go on with what was found before it.
 
-        Bad input and Ctrl-C pass: the one is the user's to mend, the other is asked for.
+        Bad input and Ctrl-C pass: the one is the user's to mend, the other is asked for. What time
+        ended (`jaxsr._deadline.limited`) did not break.
         """
         try:
             return job()
         except InputError:
             raise
+        except OutOfTime:
+            return otherwise
         except Exception as error:  # whatever it is, what was found before must not be lost
             self.note(step, error)
             return otherwise

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr._deadline import ask
 from jaxsr.models.field import Field, Point
 from jaxsr.models.segments import Segments
 
@@ -37,6 +38,7 @@ def alone(
     """
     times, lengths = segments.time[:, 0], segments.length[:, :, 0]
     for k in range(path.shape[1] - 1):
+        ask()
         x, t = list(path[:, k, 0]), times[first + k]
         for number, h in enumerate(lengths[first + k]):
             begin, middle, end = (list(u) for u in inputs[:, :, first + k, number, 0])

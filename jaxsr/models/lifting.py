@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr._deadline import ask
 from jaxsr.models.alone import alone
 from jaxsr.models.corners import Corners
 from jaxsr.models.delays import delayed_stages, stage_of
@@ -107,8 +108,7 @@ def linear(
     ground = _Ground.of(simulator, stepping, segments, theta, active)
     n, own = len(simulator.model.states), ground.own
     ends, slopes = ground.step(path)
-    if not own.all():
-        slopes = slopes * own[None, :, None, :]
+    slopes = slopes if own.all() else slopes * own[None, :, None, :]
     spread, shift = condensed(slopes, ends - path[:, 1:])
     y, by = _read(ground, path + shift, spread)
     gap = y - np.stack(ground.field.readings(ground.at(path))[0])
@@ -286,6 +286,7 @@ class _Ground:
 
         The path begins at sample `first` of the segments.
         """
+        ask()
         here = slice(first, first + path.shape[1] - 1)
         inputs, rates = self.stages
         stages = inputs[:, :, here], {i: rate[:, here] for i, rate in rates.items()}

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsr._deadline import ask
 from jaxsr.models.delays import cubic
 from jaxsr.models.model import Model
 from jaxsr.models.segments import Segments
@@ -41,6 +42,7 @@ def outputs(
     simulator: Simulator, stepping: Stepping, segments: Segments, theta: np.ndarray, x0: np.ndarray
 ) -> np.ndarray:
     """Simulate every segment and return its readings, shape (outputs, samples, segments)."""
+    ask()
     with jax.enable_x64(True):
         y = _outputs_jit(simulator, stepping.method, _data(segments, stepping), theta, x0)
         return np.asarray(y)
@@ -50,6 +52,7 @@ def states(
     simulator: Simulator, stepping: Stepping, segments: Segments, theta: np.ndarray, x0: np.ndarray
 ) -> np.ndarray:
     """Simulate every segment and return its states, shape (states, samples, segments)."""
+    ask()
     with jax.enable_x64(True):
         x = _states_jit(simulator, stepping.method, _data(segments, stepping), theta, x0)
         return np.asarray(x)
@@ -78,6 +81,7 @@ def linearise(
     by_theta : ndarray, shape (active, outputs, samples, segments)
     by_start : ndarray, shape (states, outputs, samples, segments)
     """
+    ask()
     count = len(active)
     size = next(b for b in TANGENT_BUCKETS if b >= count)
     directions = np.zeros((size, theta.size))

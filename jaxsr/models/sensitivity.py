@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr._deadline import ask
 from jaxsr.models.corners import Corners
 from jaxsr.models.directions import Directions, Stages, in_a_column
 from jaxsr.models.field import Field, Point
@@ -60,6 +61,7 @@ def advanced(
     tableau, step = METHODS[method]
     jumping = np.zeros(shape, dtype=bool)
     for number in range(length.shape[1]):
+        ask()
         h, own = length[:, number], stages(number)
         before = states
         states, rows = step(field, states, time, h, own, to is not None)
@@ -108,6 +110,8 @@ def condensed(slopes: Array, defects: Array) -> tuple[Array, Array]:
         _in_pieces(by, left, carried)
         return carried[..., :count], carried[..., count].transpose(2, 0, 1)
     for k in range(steps):
+        if k % LONG == 0:
+            ask()
         np.matmul(by[k, :, :, :n], carried[k], out=carried[k + 1])
         carried[k + 1, :, :, n:count] += by[k, :, :, n:]
         carried[k + 1, :, :, count] += left[k]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jaxsr._deadline import ask
 from jaxsr.expressions import Term, affine_slope, evaluate
 from jaxsr.models.inputs import fill_missing
 from jaxsr.models.model import FREE, Model
@@ -115,6 +116,7 @@ def estimate_states(model: Model, recording: Recording) -> StateEstimate:
     smooth: dict[str, np.ndarray] = {}
     seen: dict[str, np.ndarray] = {}
     for state, signal in readable.items():
+        ask()
         smooth[state] = savitzky_golay(time, signal, 0)
         seen[state] = reachable(time, np.isfinite(signal))
         child = _rate_state(model, state)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr._deadline import ask
 from jaxsr.models.directions import Directions, Stages
 from jaxsr.models.field import Row, implicit
 from jaxsr.models.stepping import factorised
@@ -107,6 +108,7 @@ def transition(
     points = min(max(CARRIED // n**2, 1), MOST)
     size = max(-(-steps // max(round(steps * segments / points), 1)), 1)
     for first in range(0, steps, size):
+        ask()
         here = slice(first, min(first + size, steps))
         by = np.zeros((to.count, n, here.stop - first, segments))  # of the end, by direction
         for number, step in enumerate(reversed(taken)):

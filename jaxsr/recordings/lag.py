@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from jaxsr._deadline import ask
 from jaxsr.recordings.noise import noise_level
 
 _ALIKE = 0.97  # correlation at the best lag that makes one channel the rate of another
@@ -74,6 +75,7 @@ def find_lags(time: np.ndarray, channels: Mapping[str, np.ndarray]) -> list[Lag]
 def _lag_between(
     position: np.ndarray, speed: np.ndarray, dt: float, noise: float
 ) -> tuple[float, float] | None:
+    ask()
     spread = float(np.std(speed))
     # long enough that noise is a tenth of the speed, and no longer
     half = int(np.clip(np.ceil(7.0 * noise / (spread * dt)), 1, 10))

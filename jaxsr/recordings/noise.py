@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from jaxsr._deadline import ask
+
 DIFFERENCE_ORDERS = (2, 4, 6, 8, 10)
 _TRIM = 3.0  # residuals beyond this many robust standard deviations are not noise
 _TRIMMED_STD = 0.98658  # standard deviation of a unit normal cut at +-3
@@ -39,6 +41,7 @@ def noise_level(t: np.ndarray, y: np.ndarray) -> float:
     Hall, Kay and Titterington, "Asymptotically optimal difference-based estimation of variance
     in nonparametric regression", Biometrika 77 (1990), for the principle.
     """
+    ask()
     t, y = np.asarray(t, dtype=np.float64), np.asarray(y, dtype=np.float64)
     kept = np.isfinite(y)
     t, y = t[kept], y[kept]

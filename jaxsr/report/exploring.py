@@ -96,7 +96,7 @@ def _series(run: Trajectory, most: int, keys: Mapping[tuple[str, ...], str]) -> 
 
 def _every(samples: int, most: int) -> slice:
     """Return which samples are carried."""
-    return slice(None, None, -(-samples // most))
+    return slice(None, None, max(-(-samples // most), 1))
 
 
 def rival_keys(evidence: Evidence) -> dict[tuple[str, ...], tuple[str, str]]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.stats
 
+from jaxsr._deadline import ask
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.segments import Segments
 
@@ -45,6 +46,7 @@ def held_back(
         moment[s] += m
     errors = []
     for block in sorted(products):
+        ask()
         rest_gram, rest_moment = gram.copy(), moment.copy()
         for s, _, g, m, _, _ in products[block]:
             rest_gram[s] -= g

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxsr._deadline import ask
 from jaxsr.diagnosis.contest.reduced import restepped
 from jaxsr.models.driven import known_states
 from jaxsr.models.field import Field, Point
@@ -192,6 +193,7 @@ def _fastest(
     simulator: Simulator, theta: np.ndarray, widths: tuple, x: np.ndarray, u: np.ndarray
 ) -> float:
     """Largest eigenvalue of the Jacobian over samples."""
+    ask()
     count = x.shape[1]
     jacobian = np.zeros((len(x), count, count))
     if simulator.function is None:

@@ -91,7 +91,8 @@ def free_run(
     begin = _beginnings(simulator, prepared, rows, first, segments, stepping, theta, starts)
     problem = Problem(simulator, stepping, begin, _scales(prepared).mean(0))
     none = np.zeros(0, dtype=int)
-    start = fit(problem, theta, none, (theta, theta), max_iterations=8, tolerance=1e-3)
+    limits = {"max_iterations": 8, "tolerance": 1e-3, "stop": stop}
+    start = fit(problem, theta, none, (theta, theta), **limits)
     if segments.time.shape[0] > ONE_BY_ONE:
         y = outputs(simulator, stepping, segments, theta, start.x0)
     else:

@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from jaxsr._deadline import OutOfTime, limited, unlimited
 from jaxsr._progress import Repeated
 from jaxsr._result import InputError, StoppedBy
 from jaxsr._versions import environment
@@ -33,7 +34,7 @@ from jaxsr.models import Model
 from jaxsr.models.physical_constants import remarks
 from jaxsr.models.segments import Prepared
 from jaxsr.models.states import input_table, is_absent, output_table
-from jaxsr.recordings import Recording, check_recording
+from jaxsr.recordings import DataCheck, Recording, check_recording
 
 LEFT = 0.05
 """Share of the time budget that evidence leaves for drawing and writing."""
@@ -43,14 +44,24 @@ over whole recordings."""
 
 
 def assemble(parts: Ingredients) -> Diagnosis:
-    """Refine, judge, and only then open the held-out recordings."""
+    """Refine, judge, and only then open the held-out recordings.
+
+    What time ends is left out; at the end some is kept for drawing and writing.
+    """
+    last = parts.case.budget.keeping(LEFT * parts.case.budget.seconds)
+    with limited(lambda: last.remaining == 0.0):
+        return _assembled(parts)
+
+
+def _assembled(parts: Ingredients) -> Diagnosis:
     case = parts.case
     case.progress.stage("refining the explained model")
     judged = judge(parts)
     explained_model = explained(judged)
     case.progress.stage("free runs on the training recordings")
     train = _runs(parts, judged, case.prepared, parts.whole)
-    held, held_whole, unread = _held_out(parts)
+    with unlimited():
+        held, held_whole, unread = _held_out(parts)
     held_runs = None
     if held:
         case.progress.stage("free runs on the held-out recordings")
@@ -153,9 +164,13 @@ def _runs(
             lean, theta = models[name]
             length = None if horizon == horizons[-1] else horizon
             needed = horizon == parts.headline
-            return lean.free_run(
-                prepared, theta, length, parts.case.prepared, lambda: last.exhausted and not needed
-            )
+            try:
+                return lean.free_run(
+                    *(prepared, theta, length, parts.case.prepared),
+                    lambda: last.exhausted and not needed,
+                )
+            except OutOfTime:
+                return not_run(prepared)
 
         at = _in_time(parts, horizons)
         done = {h: {name: run(name, h) for name in models} for h in at}
@@ -200,6 +215,13 @@ def _document(
     case, model = parts.case, parts.case.simulator.model
     attempt = case.failures.attempt
     inner, outer = attempt("comparing effects", lambda: _sensitivities(parts), (None, None))
+
+    def confused() -> list[list[Any]]:
+        return confusable_rows(parts, outer) if outer else []
+
+    def detectable() -> dict[str, Any]:
+        return detectable_rows(parts, inner) if inner else {}
+
     fit: dict[str, Any] = {
         "measure": "free-run NRMSE",
         "horizons_s": _horizons(parts),
@@ -222,8 +244,8 @@ def _document(
         "findings": judged.findings,
         "calibration": calibration_rows(judged.explained, model),
         "fit": fit,
-        "confusable": [*judged.confusable, *(confusable_rows(parts, outer) if outer else [])],
-        "smallest_detectable": detectable_rows(parts, inner) if inner else {},
+        "confusable": [*judged.confusable, *attempt("comparing effects", confused, [])],
+        "smallest_detectable": attempt("telling the smallest effects", detectable, {}),
         "next_experiment": attempt(
             "choosing the next experiment",
             lambda: next_experiment(parts, judged.rivals, judged.leader or parts.chosen),
@@ -311,6 +333,11 @@ def _checks(model: Model, recording: Recording) -> list[dict[str, str]]:
     outputs = [model.column(c) for c in model.outputs]
     absent = [c for c in outputs if is_absent(recording, c)]
     present = [c for c in (*inputs, *outputs) if c not in absent]
+    try:
+        checked = check_recording(recording, present, inputs)
+    except OutOfTime:
+        text = f"no time was left to check the readings of {recording.name}"
+        checked = [DataCheck(recording.name, "", "search", text)]
     found = [
         {
             "file": recording.name,
@@ -322,7 +349,7 @@ def _checks(model: Model, recording: Recording) -> list[dict[str, str]]:
     ]
     return found + [
         {"file": c.file, "channel": c.channel, "check": c.check, "message": c.message}
-        for c in check_recording(recording, present, inputs)
+        for c in checked
     ]
 
 

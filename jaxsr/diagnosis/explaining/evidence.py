@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -108,12 +108,14 @@ def build_evidence(
             role: tuple(float(r.time[-1] - r.time[0]) for r in found)
             for role, found in roles.items()
         },
-        noise={
-            role: floor
-            for role, found in roles.items()
-            if (floor := noise_floor(given, found)) is not None
-        },
+        noise=parts.case.failures.attempt("telling noise", lambda: _floors(given, roles), {}),
     )
+
+
+def _floors(model: Model, roles: Mapping[str, Sequence[Recording]]) -> dict[str, float]:
+    """Return the `noise_floor` of the recordings of each role, where it is told."""
+    floors = {role: noise_floor(model, found) for role, found in roles.items()}
+    return {role: floor for role, floor in floors.items() if floor is not None}
 
 
 def noise_floor(model: Model, recordings: Sequence[Recording]) -> float | None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime, limited
 from jaxsr._result import StoppedBy, Verdict
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import Arena, neutral_values
@@ -20,6 +22,7 @@ from jaxsr.diagnosis.explaining.explain import (
     rounding_rows,
     where,
 )
+from jaxsr.diagnosis.explaining.recalibrating import completed, not_worse
 from jaxsr.diagnosis.explaining.rectifying import rectified_rows
 from jaxsr.diagnosis.explaining.value_findings import REFINING, moved_values, told_values
 from jaxsr.diagnosis.explaining.wrong_values import frozen
@@ -28,24 +31,21 @@ from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
 from jaxsr.diagnosis.judging.equivalence import equivalent
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, model_limited, residual_to_noise
-from jaxsr.diagnosis.judging.refine import Estimate, Ground, refine
+from jaxsr.diagnosis.judging.refine import Estimate, Ground, plain, refine
 from jaxsr.diagnosis.judging.weights import Weights
-from jaxsr.diagnosis.judging.whole import over_all
-from jaxsr.diagnosis.open_mass import OpenMass, open_mass
+from jaxsr.diagnosis.open_mass import OpenMass, Proposal, open_mass
 from jaxsr.diagnosis.thinning import Whole
 from jaxsr.diagnosis.verdict import Claim
 from jaxsr.models import Edit, Model, apply_edit
 
 UNEXPLAINED = 5.0
 """Ratio of re-calibrated residual to sensor noise from which a mismatch stays unexplained."""
-COMPLETING = 0.25
-"""Share of the time left that an estimate over all recordings may take."""
 SHARPENING = 0.3
 """The same for estimates without the rounding of jumps, and their comparison."""
+ENDING = 0.1
+"""Share of the time budget before whose end estimates are left where they stand."""
 WRONG = 0.02
 """Log mean square that re-calibration must gain over the given values for these to be wrong."""
-DRAWN_BACK = (1.0, 0.5, 0.25, 0.125)
-"""Shares of the way from the given values to an estimate that are tried in turn."""
 CONSTANT = 1.0
 """Free-run error (NRMSE) of the best constant, the mean of the readings."""
 MATTERS = 1e-3
@@ -91,7 +91,21 @@ class Judged:
 
 
 def judge(parts: Ingredients) -> Judged:
-    """Refine both models and give the verdict, what was not compared left open."""
+    """Refine both models and give the verdict, what was not compared left open.
+
+    Where time ends that, the estimates stand as the search left them, and nothing is said.
+    """
+    last = parts.case.budget.keeping(ENDING * parts.case.budget.seconds)
+    try:
+        with limited(lambda: last.remaining == 0.0):
+            return _judged(parts)
+    except OutOfTime:
+        found = plain(parts.arena, parts.null)
+        mass = open_mass(_proposals(parts))
+        return Judged(found, found, Verdict.UNDECIDED, [], [], False, open=mass)
+
+
+def _judged(parts: Ingredients) -> Judged:
     judged = _judged_by_compared(parts)
     mass = _open_mass(parts, judged)
     rows = [_lowered(row, mass.factor) for row in judged.findings]
@@ -117,11 +131,16 @@ def _open_mass(parts: Ingredients, judged: Judged) -> OpenMass:
     ended = parts.stopped in (StoppedBy.BUDGET, StoppedBy.INTERRUPTED)
     if not (ended or case.budget.interrupted or case.failures.lines):
         return open_mass([], follows)
+    return open_mass(_proposals(parts), follows)
+
+
+def _proposals(parts: Ingredients) -> list[Proposal]:
+    """Return what the search could have compared, and what it did."""
+    case = parts.case
     super_models = [parts.arena.super_model]
     if case.screened is not None:
         super_models.insert(0, case.screened.super_model)
-    proposals = case.compared.proposals(super_models, parts.entries, parts.chosen)
-    return open_mass(proposals, follows)
+    return list(case.compared.proposals(super_models, parts.entries, parts.chosen))
 
 
 def _lowered(row: dict[str, Any], factor: float) -> dict[str, Any]:
@@ -142,7 +161,7 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
         case.budget.share(SHARPENING),
     )
     recalibrated = refine(ground, parts.null, thorough=not parts.chosen.members)
-    recalibrated = _not_worse(parts, _completed(parts, recalibrated))
+    recalibrated = not_worse(parts, completed(parts, recalibrated))
     if not parts.chosen.members:
         judged = _without_finding(parts, recalibrated)
         leading = [e for e in parts.entries if e.members and e.fit.cost < parts.null.fit.cost]
@@ -156,11 +175,11 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
             rows, rivals, _ = _rows(parts, leader, refine(ground, leader, thorough=False))
             judged = replace(judged, findings=rows, rivals=rivals, leader=leader)
         return judged
-    best = _completed(parts, refine(ground, parts.chosen))
+    best = completed(parts, refine(ground, parts.chosen))
     smaller = _without_idle(parts, best)
     if smaller is not None:
         parts = replace(parts, chosen=smaller)
-        best = _completed(parts, refine(ground, smaller))
+        best = completed(parts, refine(ground, smaller))
     rows, rivals, order = _rows(parts, parts.chosen, best)
     rows, rounding, edits = _with_sensors(parts, best, rows, _given(parts).fit.cost)
     verdict = _verdict(parts, order, rivals)
@@ -201,39 +220,6 @@ def _without_idle(parts: Ingredients, best: Estimate) -> Entry | None:
     if not rest or rest == members:
         return None
     return next((e for e in parts.entries if e.members == rest), None)
-
-
-def _completed(parts: Ingredients, estimate: Estimate) -> Estimate:
-    """Return an estimate over all recordings, where the search worked on a part of them."""
-    if parts.whole is None:
-        return estimate
-    names = [parts.arena.super_model.candidates[i].label for i in estimate.entry.members]
-    what = " + ".join(names) or "re-calibration"
-    parts.case.progress.stage(f"estimating {what} over all {parts.whole.samples} samples")
-    budget = parts.case.budget.share(COMPLETING)
-    return over_all(parts.whole, estimate, lambda: budget.exhausted)
-
-
-def _not_worse(parts: Ingredients, estimate: Estimate) -> Estimate:
-    """Return a re-calibration that follows DATA no worse than the given values do.
-
-    Judged by the report's measure over the headline's horizon. An estimate over other segments,
-    or one that time cut short, may do worse: on the line to the given values, which are always a
-    candidate, it is then drawn back as far as it must be.
-    """
-    given = neutral_values(parts.arena.super_model)
-    horizon = None if parts.headline == parts.horizons[-1] else parts.headline
-
-    def error(theta: np.ndarray) -> float:
-        found = estimate.lean.free_run(parts.case.prepared, theta, horizon, parts.case.prepared)
-        return found.nrmse if np.isfinite(found.nrmse) else np.inf
-
-    least, step = error(given), estimate.theta - given
-    for share in DRAWN_BACK:
-        theta = given + share * step
-        if error(theta) <= least:
-            return replace(estimate, theta=theta)
-    return replace(estimate, theta=given)
 
 
 def _rows(
@@ -382,7 +368,8 @@ def weight_of_member(parts: Ingredients, entry: Entry, number: int, given: float
     budget = parts.case.budget.share(REFINING)
     if not np.isfinite(without) and not budget.exhausted:
         start, path = parts.null.fit.theta, parts.null.fit.path
-        without = enter(parts.arena, rest, start, path, lambda: budget.exhausted).fit.cost
+        with contextlib.suppress(OutOfTime):
+            without = enter(parts.arena, rest, start, path, lambda: budget.exhausted).fit.cost
     return Weight.of(given, without, entry.fit.cost)
 
 

@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.uncertainty import half_widths
+from jaxsr.diagnosis.mechanisms.motion import Motion
 from jaxsr.diagnosis.setup import motion_of_case
+from jaxsr.models import Model
 from jaxsr.report.formatting import digits_of, plainly
 from jaxsr.report.words import capital, mechanism_at
 
@@ -79,10 +82,17 @@ def characters(parts: Ingredients) -> list[str]:
     case = parts.case
     if case.screened is None:
         return ["A state hides: no equation can be read off the sensors alone."]
-    motion = motion_of_case(case.simulator, case.prepared, case.screened.half_width)
-    if motion is None:
-        return ["Narrow test functions hold too few samples to tell what the forces depend on."]
-    model, texts = case.simulator.model, []
+    try:
+        motion = motion_of_case(case.simulator, case.prepared, case.screened.half_width)
+        if motion is None:
+            return ["Narrow test functions hold too few samples to tell what the forces depend on."]
+        return _characters(case.simulator.model, motion)
+    except OutOfTime:
+        return ["No time was left to tell what the missing forces depend on."]
+
+
+def _characters(model: Model, motion: Motion) -> list[str]:
+    texts = []
     power = {s: float(np.mean(r**2)) for s, r in motion.residual.items()}
     for state in sorted(power, key=lambda s: -power[s]):
         kinds = []
@@ -177,7 +187,10 @@ def _halves(parts: Ingredients) -> str:
     budget = parts.case.budget
     if budget.remaining < LEFT * budget.seconds:
         return "No time was left to estimate on each half of the segments."
-    rows = halves(parts)
+    try:
+        rows = halves(parts)
+    except OutOfTime:
+        return "No time was left to estimate on each half of the segments."
     if not rows:
         return "Too few segments to estimate on halves."
     worst = max(rows, key=lambda row: row[3])

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from jaxsr._deadline import OutOfTime
+from jaxsr._progress import Repeated
 from jaxsr.diagnosis.contest.arena import neutral_values
+from jaxsr.diagnosis.contest.blocks import column_sizes
 from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.uncertainty import RANK
 from jaxsr.diagnosis.explaining.explain import CONFUSED, Weight, wrong_value_row
 from jaxsr.diagnosis.explaining.wrong_values import (
     Wrong,
@@ -26,6 +33,8 @@ if TYPE_CHECKING:
 
 REFINING = 0.15
 """Share of the time left that leading estimates out of corners and checking them may take."""
+WEIGHING = 0.5
+"""Share of the time left in which values are estimated without each of them."""
 TOLD = 1e-3
 """Probability from which other values are told as alternatives."""
 
@@ -136,7 +145,7 @@ def told_values(
             [],
         )
     if not found or set(found[0].names) == set(names):
-        weights = tuple(weight_of_value(parts, name, given) for name in names)
+        weights = tuple(_weights(parts, names, given))
         return ToldValues(parts, recalibrated, tuple(names), weights)
     best, rivals = found[0], tuple(zip(found, map(float, shares(found)), strict=True))
     costs = [without(best, name, parts.null) for name in best.names]
@@ -148,6 +157,37 @@ def told_values(
         ground = Ground(best.arena, parts.case.prepared, (parts.headline,), grid, budget, budget)
         estimate = completed(best, refine(ground, best.entry, thorough=False), parts.arena)
     return ToldValues(parts, estimate, best.names, weights, rivals)
+
+
+def _weights(parts: Ingredients, names: Sequence[str], given: float) -> Iterator[Weight]:
+    """Yield what each value matters: by an estimate as long as there is time for one more."""
+    pace = Repeated(parts.case.budget.share(WEIGHING))
+    for name in names:
+        if not pace.too_long():
+            with contextlib.suppress(OutOfTime):
+                yield weight_of_value(parts, name, given)
+                continue
+        yield expected_weight(parts, name, given)
+
+
+def expected_weight(parts: Ingredients, name: str, given: float) -> Weight:
+    r"""Return what the value of one parameter matters, by the linearisation at re-calibration.
+
+    With H = J'J, the starts projected out, holding parameter j at \delta from its estimate, and
+    moving all others to where that hurts least, adds \delta^2 / (H^{-1})_{jj} to the squared
+    error.
+    """
+    fit = parts.null.fit
+    at = list(parts.arena.super_model.model.parameters).index(name)
+    total, place = fit.normal_equations()[0].sum(0), list(fit.active).index(at)
+    away = neutral_values(parts.arena.super_model)[at] - fit.theta[at]
+    if not np.isfinite(total).all():
+        return Weight.of(given, given, fit.cost)
+    size = column_sizes(total)
+    inverse = np.linalg.pinv(total / size / size[:, None], rcond=RANK, hermitian=True)
+    spread = inverse[place, place] / size[place] ** 2
+    more = away**2 / spread if spread > 0.0 else 0.0
+    return Weight.of(given, min(fit.cost + more, max(given, fit.cost)), fit.cost)
 
 
 def weight_of_value(parts: Ingredients, name: str, given: float) -> Weight:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime, never
 from jaxsr.diagnosis.contest.reduced import Lean
 from jaxsr.diagnosis.contest.scoring import DIVERGED, FreeRun, free_run
 from jaxsr.diagnosis.judging.whole import chunks, prepared_chunk
@@ -116,7 +117,8 @@ def whole_runs(
     headline : float
         The horizon of which the course is kept.
     stops : pair of callable
-        Whether to end the runs over short horizons, and those over whole recordings.
+        Whether to end the runs over short horizons, and those over whole recordings. The first
+        piece of the former is run unless the time of all ends (`jaxsr._deadline.limited`).
     """
     table = {
         (name, h): Scores.of(whole, kept=horizons[h] == headline)
@@ -124,35 +126,52 @@ def whole_runs(
         for h in range(len(horizons))
     }
     samples = 0
-    for number, chunk in enumerate(chunks(whole)):
-        if number and stops[0]():
+    for chunk in chunks(whole):
+        stop = stops[0] if samples else never  # what time is left over all is for the first
+        if stop():
             break
-        items = prepared_chunk(whole, chunk)
+        try:
+            items = prepared_chunk(whole, chunk)
+            runs = {h: _all_run(models, items, at, stop) for h, at in enumerate(horizons[:-1])}
+        except OutOfTime:
+            break
+        if stop():  # of models that are compared, none is run further than another
+            break
         samples += sum(item.time.size for item in items)
-        for h, horizon in enumerate(horizons[:-1]):
-            readings = [_covered(item, horizon) for item in items]
-            for name, (own, theta) in models.items():
-                run = free_run(own.simulator, own.stepping, items, theta[own.parameters], horizon)
+        for h, found in runs.items():
+            readings = [_covered(item, horizons[h]) for item in items]
+            for name, run in found.items():
                 for piece, course, measured in zip(chunk, run.simulated, readings, strict=True):
                     table[name, h].add(piece.recording, piece.first, course, measured)
     stop = stops[1]
     for group in _groups(whole):
-        items = [_begun(whole, r) for r in group]
-        readings = [_covered(item, None) for item in items]
-        runs = {
-            name: free_run(
-                own.simulator, own.stepping, items, theta[own.parameters], None, (), stop
-            )
-            for name, (own, theta) in models.items()
-        }
-        if stop():  # of models that are compared, none is run further than another
+        try:
+            items = [_begun(whole, r) for r in group]
+            runs = _all_run(models, items, None, stop)
+        except OutOfTime:
             break
+        if stop():
+            break
+        readings = [_covered(item, None) for item in items]
         for name, run in runs.items():
             for r, course, measured in zip(group, run.simulated, readings, strict=True):
                 table[name, len(horizons) - 1].add(r, 0, course, measured)
     scale = np.array([spread(output_table(whole.model, r)) for r in whole.recordings])
     runs = {name: [table[name, h].run(scale) for h in range(len(horizons))] for name in models}
     return Runs(runs, whole.recordings, samples / whole.samples)
+
+
+def _all_run(
+    models: Models,
+    items: Sequence[Prepared],
+    horizon: float | None,
+    stop: Callable[[], bool],
+) -> dict[str, FreeRun]:
+    """Run every model freely over some recordings."""
+    return {
+        name: free_run(own.simulator, own.stepping, items, theta[own.parameters], horizon, (), stop)
+        for name, (own, theta) in models.items()
+    }
 
 
 def _covered(item: Prepared, horizon: float | None) -> np.ndarray:

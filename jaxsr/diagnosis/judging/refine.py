@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime
 from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values, parameter_bounds
 from jaxsr.diagnosis.contest.enter import active_parameters, enter
@@ -141,6 +143,21 @@ def named_super_model(given: Model, candidates: list[Candidate]) -> SuperModel:
     return SuperModel(model, given, tuple(candidates), tuple(all_names))
 
 
+def plain(arena: Arena, entry: Entry) -> Estimate:
+    """Return a set's estimate as the search left it, with intervals of its own residuals.
+
+    One that no residual tells has intervals as wide as its bounds.
+    """
+    half, active = np.zeros_like(entry.fit.theta), entry.fit.active
+    half[active] = np.inf
+    if entry.fit.jacobian.any():
+        with contextlib.suppress(OutOfTime):
+            half[active] = np.hypot(half_widths(arena, entry.fit), untold(arena, entry.fit))
+    candidates = [arena.super_model.candidates[i] for i in entry.members]
+    named = named_super_model(arena.super_model.given, candidates)
+    return Estimate(arena, entry, entry.fit.theta, half, half, named)
+
+
 def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     """Estimate a set finally.
 
@@ -151,9 +168,12 @@ def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     and the spread of the three widens the intervals. All this only if `thorough`.
     """
     arena = ground.arena
-    entry, corners = out_of_corners(arena, entry, lambda: ground.budget.exhausted)
-    entry = _anchored(arena, entry)
-    theta, numerical = _without_smoothing(arena, entry, lambda: ground.patience.exhausted)
+    try:
+        entry, corners = out_of_corners(arena, entry, lambda: ground.budget.exhausted)
+        entry = _anchored(arena, entry)
+        theta, numerical = _without_smoothing(arena, entry, lambda: ground.patience.exhausted)
+    except OutOfTime:
+        return plain(arena, entry)
     half = np.zeros_like(theta)
     half[entry.fit.active] = half_widths(arena, entry.fit)
     options = [theta]

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.ndimage import median_filter
 
+from jaxsr._deadline import ask
+
 PROMINENT = 20.0
 """Power of a spectral line over the median of its neighbours. The largest of 1000 lines of white
 noise reaches ln(1000)/ln(2) = 10."""
@@ -89,6 +91,7 @@ class Motion:
 
     def share(self, state: str, columns: np.ndarray) -> tuple[float, np.ndarray]:
         """Return the share of the residual's power that columns remove, and their coefficients."""
+        ask()
         a, y = self.of(state, self.integrate(columns)), self.residual[state]
         q = self.basis[state]
         a = a - q @ (q.T @ a)
@@ -135,6 +138,7 @@ class Motion:
         return {state: self._own_frequencies(state) for state in self.residual}
 
     def _own_frequencies(self, state: str, most: int = 2) -> list[Line]:
+        ask()
         if self.residual[state].size < 32:
             return []
         y, centre = self.residual[state], self.of(state, self.centre)

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxsr._deadline import ask
 from jaxsr.diagnosis.mechanisms import Motion, Threshold
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -94,6 +95,7 @@ def with_candidates(
     values = {n: p.value for n, p in super_model.given.parameters.items()}
     environment = {**columns.signals, **values}
     for candidate, names in zip(super_model.candidates, super_model.names, strict=True):
+        ask()
         if candidate.fixed_parameter is not None or candidate.states:
             continue
         for spec in candidate.parameters:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from jaxsr._deadline import ask
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.site import grows_in_proportion
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -140,6 +141,7 @@ class _Search:
         left = left - basis @ (basis.T @ left)
         before = self._sums(left**2)
         for number in self.usable:
+            ask()
             wider = tuple(sorted((*members, number)))
             if number in members or redundant(self.super_model, wider):
                 continue
@@ -200,6 +202,7 @@ class _Search:
         room = 1e-9 * (1.0 + np.abs(start))
         limits = self.low[active] - theta[active] - room, self.high[active] - theta[active] + room
         for _ in range(ROUNDS if active else 0):
+            ask()
             a, b = self._weighed(active, scale)
             size = np.sqrt((a**2).mean(0)) + 1e-300
             found = lsq_linear(a / size, b, (limits[0] * size, limits[1] * size))
@@ -226,6 +229,7 @@ class _Search:
             a, b = self._weighed(self.active(members), own)
             errors = np.empty(self.blocks)
             for k in range(self.blocks):
+                ask()
                 inside = self.block == k
                 value = np.linalg.lstsq(a[~inside], b[~inside], rcond=1e-12)[0]
                 left = (b - a @ value)[inside] * (own / scale)[self.row[inside]]

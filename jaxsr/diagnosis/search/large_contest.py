@@ -67,12 +67,14 @@ def decided_among_many(case: Case, rng: np.random.Generator) -> tuple[Decision, 
     arena = replace(arena, patience=PATIENCE * case.budget.seconds)
     case.progress.stage(f"estimating {len(leading[0])} mechanisms together in free run")
     entries = [enter(arena, *empty, max_iterations=PART)]
+    case.so_far.append((arena, list(entries), headline))
     # what this search does not ask about leaves no mass open: sets are what it compares
     case.compared.reach(RECALIBRATION, LOCATED, SEVERAL, UNNAMED)
     case.compared.screen(screened, super_model)
     if leading[0]:  # else nothing gains at any equation
         entries.append(enter(arena, *leading, stop=_stop(case), max_iterations=WHOLE))
     arena, entries = rescaled(arena, entries, _stop(case))
+    case.so_far.append((arena, list(entries), headline))
     case.progress.stage("comparing it with what lacks, replaces or adds one of them")
     first = min((e for e in entries if e.fit.usable), key=lambda e: e.fit.cost, default=entries[0])
     best, entries = case.failures.attempt(
