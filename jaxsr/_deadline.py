@@ -54,7 +54,7 @@ def limited(expired: Callable[[], bool]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def unlimited() -> Iterator[None]:
-    """Let nothing inside the block be left, whatever limits are around: it cannot be done without."""
+    """Let nothing inside the block be left: what cannot be done without, whatever limits hold."""
     token = _limit.set(never)
     try:
         yield

@@ -113,6 +113,6 @@ def test_what_follows_worse_than_the_given_values_is_drawn_back(best: float, kep
         return SimpleNamespace(**{**vars(found), **change})
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxsr.diagnosis.explaining.judge.replace", replaced)
+        patch.setattr("jaxsr.diagnosis.explaining.recalibrating.replace", replaced)
         found = not_worse(parts, estimate)
     assert found.theta == pytest.approx(given + kept * step)

@@ -159,6 +159,7 @@ DIAGNOSIS = (
     "search",
     "laws",
     "comparison",
+    "hurried",
     "verdict",
     "explanations",
     "settled",

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from jaxsr._progress import Budget, Progress, Silent
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.compared import Compared
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.failures import Failures
 from jaxsr.diagnosis.rectified import Rectified
 from jaxsr.diagnosis.setup import Screened
@@ -53,7 +52,7 @@ class Case:
     compared: Compared = field(default_factory=Compared)
     quiet: tuple[str, ...] = ()
     rectified: tuple[Rectified, ...] = ()
-    so_far: list[tuple[Arena, list[Entry], float]] = field(default_factory=list)
+    so_far: list[tuple[Any, list[Any], float]] = field(default_factory=list)
 
     def stopped_by(self, grown: StoppedBy) -> StoppedBy:
         """Why no more sets are tried, where larger ones are not tried by `grown`."""

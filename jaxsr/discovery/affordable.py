@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from jaxsr._clock import now
 from jaxsr._progress import Budget
 from jaxsr.discovery.samples import Roles
-from jaxsr.discovery.thinning import Thinned, thin
+from jaxsr.discovery.thinning import LEAST_ROWS, Thinned, thin
 from jaxsr.discovery.treatment import treat
 from jaxsr.discovery.weak_rows import weak_rows
-from jaxsr.recordings import Recording
+from jaxsr.recordings import Recording, noise_level
 
 _PROBE = 400  # samples of the signal that is treated for a trial
 _TRIAL, _SIGNAL, _ROW = 0.1, 0.05, 4.5e-5  # seconds: that trial, a signal, a row of it, at rest
 _SHARE = 0.4  # of the time left that treatment may take
+_DEAR = 1.5  # times that share, from which noisy signals are smoothed evenly
+_CELLS = 500_000  # samples times signals up to which nothing is asked
+_THINNING = 2.5  # times as long as telling the noise of everything
+_LOOKED = 0.2  # share of the time left that thinning may take
+_STRETCHES = 4  # into which a recording is cut that cannot be looked at as a whole
 
 
 def affordable(
@@ -39,11 +45,11 @@ def affordable(
     hurried : bool
         Whether the time has decided on what is searched.
     """
+    recordings = recordings if joined else _bearable(recordings, part, limit)
     data = thin(recordings, part, limit.seconds, joined=joined)
     if math.isinf(limit.seconds) or not recordings:
         return data, False
-    states = len(part.states)
-    cost = _SIGNAL * states * len(data.searched) + _ROW * states * data.rows
+    cost = _cost(data, part)
     if cost < 0.1 * _SHARE * limit.remaining:
         return data, False
     cost *= _pace()
@@ -51,7 +57,49 @@ def affordable(
     if cost <= allowed:
         return data, False
     seconds = min(limit.seconds, data.seconds) * allowed / cost
-    return thin(recordings, part, seconds, joined=joined), True
+    return thin(data.searched, part, seconds, joined=joined), True
+
+
+def is_dear(data: Thinned, part: Roles, limit: Budget) -> bool:
+    """Whether signals take too long to treat, thinned as they are.
+
+    Many short ones do, each of which is smoothed by itself.
+    """
+    if math.isinf(limit.seconds) or not data.searched:
+        return False
+    cost, allowed = _cost(data, part), _DEAR * _SHARE * limit.remaining
+    return cost > 0.1 * allowed and cost * _pace() > allowed
+
+
+def _cost(data: Thinned, part: Roles) -> float:
+    """Return the seconds that treatment takes at rest."""
+    states = len(part.states)
+    return _SIGNAL * states * len(data.searched) + _ROW * states * data.rows
+
+
+def _bearable(recordings: Sequence[Recording], part: Roles, limit: Budget) -> Sequence[Recording]:
+    """Return stretches, evenly spread, where there is no time to look at every sample.
+
+    One signal tells how long that takes.
+    """
+    names = [*part.states, *part.derivatives.values(), *part.inputs]
+    cells = len(names) * sum(len(r) for r in recordings)
+    if math.isinf(limit.seconds) or cells < _CELLS:
+        return recordings
+    longest = max(recordings, key=len)
+    values = next(v for n, v in longest.channels.items() if n in names)
+    began = now()
+    noise_level(longest.time, values)
+    kept = _LOOKED * limit.remaining / max(_THINNING * (now() - began), 1e-9)
+    kept *= len(longest) / cells
+    if kept >= 1.0:
+        return recordings
+    out = []
+    for recording in recordings:
+        edges = np.linspace(0, len(recording), _STRETCHES + 1).astype(int)
+        size = max(int(kept * len(recording) / _STRETCHES), LEAST_ROWS)
+        out += [recording.select(slice(a, min(a + size, b))) for a, b in pairwise(edges.tolist())]
+    return out
 
 
 def _pace() -> float:

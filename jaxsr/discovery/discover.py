@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from jaxsr._clock import now
+from jaxsr._deadline import OutOfTime, limited
 from jaxsr._progress import Silent, as_budget
 from jaxsr._result import InputError, StoppedBy
-from jaxsr.discovery.affordable import affordable
+from jaxsr.discovery.affordable import affordable, is_dear
 from jaxsr.discovery.clock import on_clock, origin_of, since
 from jaxsr.discovery.equation import Equation, cut_short
 from jaxsr.discovery.errors import stated
@@ -37,13 +38,14 @@ from jaxsr.discovery.result import Discovery
 from jaxsr.discovery.samples import roles as assigned
 from jaxsr.discovery.thinning import thin
 from jaxsr.discovery.treatment import Treatment
-from jaxsr.discovery.verdict import CANNOT_RUN, UNDECIDED, Verdict
+from jaxsr.discovery.verdict import CANNOT_RUN, OUT_OF_TIME, UNDECIDED, Verdict
 from jaxsr.discovery.whole import estimated_on_whole, with_errors
 from jaxsr.evolution import SearchConfig
 from jaxsr.expressions.primitives import INTEGRALS
 from jaxsr.models.model import Model
 
 _MOST_MODES = 9
+_CHECKED = 0.1  # share of what is left for looking at what the recordings may suffer from
 _ROLLED = 0.6  # share of what is left for roll-outs, where estimates on the whole follow
 
 
@@ -122,10 +124,13 @@ def discover(
     resets = find_resets(read, part) if count != 1 and not integrals else []
     pieces = cut_at(read, resets) if resets else read
     unjudged = opened(run.validation, part, naming, time)
-    checks = tuple(remarks([*sources, *unjudged], part))
+    checking = limit.share(_CHECKED)
+    checks = tuple(remarks([*sources, *unjudged], part, lambda: checking.exhausted))
     unjudged = since(unjudged, origin)
     data, hurried = affordable(pieces, part, limit, joined=integrals)
     judged, _ = affordable(unjudged, part, limit, joined=integrals)
+    if is_dear(data, part, limit):
+        part, hurried = replace(part, hurried=True), True
     experiments = read_experiments(data.searched, judged.searched, part, whole=integrals)
     finder = None
     if count != 1 and not integrals:
@@ -151,10 +156,14 @@ def discover(
     show.stage("free runs over data held back")
     symbols = len(config.primitives.functions) + len(names) + 1  # a constant is one more
     rest = whole.keeping(-LATER * whole.seconds)
-    judge = court(written, model, experiments, judged.searched, symbols, rest)
-    verdict = Verdict(UNDECIDED, CANNOT_RUN)
-    if judge is not None:
-        verdict = judge.verdict(equations, compare=hybrid is None and not integrals)
+    judge, verdict = None, Verdict(UNDECIDED, CANNOT_RUN)
+    try:
+        with limited(lambda: rest.remaining == 0.0):
+            judge = court(written, model, experiments, judged.searched, symbols, rest)
+            if judge is not None:
+                verdict = judge.verdict(equations, compare=hybrid is None and not integrals)
+    except OutOfTime:
+        verdict = Verdict(UNDECIDED, OUT_OF_TIME)
     judged_by = rest.stopped_by
     if run.held_out:
         unread = since(opened(run.held_out, part, naming, time), origin)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime, limited, never
 from jaxsr._result import InputError
 from jaxsr.discovery.naming import Naming, quoted
 from jaxsr.discovery.samples import Roles, Samples, Trace, hold_back, samples
@@ -109,15 +110,27 @@ def opened(
     return out
 
 
-def remarks(recordings: Sequence[Recording], part: Roles) -> list[DataCheck]:
-    """Return what is to be said of recordings, each by itself and beside the others."""
+def remarks(
+    recordings: Sequence[Recording],
+    part: Roles,
+    expired: Callable[[], bool] = never,
+) -> list[DataCheck]:
+    """Return what is to be said of recordings, each by itself and beside the others.
+
+    Those for which no time is left are named.
+    """
     out: list[DataCheck] = []
     for recording in recordings:
         named = [*part.states, *part.derivatives.values(), *part.inputs]
         known = [n for n in dict.fromkeys(named) if n in recording.channels]
         usable = [n for n in known if _is_told(recording.channels[n])]
         if len(recording) >= _FEWEST:
-            out += check_recording(recording, usable, part.inputs)
+            try:
+                with limited(expired):
+                    out += check_recording(recording, usable, part.inputs)
+            except OutOfTime:
+                text = f"no time was left to check the readings of {recording.name}"
+                out.append(DataCheck(recording.name, "file", "unchecked", text))
     if len(recordings) > 1:
         fine, *_, coarse = sorted(recordings, key=lambda r: r.sample_time)
         ratio = coarse.sample_time / fine.sample_time

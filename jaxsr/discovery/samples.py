@@ -46,6 +46,8 @@ class Roles:
         Whether time is kept out of the equations.
     treatment : Treatment
         How states are smoothed and differentiated.
+    hurried : bool
+        Whether noisy states are smoothed evenly and differentiated, which is soon done.
     """
 
     states: tuple[str, ...]
@@ -55,6 +57,7 @@ class Roles:
     time: str
     autonomous: bool = False
     treatment: Treatment = field(default_factory=Treatment)
+    hurried: bool = False
 
     def needed(self, columns: Collection[str]) -> list[str]:
         """Return the columns without which a recording that has ``columns`` serves nothing.
@@ -210,7 +213,11 @@ def _of_one(recording: Recording, roles: Roles) -> Samples:
             f"Give at least {_FEWEST_TWICE}, or a column d_STATE of the rate",
         )
     treated = {
-        name: treat(t, recording.channel(name), roles.treatment, given=name in roles.derivatives)
+        name: treat(
+            *(t, recording.channel(name), roles.treatment),
+            given=name in roles.derivatives,
+            hurried=roles.hurried,
+        )
         for name in roles.states
         if name not in computed
     }

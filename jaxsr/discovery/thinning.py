@@ -20,7 +20,7 @@ _CELLS_A_SECOND = 4_000  # of the budget: smoothing takes a fifth of it then
 _MOST_SIGNALS = 600  # signals over all recordings: each is smoothed by itself,
 _SIGNALS_A_SECOND = 2  # of the budget
 _STRETCHES = 12  # of a recording of which nothing may be left out in between
-_SHORTEST = 250  # rows of a stretch
+LEAST_ROWS = 250  # of a stretch
 _WINDOWS = 200  # windows in which it is told what a local fit leaves
 _NOISE = 1.21  # mean square over the noise's that a local fit may leave,
 _FINEST = 2e-3  # and the rms of the signal's, besides
@@ -88,7 +88,7 @@ def thin(
     recorded = sum(len(r) for r in recordings)
     width = max(len(names), 1)
     cells = min(_MOST_CELLS, _CELLS_A_SECOND * seconds)
-    most = int(np.clip(cells / width, 4 * _SHORTEST, MOST_ROWS))
+    most = int(np.clip(cells / width, 4 * LEAST_ROWS, MOST_ROWS))
     factor = 1
     if recorded > most:
         factor = _factor(recordings, names, part.inputs, math.ceil(recorded / most))
@@ -100,7 +100,7 @@ def thin(
     rows = sum(len(r) for r in whole)
     if joined or (rows <= 1.2 * most and len(whole) <= max(signals, 4)):
         return Thinned(whole, whole, factor, rows, recorded, _seconds(whole, width))
-    longest = max(most // min(_STRETCHES, max(signals, 4)), _SHORTEST)
+    longest = max(most // min(_STRETCHES, max(signals, 4)), LEAST_ROWS)
     pieces = [piece for r in whole for piece in _cut(r, longest)]
     count = min(max(signals, 4), max(4, most // max(1, rows // len(pieces))), len(pieces))
     places = np.unique(np.linspace(0, len(pieces) - 1, count).round().astype(int))

@@ -16,6 +16,7 @@ from jaxsr.views import (
     SMOOTHERS,
     derivative,
     fit_adaptive,
+    fit_spline,
     noise_by_sample,
     smooth,
 )
@@ -78,6 +79,8 @@ class Treated:
     weak : bool
         Whether its equation is taken in the weak view.
     treatment : Treatment
+    hurried : bool
+        Whether it is smoothed evenly.
     """
 
     time: np.ndarray
@@ -86,10 +89,13 @@ class Treated:
     clean: bool
     weak: bool
     treatment: Treatment = field(default_factory=Treatment)
+    hurried: bool = False
 
     @functools.cached_property
     def spline(self) -> BSpline:
         """Adaptive smoothing spline through the samples."""
+        if self.hurried:
+            return fit_spline(self.time, self.recorded, noise=self.noise).spline
         return fit_adaptive(self.time, self.recorded, noise=self.noise).spline
 
     @property
@@ -142,7 +148,12 @@ class Treated:
 
 
 def treat(
-    t: np.ndarray, x: np.ndarray, treatment: Treatment | None = None, *, given: bool = False
+    t: np.ndarray,
+    x: np.ndarray,
+    treatment: Treatment | None = None,
+    *,
+    given: bool = False,
+    hurried: bool = False,
 ) -> Treated:
     """Judge a signal's noise; samples that are clean, too few or too uneven stay as they are.
 
@@ -152,6 +163,8 @@ def treat(
     treatment : Treatment, optional
     given : bool
         Whether the state's derivative is a column: nothing of it is differentiated then.
+    hurried : bool
+        Whether noise is taken to be even and the weak view is left out, unless it is asked for.
     """
     treatment = treatment or Treatment()
     known = np.isfinite(x)
@@ -163,7 +176,9 @@ def treat(
         return clean
     weak = treatment.view != "derivative" and treatment.derivative == "auto"
     try:
-        treated = Treated(t, x, noise_by_sample(t, x), False, weak, treatment)
+        noise = level if hurried and level[0] > 0.0 else noise_by_sample(t, x)
+        weak &= not hurried or treatment.view == "weak"
+        treated = Treated(t, x, noise, False, weak, treatment, hurried)
         treated.spline(t[:1])  # made here, so that samples too uneven for it are told
     except np.linalg.LinAlgError:
         return clean

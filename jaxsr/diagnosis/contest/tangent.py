@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -70,7 +71,7 @@ class Tangent:
 
 def _finite(slopes: np.ndarray) -> np.ndarray:
     """Put the directions along which a derivative overflows to zero: they promise nothing."""
-    rows = slopes.reshape(len(slopes), -1)
+    rows = slopes.reshape(len(slopes), math.prod(slopes.shape[1:]))
     largest = np.abs(rows).max(axis=1, initial=0.0)
     kept = np.isfinite(largest) & (largest < LARGEST)
     return slopes if kept.all() else np.where(kept[:, None, None, None], slopes, 0.0)

@@ -277,7 +277,7 @@ def _sensitivities(parts: Ingredients) -> tuple[Sensitivities | None, Sensitivit
     The first tells how long the second takes.
     """
     budget = parts.case.budget
-    if budget.remaining < LEFT * budget.seconds:
+    if budget.remaining < LEFT * budget.seconds or not parts.arena.super_model.candidates:
         return None, None
     before = budget.elapsed
     inner = sensitivities(parts.arena, parts.chosen.fit, exclude=parts.chosen.members)
