@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +21,7 @@ _PROBE = 400  # samples of the signal that is treated for a trial
 _TRIAL, _SIGNAL, _ROW = 0.1, 0.05, 4.5e-5  # seconds: that trial, a signal, a row of it, at rest
 _SHARE = 0.4  # of the time left that treatment may take
 _DEAR = 1.5  # times that share, from which noisy signals are smoothed evenly
+_EVENLY = 0.25  # of the time that a signal takes otherwise
 _CELLS = 500_000  # samples times signals up to which nothing is asked
 _THINNING = 2.5  # times as long as telling the noise of everything
 _LOOKED = 0.2  # share of the time left that thinning may take
@@ -60,15 +62,25 @@ def affordable(
     return thin(data.searched, part, seconds, joined=joined), True
 
 
-def is_dear(data: Thinned, part: Roles, limit: Budget) -> bool:
-    """Whether signals take too long to treat, thinned as they are.
+def evenly(data: Thinned, part: Roles, limit: Budget) -> Thinned | None:
+    """Return what there is time for where signals are smoothed evenly; None where all is well.
 
-    Many short ones do, each of which is smoothed by itself.
+    Many short signals take too long, each of which is smoothed by itself.
     """
     if math.isinf(limit.seconds) or not data.searched:
-        return False
+        return None
     cost, allowed = _cost(data, part), _DEAR * _SHARE * limit.remaining
-    return cost > 0.1 * allowed and cost * _pace() > allowed
+    if cost < 0.1 * allowed:
+        return None
+    cost *= _pace()
+    if cost < allowed:
+        return None
+    count = len(data.searched)
+    kept = max(int(count * _SHARE * limit.remaining / (_EVENLY * cost + 1e-9)), 1)
+    if kept >= count:
+        return data
+    few = tuple(data.searched[k] for k in np.linspace(0, count - 1, kept).astype(int))
+    return replace(data, searched=few, whole=few, rows=sum(len(r) for r in few))
 
 
 def _cost(data: Thinned, part: Roles) -> float:

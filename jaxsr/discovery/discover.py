@@ -13,7 +13,7 @@ from jaxsr._clock import now
 from jaxsr._deadline import OutOfTime, limited
 from jaxsr._progress import Silent, as_budget
 from jaxsr._result import InputError, StoppedBy
-from jaxsr.discovery.affordable import affordable, is_dear
+from jaxsr.discovery.affordable import affordable, evenly
 from jaxsr.discovery.clock import on_clock, origin_of, since
 from jaxsr.discovery.equation import Equation, cut_short
 from jaxsr.discovery.errors import stated
@@ -129,8 +129,9 @@ def discover(
     unjudged = since(unjudged, origin)
     data, hurried = affordable(pieces, part, limit, joined=integrals)
     judged, _ = affordable(unjudged, part, limit, joined=integrals)
-    if is_dear(data, part, limit):
-        part, hurried = replace(part, hurried=True), True
+    few = evenly(data, part, limit)
+    if few is not None:
+        data, part, hurried = few, replace(part, hurried=True), True
     experiments = read_experiments(data.searched, judged.searched, part, whole=integrals)
     finder = None
     if count != 1 and not integrals:
