@@ -127,7 +127,7 @@ def test_many_signals_on_a_slow_machine_are_smoothed_evenly_and_fewer(monkeypatc
     channels = {n: np.sin(3.0 * time + k) for k, n in enumerate(names)}
     channels = {n: x + 0.01 * rng.normal(size=time.size) for n, x in channels.items()}
     record, part = Recording("r.csv", time, channels), roles(names, None, 1, (), None)
-    data = thin([record], part, 5.0)
+    data = thin([record] * 4, part, 5.0)
     assert len(data.searched) > 2
     assert evenly(data, part, Budget()) is None
     monkeypatch.setattr(affordable, "_pace", lambda: 1.0)
