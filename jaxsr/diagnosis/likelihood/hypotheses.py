@@ -13,7 +13,7 @@ from jaxsr.diagnosis.likelihood.beliefs import belief_of
 from jaxsr.diagnosis.likelihood.estimate import Scales
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.noise import likeliest
-from jaxsr.diagnosis.likelihood.rounding import EXACT, Following, at_its_mode
+from jaxsr.diagnosis.likelihood.rounding import Following, at_its_mode
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import Threshold
@@ -119,7 +119,7 @@ def hypothesis(
     if found is None:
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
-    problem, at_mode, width = found
+    _, at_mode, width = found
     hopeless = follow.lost(at_mode)
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     anew = replace(scales, noise=likely, decay=at_mode.decay) if gain > CLEAR else scales

@@ -13,7 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, grams
+from jaxsr.diagnosis.likelihood.estimate import (
+    PRESENT,
+    Belief,
+    Estimate,
+    Scales,
+    grams,
+    sizes_about,
+)
 from jaxsr.diagnosis.likelihood.evidence import Prior
 from jaxsr.diagnosis.likelihood.local import LocalModel, defects, linearised
 from jaxsr.models.least_squares import Problem
@@ -34,7 +41,7 @@ class WidthStep:
     change : float
         Of the logarithm of the width.
     gain : float
-        Of log likelihood.
+        Of log evidence.
     """
 
     change: float
@@ -68,7 +75,6 @@ def width_step(
     local = _with_width(problem, found, active)
     forces = tuple(1 + list(active).index(j) for j in active[len(chosen) :])
     scales = replace(scales, forces=forces, decay=found.decay)
-    (gram,) = grams(local, scales, np.array([found.share]))
     own = belief.about(found.theta[list(chosen)])
     prior = Prior(
         np.append(0.0, own.mean),
@@ -78,13 +84,20 @@ def width_step(
     )
     mixing = np.eye(1 + len(chosen))
     mixing[1:, 1:] = belief.mixing
+    # Beside a likelier width another force may be left, or none.
+    shares = sizes_about(found.share, scales.shares)
     try:
-        mode = gram.mode(mixing, prior)
+        modes = [g.mode(mixing, prior) for g in grams(local, scales, shares)]
     except np.linalg.LinAlgError:
         return None
-    change, deviation = float(mode.change[0]), float(mode.deviation[0])
-    gain = 0.5 * (change / deviation) ** 2
-    return WidthStep(change, gain) if np.isfinite(gain) else None
+    steps = []
+    for share, mode in zip(shares, modes, strict=True):
+        # What one constant more costs, all widths have to pay.
+        cost = np.log(mode.deviation[0] / BROAD) if mode.deviation[0] > 0.0 else np.nan
+        log = mode.log_evidence - cost + np.log(PRESENT) * (share > 0.0)
+        steps.append(WidthStep(float(mode.change[0]), float(log - found.log_evidence)))
+    likely = [s for s in steps if np.isfinite(s.gain)]
+    return max(likely, key=lambda s: s.gain, default=None)
 
 
 def _with_width(problem: Problem, found: Estimate, active: Sequence[int]) -> LocalModel:
