@@ -34,7 +34,8 @@ def followed() -> Iterator[dict[str, Any]]:
     offered = {"constant_force", "coulomb_friction"}
     among = SuperModel.build(model, [c for c in every if c.mechanism in offered])
     work = Workspace.build(among, prepared, 10.0 * INTERVAL)
-    coulomb = [c.mechanism for c in work.super_model.candidates].index("coulomb_friction")
+    names = [c.mechanism for c in work.super_model.candidates]
+    coulomb = names.index("coulomb_friction")
     kept: dict[str, Any] = {}
     original = hypotheses.at_its_mode
 
@@ -46,7 +47,18 @@ def followed() -> Iterator[dict[str, Any]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hypotheses, "at_its_mode", watched)
         assert hypotheses.hypothesis(work, begun(work)[1], (coulomb,)) is not None
-    yield kept
+    yield kept | {"work": work, "constant": names.index("constant_force"), "coulomb": coulomb}
+
+
+def test_a_constant_force_may_be_a_member_beside_a_jump(followed: dict[str, Any]) -> None:
+    """It is then estimated, and stands for the latent force all the same."""
+    work = followed["work"]
+    both = (followed["constant"], followed["coulomb"])
+    found = hypotheses.hypothesis(work, begun(work)[1], both)
+    assert found is not None and found.width is not None
+    (name,) = found.names[both[0]].values()
+    value, deviation = found.constants[name]
+    assert abs(value) < 4.0 * deviation
 
 
 def beside(followed: dict[str, Any], factor: float) -> tuple[float, WidthStep]:
@@ -56,8 +68,7 @@ def beside(followed: dict[str, Any], factor: float) -> tuple[float, WidthStep]:
     widths = tuple(factor * w for w in problem.stepping.widths)
     other = replace(problem, stepping=replace(problem.stepping, widths=widths))
     there = follow(other, found.theta, found.path, scales)
-    chosen = [int(j) for j in follow.chosen]
-    step = width_step(other, there, chosen, follow.active, follow.belief, scales)
+    step = width_step(other, there, follow.chosen, follow.helpers, follow.belief, scales)
     assert step is not None
     return there.log_evidence, step
 

@@ -144,8 +144,7 @@ def step(state: State, table: Table) -> State:
         rivals += swaps(every, here, leader.members, SWAPPED, RIVAL)
         alike = [*kin(every, leader.members), *forms(every, leader.members)]
         rivals += [r for r in alike if r not in rivals]
-        # A rival that is known was estimated beside another noise: the same is due to it, and all
-        # the way to its mode.
+        # A rival that is known was estimated beside another noise: the same is due to it.
         known = _estimated(state, table, leader, rivals, again=True)
         if work.stop():  # the rest was not looked at
             return replace(state, known=known)
@@ -183,8 +182,8 @@ def _estimated(
         before = known.get(members)
         if state.work.stop() or (members in known and (before is None or not again)):
             continue
-        needed = -np.inf if again else state.needed(known, members)
-        known[members] = better(before, hypothesis(state.work, table, members, leader, needed))
+        found = hypothesis(state.work, table, members, leader, state.needed(known, members))
+        known[members] = better(before, found)
     return known
 
 

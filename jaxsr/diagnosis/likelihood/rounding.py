@@ -149,10 +149,12 @@ class _Widths:
         return at > 1.0 or not left(after, after - before, self.follow.best)
 
     def refined(self, best: float) -> tuple[Problem, Estimate, float]:
-        """Follow the width to its mode, unless the set is far behind, and take the best of all."""
-        while best > EXACT and not left(self.log_evidence(best), 0.0, self.follow.best):
+        """Follow the width to its mode while there is hope, and take the best of all."""
+        while best > EXACT:
             step = self._step(best)
             if step is None or step.gain < SHARPENED:
+                break
+            if left(self.log_evidence(best), step.gain, self.follow.best):
                 break
             change = float(np.clip(step.change, -np.log(COARSE), np.log(COARSE)))
             tried = (best * float(np.exp(share * change)) for share in SHARES)
@@ -165,9 +167,8 @@ class _Widths:
     def _step(self, width: float) -> WidthStep | None:
         """Return Newton's step from a width that was tried."""
         follow, (problem, found) = self.follow, self.tried[width]
-        chosen = [int(j) for j in follow.chosen]
         with np.errstate(all="ignore"):
-            args = chosen, follow.active, follow.belief, self.scales
+            args = follow.chosen, follow.helpers, follow.belief, self.scales
             return width_step(problem, found, *args)
 
 

@@ -51,8 +51,8 @@ class WidthStep:
 def width_step(
     problem: Problem,
     found: Estimate,
-    chosen: Sequence[int],
-    active: Sequence[int],
+    chosen: np.ndarray,
+    helpers: np.ndarray,
     belief: Belief,
     scales: Scales,
 ) -> WidthStep | None:
@@ -60,8 +60,8 @@ def width_step(
 
     Parameters
     ----------
-    chosen, active : sequence of int
-        Parameters that are estimated, and these with those that stand for latent forces.
+    chosen, helpers : ndarray of int
+        Parameters that are estimated, and those that stand for latent forces; one may be both.
     belief : Belief
         Of the chosen ones.
     scales : Scales
@@ -72,10 +72,11 @@ def width_step(
     WidthStep or None
         None where a width says nothing, or nothing finite.
     """
+    active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
     local = _with_width(problem, found, active)
-    forces = tuple(1 + list(active).index(j) for j in active[len(chosen) :])
+    forces = tuple(1 + active.index(int(j)) for j in helpers)
     scales = replace(scales, forces=forces, decay=found.decay)
-    own = belief.about(found.theta[list(chosen)])
+    own = belief.about(found.theta[chosen])
     prior = Prior(
         np.append(0.0, own.mean),
         np.append(BROAD, own.deviation),
