@@ -8,7 +8,10 @@ from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.likelihood import estimate
 from jaxsr.diagnosis.likelihood.course import followed
-from jaxsr.diagnosis.likelihood.estimate import _about
+from jaxsr.diagnosis.likelihood.estimate import sizes_about
+from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.kalman import Noise
+from jaxsr.diagnosis.likelihood.loop import better
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior, posterior_along
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.models import Simulator, parse_model
@@ -161,5 +164,20 @@ def test_a_search_that_time_ends_amid_a_step_has_not_looked_at_everything(
 
 def test_a_latent_force_is_never_far_larger_than_the_net_force() -> None:
     shares = np.array([0.0, 0.01, 1.0])
-    assert _about(1.9, shares).max() <= 2.0 and _about(1e9, shares).max() <= 2.0
-    assert not _about(0.0, np.zeros(1)).any()
+    assert sizes_about(1.9, shares).max() <= 2.0 and sizes_about(1e9, shares).max() <= 2.0
+    assert not sizes_about(0.0, np.zeros(1)).any()
+
+
+def test_of_two_estimates_alike_the_one_at_rest_stands() -> None:
+    """A set that never comes to rest by a hair is no other set; one that gains clearly is ahead."""
+
+    def found(log: float, settled: bool) -> Hypothesis:
+        nothing = np.zeros(0)
+        noise = Noise(np.ones(1), np.zeros(1), np.zeros(1))
+        return Hypothesis((), log, 0.0, {}, {}, nothing, nothing, settled, noise, 0.0)
+
+    restless, rested = found(100.2, False), found(100.1, True)
+    assert better(restless, rested) is better(rested, restless) is rested
+    ahead = found(100.2, False)
+    assert better(ahead, found(90.0, True)) is ahead
+    assert better(None, rested) is rested and better(None, None) is None

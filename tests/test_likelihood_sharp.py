@@ -79,7 +79,7 @@ def test_steps_that_do_for_a_law_that_is_off_are_not_kept_once_it_acts(
 
     monkeypatch.setattr(hypotheses, "at_its_mode", watched)
     monkeypatch.setattr(rounding, "switched", lambda problem, theta: None)  # rounded jumps,
-    monkeypatch.setattr(rounding, "FINER", 1.0)  # of the leader's width alone
+    monkeypatch.setattr(rounding, "width_step", lambda *_: None)  # of the leader's width alone
     null = state.known[()]
     assert null is not None
     near = hypotheses.replace(null, width=1.0, noise=led.noise, path=led.path)

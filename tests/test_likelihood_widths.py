@@ -1,39 +1,94 @@
-"""The likeliest width of a corner: the top of a parabola over its logarithm."""
+"""The width of a corner by Newton's steps: one more constant of the same normal equations."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import pytest
 
-from jaxsr.diagnosis.likelihood.widths import is_peaked, likeliest_width
+from benchmarks.evidence_plants import cart, drive
+from jaxsr.diagnosis.likelihood import hypotheses, rounding
+from jaxsr.diagnosis.likelihood.loop import begun
+from jaxsr.diagnosis.likelihood.widths import WidthStep, width_step
+from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.setup import state_scale
+from jaxsr.models.segments import Prepared
+
+INTERVAL, SAMPLES, FRICTION, WIDTH, NOISE = 0.03, 200, 1.5, 0.08, 1e-4
 
 
-def parabola(width: float) -> float:
-    """Log evidence whose top lies at 0.3."""
-    return 7.0 - 2.0 * (math.log(width) - math.log(0.3)) ** 2
+@pytest.fixture(scope="module")
+def followed() -> Iterator[dict[str, Any]]:
+    """A cart whose Coulomb friction turns over within `WIDTH`, followed to its mode."""
+    rng = np.random.default_rng(5)
+    plant = cart(lambda q, v: -FRICTION * np.tanh(v[0] / WIDTH))
+    model = plant.simulator.model
+    force = drive(rng, SAMPLES, INTERVAL, 3.0, (1.1, 2.3, 4.7))
+    prepared = [Prepared.build(model, plant.recorded(rng, force, INTERVAL, NOISE))]
+    every = force_candidates(model, state_scale(model, prepared))
+    offered = {"constant_force", "coulomb_friction"}
+    among = SuperModel.build(model, [c for c in every if c.mechanism in offered])
+    work = Workspace.build(among, prepared, 10.0 * INTERVAL)
+    names = [c.mechanism for c in work.super_model.candidates]
+    coulomb = names.index("coulomb_friction")
+    kept: dict[str, Any] = {}
+    original = hypotheses.at_its_mode
+
+    def watched(problem, sharp, values, path, follow, scales):
+        found = original(problem, sharp, values, path, follow, scales)
+        kept.update(follow=follow, scales=scales, found=found, sharpest=problem)
+        return found
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hypotheses, "at_its_mode", watched)
+        assert hypotheses.hypothesis(work, begun(work)[1], (coulomb,)) is not None
+    yield kept | {"work": work, "constant": names.index("constant_force"), "coulomb": coulomb}
 
 
-@pytest.mark.parametrize("spread", [1.5, 2.0, 4.0])
-def test_the_top_of_a_parabola_is_found(spread: float) -> None:
-    logs = {w: parabola(w) for w in (0.25 / spread, 0.25, 0.25 * spread, 40.0)}
-    found = likeliest_width(logs, 0.0)
-    assert found == pytest.approx(0.3, rel=1e-9)
+def test_a_constant_force_may_be_a_member_beside_a_jump(followed: dict[str, Any]) -> None:
+    """It is then estimated, and stands for the latent force all the same."""
+    work = followed["work"]
+    both = (followed["constant"], followed["coulomb"])
+    found = hypotheses.hypothesis(work, begun(work)[1], both)
+    assert found is not None and found.width is not None
+    (name,) = found.names[both[0]].values()
+    value, deviation = found.constants[name]
+    assert abs(value) < 4.0 * deviation
 
 
-def test_no_top_is_looked_for_beyond_the_widths_that_are_known() -> None:
-    assert likeliest_width({}, 0.0) is None
-    assert likeliest_width({1.0: 3.0, 2.0: 5.0, 4.0: 6.0}, 0.0) is None
-    assert likeliest_width({1.0: -math.inf, 2.0: 5.0, 4.0: 4.0}, 0.0) is None
+def beside(followed: dict[str, Any], factor: float) -> tuple[float, WidthStep]:
+    """Log evidence at the mode with jumps of `factor` times the best width, and Newton's step."""
+    problem, found, _ = followed["found"]
+    follow, scales = followed["follow"], followed["scales"]
+    widths = tuple(factor * w for w in problem.stepping.widths)
+    other = replace(problem, stepping=replace(problem.stepping, widths=widths))
+    there = follow(other, found.theta, found.path, scales)
+    step = width_step(other, there, follow.chosen, follow.helpers, follow.belief, scales)
+    assert step is not None
+    return there.log_evidence, step
 
 
-def test_a_top_that_promises_less_is_not_asked_for() -> None:
-    logs = {w: parabola(w) for w in (0.15, 0.3, 0.6)}
-    assert likeliest_width(logs, 0.1) is None
+def test_the_width_of_the_plant_is_found(followed: dict[str, Any]) -> None:
+    """Newton's steps end where none promises to gain, at the width that the motion had."""
+    problem, found, _ = followed["found"]
+    (width,) = problem.stepping.widths
+    assert width == pytest.approx(WIDTH, rel=0.05)
+    assert found.settled
+    assert beside(followed, 1.0)[1].gain < rounding.SHARPENED
 
 
-def test_a_peak_is_one_on_both_sides() -> None:
-    logs = {0.5: 90.0, 1.0: 100.0, 2.0: 97.0}
-    assert is_peaked(logs, 2.0)
-    assert not is_peaked(logs, 4.0)
-    assert not is_peaked({}, 1.0)
+@pytest.mark.parametrize("factor", [0.9, 0.95, 0.98, 1.02, 1.05, 1.1])
+def test_a_step_leads_back_and_gains_what_it_promises(
+    followed: dict[str, Any], factor: float
+) -> None:
+    """Of a parabola: half the slope over the bend lies ahead, all constants moving along."""
+    best, _ = beside(followed, 1.0)
+    behind, step = beside(followed, factor)
+    assert step.change == pytest.approx(-np.log(factor), rel=0.3)
+    assert step.gain == pytest.approx(best - behind, rel=0.4)
+    assert step.gain > 3.0 * rounding.SHARPENED

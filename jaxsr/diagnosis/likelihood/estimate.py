@@ -311,16 +311,17 @@ class _Climb:
             noise = scales.noise.scaled(point.mode.noise)
             moved = smoothed(System.of(local, [latent], [noise], scales.start), len(path))
             settled = bool(np.all(np.abs(change) <= little))
-            shares, after = _about(point.share, scales.shares), None
+            shares, tried = sizes_about(point.share, scales.shares), []
             for share in HALVED:
                 nearer = theta.copy()
                 nearer[chosen] += share * change
                 found = self.weighed(nearer, path + share * moved, scales, shares)
+                tried += [] if found is None else [found]
                 if found is not None and (number < FIRM or found.log > point.log - WORSE):
-                    after = found
                     break
-            if after is None:
-                return point, False
+            else:  # what it promises is not there: less is, at most
+                return max([*tried, *([] if tried else [point])], key=lambda p: p.log), False
+            after = tried[-1]
             gain = after.log - point.log
             point, theta, path = after, after.theta, after.path
             # Two steps without a gain are at the mode, however short deviations are.
@@ -350,7 +351,7 @@ def left(log: float, gain: float, best: float) -> bool:
     return best - log > BEHIND and gain < CATCHING * (best - log)
 
 
-def _about(share: float, shares: np.ndarray) -> np.ndarray:
+def sizes_about(share: float, shares: np.ndarray) -> np.ndarray:
     """Return sizes of the latent force around one, and none; that alone where there is no other."""
     if not shares.any():
         return shares

@@ -13,7 +13,7 @@ from jaxsr.diagnosis.likelihood.beliefs import belief_of
 from jaxsr.diagnosis.likelihood.estimate import Scales
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.noise import likeliest
-from jaxsr.diagnosis.likelihood.rounding import EXACT, Following, at_its_mode
+from jaxsr.diagnosis.likelihood.rounding import Following, at_its_mode
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import Threshold
@@ -21,8 +21,6 @@ from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.segments import build_segments
 
-NEGLIGIBLE = 7.0
-"""Log evidence behind the set that it starts from with which one is not worth finer widths."""
 STANDING = 4.0
 """Deviations of the noise below its largest reading in which a sensor stands at its limit."""
 CLEAR = 1.0
@@ -121,19 +119,15 @@ def hypothesis(
     if found is None:
         return None
     # Beside what was missing, the noise is another than beside re-calibration.
-    problem, at_mode, width = found
+    _, at_mode, width = found
     hopeless = follow.lost(at_mode)
     likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
     anew = replace(scales, noise=likely, decay=at_mode.decay) if gain > CLEAR else scales
     here, after = (at_mode.theta, at_mode.path), None
-    if sharp and width > EXACT and not hopeless:
+    if gain > CLEAR:
         # How round the corner is shows beside the noise that there is.
-        least = -np.inf if near is None else near.log_evidence - NEGLIGIBLE
-        fine = replace(follow, width=width, least=least)
+        fine = replace(follow, width=width) if sharp else follow
         after = at_its_mode(reduced.problem, sharp, *here, fine, anew)
-    elif gain > CLEAR:
-        again = follow(problem, *here, anew)
-        after = None if again is None else (problem, again, width)
     if after is not None and after[1].log_evidence > at_mode.log_evidence:
         (_, at_mode, width), scales = after, anew
     values = theta.copy()

@@ -23,7 +23,8 @@ SWAPPED, RIVAL, PAIRED = 3, 12.0, 2
 promise to be, and sets with a pair that shows only together."""
 MOST_MEMBERS = 4
 RENEWED = 1.0
-"""Log evidence by which a set must have gained for its rivals to be estimated again."""
+"""Log evidence by which a set must have gained for its rivals to be estimated again; two estimates
+of a set that are closer are alike."""
 Members = tuple[int, ...]
 
 
@@ -144,8 +145,7 @@ def step(state: State, table: Table) -> State:
         rivals += swaps(every, here, leader.members, SWAPPED, RIVAL)
         alike = [*kin(every, leader.members), *forms(every, leader.members)]
         rivals += [r for r in alike if r not in rivals]
-        # A rival that is known was estimated beside another noise: the same is due to it, and all
-        # the way to its mode.
+        # A rival that is known was estimated beside another noise: the same is due to it.
         known = _estimated(state, table, leader, rivals, again=True)
         if work.stop():  # the rest was not looked at
             return replace(state, known=known)
@@ -183,15 +183,17 @@ def _estimated(
         before = known.get(members)
         if state.work.stop() or (members in known and (before is None or not again)):
             continue
-        needed = -np.inf if again else state.needed(known, members)
-        known[members] = better(before, hypothesis(state.work, table, members, leader, needed))
+        found = hypothesis(state.work, table, members, leader, state.needed(known, members))
+        known[members] = better(before, found)
     return known
 
 
 def better(before: Hypothesis | None, after: Hypothesis | None) -> Hypothesis | None:
-    """Return the estimate of a set that has more evidence."""
+    """Return the estimate of a set that has more evidence; of two alike, one that came to rest."""
     both = [h for h in (before, after) if h is not None]
-    return max(both, key=lambda h: h.log_evidence, default=None)
+    most = max((h.log_evidence for h in both), default=0.0)
+    alike = [h for h in both if h.log_evidence > most - RENEWED]
+    return max(alike, key=lambda h: (h.settled, h.log_evidence), default=None)
 
 
 def _additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int], list[int]]:

@@ -11,20 +11,19 @@ from jaxsr.diagnosis.contest.integration import steady
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated, left
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.switched import switched
-from jaxsr.diagnosis.likelihood.widths import is_peaked, likeliest_width
+from jaxsr.diagnosis.likelihood.widths import WidthStep, width_step
 from jaxsr.models.least_squares import Problem
 
-EXACT, WIDEST, SHARPEST, COARSE, FINER = 0.0, 4.0, 0.02, 4.0, 2.0
+EXACT, WIDEST, SHARPEST, COARSE = 0.0, 4.0, 0.02, 4.0
 """Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, from
-where the law itself is found; where a rounded one is more probable, by a coarse factor, and by a
-finer one about the best."""
+where the law itself is found; where a rounded one is more probable, by a coarse factor, and by
+Newton's steps about the best."""
 HARDLY = WIDEST / COARSE**4
 """Width of a corner that is all but exact, which tells whether a rounder one may be likelier."""
 SHARPENED = 0.5
-"""Log evidence that a jump must gain to be sharpened further."""
-PEAK, ALIKE = 4.0 * SHARPENED, 1.1
-"""Log evidence that both neighbours lack where the top may be missed by what counts: a parabola's
-error is a quarter of it at most; and the factor between widths below which they are one."""
+"""Log evidence that another width must gain to be sought."""
+SHARES = (1.0, 0.5, 0.25)
+"""Of a Newton step that are tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,6 @@ class Following:
     best: float
     stop: Callable[[], bool]
     width: float | None = None
-    least: float = np.inf  # log evidence from which a width is sought beyond a factor of two
 
     @property
     def active(self) -> list[int]:
@@ -151,37 +149,27 @@ class _Widths:
         return at > 1.0 or not left(after, after - before, self.follow.best)
 
     def refined(self, best: float) -> tuple[Problem, Estimate, float]:
-        """Take the likeliest width about one, unless the set is far behind, and the best of all."""
-        if best > EXACT and not left(self.log_evidence(best), 0.0, self.follow.best):
-            self._peaked(self._climbed(best))
+        """Follow the width to its mode while there is hope, and take the best of all."""
+        while best > EXACT:
+            step = self._step(best)
+            if step is None or step.gain < SHARPENED:
+                break
+            if left(self.log_evidence(best), step.gain, self.follow.best):
+                break
+            change = float(np.clip(step.change, -np.log(COARSE), np.log(COARSE)))
+            tried = (best * float(np.exp(share * change)) for share in SHARES)
+            nearer = next((w for w in tried if self.better(w, best)), None)
+            if nearer is None:
+                break
+            best = nearer
         return self.at(max(self.tried, key=self.log_evidence))
 
-    def _climbed(self, best: float) -> float:
-        """Return the best width by factors of `FINER` from one."""
-        for factor in (FINER, 1.0 / FINER):
-            before = best
-            while self.better(best * factor, best):
-                best *= factor
-            if best != before:
-                break
-        return best
-
-    def _peaked(self, best: float) -> None:
-        """Try widths about one where parabolas through those that are known have their tops.
-
-        A peak that is too sharp for that is closed in on by smaller and smaller factors.
-        """
-        step = FINER
-        while self.log_evidence(best) > self.follow.least:
-            logs = {w: self.log_evidence(w) for w in self.tried if w > EXACT}
-            between = likeliest_width(logs, SHARPENED)
-            if between is not None and self.better(between, best):
-                best = between
-            elif step > ALIKE and is_peaked(logs, PEAK):
-                step = float(np.sqrt(step))
-                best *= next((f for f in (step, 1.0 / step) if self.better(best * f, best)), 1.0)
-            else:
-                break
+    def _step(self, width: float) -> WidthStep | None:
+        """Return Newton's step from a width that was tried."""
+        follow, (problem, found) = self.follow, self.tried[width]
+        with np.errstate(all="ignore"):
+            args = follow.chosen, follow.helpers, follow.belief, self.scales
+            return width_step(problem, found, *args)
 
 
 def _stepped(

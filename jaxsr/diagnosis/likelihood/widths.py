@@ -1,46 +1,122 @@
-"""How round a corner is: the width at which the evidence is largest."""
+r"""How round a corner is, as one more constant: Newton's step for the width of jumps.
+
+About the mode of a set, the steps of integration are linear in its constants and in the logarithm
+:math:`\ell` of the width. One column more, a difference of two widths, makes :math:`\ell` part of
+the same normal equations (`evidence.Gram`), which tell where it is likeliest, all constants and the
+path moving along, and how much that is likelier.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.diagnosis.likelihood.estimate import (
+    PRESENT,
+    Belief,
+    Estimate,
+    Scales,
+    grams,
+    sizes_about,
+)
+from jaxsr.diagnosis.likelihood.evidence import Prior
+from jaxsr.diagnosis.likelihood.local import LocalModel, defects, linearised
+from jaxsr.models.least_squares import Problem
+from jaxsr.models.lifting import one_step, readings_along
+
+APART = 1.0 / 16.0
+"""Logarithm of the ratio of two widths whose difference is a derivative."""
+BROAD = 2.0
+"""Deviation of the logarithm of a width that is believed beforehand, about the present one."""
 
 
-def likeliest_width(logs: Mapping[float, float], gain: float) -> float | None:
-    """Return where the parabola through the best width and its neighbours has its top.
+@dataclass(frozen=True)
+class WidthStep:
+    """Where the likeliest width lies.
+
+    Attributes
+    ----------
+    change : float
+        Of the logarithm of the width.
+    gain : float
+        Of log evidence.
+    """
+
+    change: float
+    gain: float
+
+
+def width_step(
+    problem: Problem,
+    found: Estimate,
+    chosen: np.ndarray,
+    helpers: np.ndarray,
+    belief: Belief,
+    scales: Scales,
+) -> WidthStep | None:
+    """Return Newton's step of the width of a problem's jumps from a set at its mode.
 
     Parameters
     ----------
-    logs : mapping
-        Width, above 0, to log evidence; the parabola is one of the logarithm of the width.
-    gain : float
-        Log evidence above the best that the top must promise.
+    chosen, helpers : ndarray of int
+        Parameters that are estimated, and those that stand for latent forces; one may be both.
+    belief : Belief
+        Of the chosen ones.
+    scales : Scales
+        Beside which it was estimated.
 
     Returns
     -------
-    float or None
-        None where no neighbour is known on one side, or less is promised.
+    WidthStep or None
+        None where a width says nothing, or nothing finite.
     """
-    order = sorted(w for w, log in logs.items() if math.isfinite(log))
-    at = order.index(max(order, key=logs.__getitem__)) if order else 0
-    if not 0 < at < len(order) - 1:
+    active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
+    local = _with_width(problem, found, active)
+    forces = tuple(1 + active.index(int(j)) for j in helpers)
+    scales = replace(scales, forces=forces, decay=found.decay)
+    own = belief.about(found.theta[chosen])
+    prior = Prior(
+        np.append(0.0, own.mean),
+        np.append(BROAD, own.deviation),
+        np.append(-np.inf, own.low),
+        np.append(np.inf, own.high),
+    )
+    mixing = np.eye(1 + len(chosen))
+    mixing[1:, 1:] = belief.mixing
+    # Beside a likelier width another force may be left, or none.
+    shares = sizes_about(found.share, scales.shares)
+    try:
+        modes = [g.mode(mixing, prior) for g in grams(local, scales, shares)]
+    except np.linalg.LinAlgError:
         return None
-    near = order[at - 1 : at + 2]
-    (a, b, c), (low, top, high) = (math.log(w) for w in near), (logs[w] for w in near)
-    first, second = (top - low) / (b - a), (high - top) / (c - b)
-    bend = (second - first) / (c - a)
-    if bend >= 0.0:
-        return None
-    vertex = 0.5 * (a + b) - 0.5 * first / bend
-    promised = low + first * (vertex - a) + bend * (vertex - a) * (vertex - b)
-    return math.exp(vertex) if promised > top + gain else None
+    steps = []
+    for share, mode in zip(shares, modes, strict=True):
+        # What one constant more costs, all widths have to pay.
+        cost = np.log(mode.deviation[0] / BROAD) if mode.deviation[0] > 0.0 else np.nan
+        log = mode.log_evidence - cost + np.log(PRESENT) * (share > 0.0)
+        steps.append(WidthStep(float(mode.change[0]), float(log - found.log_evidence)))
+    likely = [s for s in steps if np.isfinite(s.gain)]
+    return max(likely, key=lambda s: s.gain, default=None)
 
 
-def is_peaked(logs: Mapping[float, float], drop: float) -> bool:
-    """Whether the best width's neighbours on both sides, if any, lack more than some evidence."""
-    order = sorted(w for w, log in logs.items() if math.isfinite(log))
-    if not order:
-        return False
-    at = order.index(max(order, key=logs.__getitem__))
-    near = [*order[max(at - 1, 0) : at], *order[at + 1 : at + 2]]
-    return all(logs[w] < logs[order[at]] - drop for w in near)
+def _with_width(problem: Problem, found: Estimate, active: Sequence[int]) -> LocalModel:
+    """Return the linearisation about a mode with the width's column before the others."""
+    simulator, stepping, segments = problem.simulator, problem.stepping, problem.segments
+    theta, path = found.theta, found.path
+    local = linearised(simulator, stepping, segments, theta, path, active)
+    widths = tuple(float(np.exp(APART)) * w for w in stepping.widths)
+    wider = replace(stepping, widths=widths)
+    args = simulator, wider, segments, theta, path
+    with np.errstate(all="ignore"):
+        ends = one_step(*args, tangents=False)[0]
+        read = segments.outputs - readings_along(*args, late=True)[0]
+    step = defects(ends, path, segments).transpose(1, 2, 0) - local.defect
+    reading = local.innovation - read.transpose(1, 2, 0)
+    by, own = (np.nan_to_num(c / APART, posinf=0.0, neginf=0.0)[..., None] for c in (step, reading))
+    return replace(
+        local,
+        by_constant=np.concatenate([by, local.by_constant], -1),
+        reading_by_constant=np.concatenate([own, local.reading_by_constant], -1),
+    )
