@@ -216,7 +216,8 @@ def test_terms_without_width_are_not_counted_twice(tmp_path, monkeypatch):
     monkeypatch.setattr(find, "coefficient_ci95", narrow)
     recorded = oscillation(0.01)
     third = Recording("a", TIME[::3], {k: v[::3] for k, v in recorded.channels.items()})
-    found = jaxsr.discover([third], states=["q", "v"], autonomous=True, config=QUICK, modes=1)
+    few = replace(QUICK, population=15, generations=2)
+    found = jaxsr.discover([third], states=["q", "v"], autonomous=True, config=few, modes=1)
     terms = {t.expression: t.coefficient for t in found["v"].terms}
     assert terms["q"] == pytest.approx(-4.0, rel=0.02)
     assert len(found["v"].terms) == len(terms)

@@ -17,7 +17,7 @@ from jaxsr.recordings.isolated import READER
 SCRIPT = Path(__file__).with_name("fuzz_recordings.py")
 LONG = int(os.environ.get("JAXSR_FUZZ_RECORDINGS", "4000"))
 """Cases of the long run, up to 20,000."""
-SHORT, BATCH = 200, 500
+SHORT, BATCH = 100, 500
 
 
 def _run(first: int, last: int, folder: Path) -> list[dict]:
