@@ -12,6 +12,7 @@ from jaxsr import _clock
 from jaxsr._progress import Budget
 from jaxsr.models.native import process
 from jaxsr.models.native.process import Native
+from jaxsr.recordings.isolated import Reader
 
 BACKEND = Path(process.__file__).parent / "backends" / "python_steps.py"
 BUSY = """
@@ -61,3 +62,17 @@ def test_a_budget_of_processor_time_counts_what_another_process_computes(
     native.rates(np.array([[0.0, 1.0], [0.0, 2.0]]))
     native.close()
     assert budget.elapsed - begun >= 0.2 + 0.9 * (time.process_time() - here)
+
+
+def test_what_reading_a_binary_file_takes_elsewhere_counts(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAXSR_CLOCK", "processor")
+    np.savez(tmp_path / "a.npz", t=np.arange(5.0), q=np.arange(5.0))
+    Reader().read(".npz", (tmp_path / "a.npz").read_bytes(), "a.npz")
+    before = sum(_clock._elsewhere)
+    reader = Reader()
+    for _ in range(2):
+        reader.read(".npz", (tmp_path / "a.npz").read_bytes(), "a.npz")
+    reader.close()
+    counted = sum(_clock._elsewhere) - before
+    assert counted > 0.01  # an interpreter and NumPy were started
+    assert counted == pytest.approx(reader._used)

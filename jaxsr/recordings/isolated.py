@@ -14,6 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from jaxsr import _clock
 from jaxsr._result import InputError
 
 SCRIPT = Path(__file__).with_name("worker.py")
@@ -67,6 +68,7 @@ class Reader:
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._owner = 0
+        self._used = 0.0  # s of processor time, by the process that is held
         self._lock = threading.Lock()
 
     def read(self, kind: str, raw: bytes, file: str) -> Contents:
@@ -140,6 +142,9 @@ class Reader:
             head = json.loads(_line(process.stdout))
             contents = _contents(head, process.stdout)
             done = True
+            used = float(head["used"])
+            _clock.count(used - self._used)
+            self._used = used
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise _Died from error
         except _Died as error:
@@ -159,7 +164,7 @@ class Reader:
         if self._process is not None and self._process.poll() is None:
             return self._process
         self.close()
-        self._owner = os.getpid()
+        self._owner, self._used = os.getpid(), 0.0
         # pools of threads and of memory would count against the limits
         quiet = {
             "OPENBLAS_NUM_THREADS": "1",

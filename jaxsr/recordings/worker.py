@@ -18,6 +18,7 @@ import json
 import os
 import signal
 import sys
+import time
 import zipfile
 from collections.abc import Callable
 from typing import Any
@@ -360,6 +361,7 @@ def serve() -> None:
             head, bodies = {"refused": error.what, "remedy": error.remedy}, []
         except Exception as error:
             head, bodies = {"refused": f"cannot be read ({type(error).__name__})"}, []
+        head["used"] = time.process_time()
         sink.write(json.dumps(head).encode() + b"\n")
         for body in bodies:
             sink.write(body)
