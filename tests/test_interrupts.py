@@ -249,3 +249,15 @@ def test_interrupts_at_fifty_moments(tmp_path: Path) -> None:
         status, err = interrupt(folder, moment, 8.0)
         # A diagnosis that was done before is a whole one.
         assert status == 130 or (status == 0 and "interrupted" not in err), moment
+
+
+def test_the_program_does_what_is_registered_for_its_end_and_is_gone(monkeypatch) -> None:
+    """Taking down what numerical libraries hold would last most of a second beyond the budget."""
+    from jaxsr import __main__ as program
+
+    done: list[object] = []
+    monkeypatch.setattr(program, "main", lambda: 3)
+    monkeypatch.setattr("atexit._run_exitfuncs", lambda: done.append("registered"))
+    monkeypatch.setattr("os._exit", done.append)
+    program.program()
+    assert done == ["registered", 3]
