@@ -293,3 +293,16 @@ def sliding(samples: int, seed: int = 0) -> Recording:
         q += h * v
     u = drive[::sub]
     return Recording("r.csv", time, {"u": u, "y": y + NOISE * rng.normal(size=samples)})
+
+
+def test_where_not_every_sample_can_be_looked_at_stretches_spread_evenly_stand_for_them():
+    long = recording(60_000)
+    prepared, whole = thinning.thinned(MODEL, [long], 6_000, 0.2)
+    assert whole is not None and whole.samples == 60_000
+    assert whole.searched <= 0.2 * 60_000
+    at = np.array([p.time[0] for p in prepared])
+    assert np.min(at) < 0.1 * long.time[-1] and np.max(at) > 0.8 * long.time[-1]
+    stretches = thinning._stretches([long], 0.2)
+    assert [begins for _, begins in stretches] == [True] + [False] * (len(stretches) - 1)
+    assert sum(len(r) for r, _ in stretches) == pytest.approx(0.2 * 60_000, rel=0.01)
+    assert thinning._stretches([long], 1.0) == [(long, True)]

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxsr._clock import now
 from jaxsr.diagnosis.setup import check_data, open_recording
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared, unbroken
@@ -34,6 +35,9 @@ COMPLETING = 0.2
 BETWEEN = 0.01
 """Error of straight lines between fewer samples, relative to a reading's deviation, up to which
 they tell the course of a state that no force accelerates."""
+LOOKING, AGAIN = 0.1, 3.0
+"""Share of a search's time in which all samples may be looked at; how much longer than reading them
+that takes."""
 SEEN = 20_000
 """Samples that tell how fast the motion is."""
 
@@ -83,7 +87,9 @@ def prepare_search(
     whole : Whole or None
         Everything, where that is more than a search should work on.
     """
+    began = now()
     recordings = tuple(open_recording(model, item) for item in items)
+    read = now() - began
     check_time_units(recordings)
     if checked:
         check_data(model, recordings)
@@ -91,7 +97,8 @@ def prepare_search(
     samples = sum(len(r) for r in recordings)
     if few and (samples * len(model.states) <= most or samples <= LEAST):
         return _unbroken(model, recordings)
-    return thinned(model, recordings, most)
+    bearable = LOOKING * seconds / max(AGAIN * read, 1e-9)
+    return thinned(model, recordings, most, min(bearable, 1.0))
 
 
 def _unbroken(
@@ -112,7 +119,7 @@ def time_for(whole: Whole | None, seconds: float) -> float:
 
 
 def thinned(
-    model: Model, recordings: Sequence[Recording], most: int = MOST
+    model: Model, recordings: Sequence[Recording], most: int = MOST, share: float = 1.0
 ) -> tuple[tuple[Prepared, ...], Whole | None]:
     """Return pieces of recordings that hold what their motion shows, and all of them.
 
@@ -120,10 +127,14 @@ def thinned(
     (`decimated`). Pieces of about `STRETCH` consecutive samples are then chosen, half of them
     evenly over all recordings, the others where inputs and readings differ most from those of
     the pieces chosen before, so that rare regimes are seen.
+
+    Where there is no time to look at every sample, a `share` of each recording, in stretches that
+    are spread over it evenly, stands for it.
     """
-    factor = _factor(model, recordings, most)
+    parts = _stretches(recordings, share)
+    factor = _factor(model, [part for part, _ in parts], most)
     holds = {model.column(u): model.input_hold for u in model.inputs}
-    coarse = [decimated(r, factor, holds) for r in recordings]
+    coarse = [decimated(part, factor, holds) for part, _ in parts]
     total = max(most // len(model.states), LEAST)
     number = int(np.clip(total // STRETCH, *STRETCHES))
     rows = _tiles(coarse, total // number)
@@ -131,9 +142,22 @@ def thinned(
     prepared = []
     for r, first, last in (rows[i] for i in chosen):
         part = coarse[r].select(slice(first, last))
-        prepared.append(Prepared.build(model, part, begins=first == 0))
+        prepared.append(Prepared.build(model, part, begins=first == 0 and parts[r][1]))
     searched = sum(p.time.size for p in prepared)
     return tuple(prepared), Whole(model, tuple(recordings), factor, searched)
+
+
+def _stretches(recordings: Sequence[Recording], share: float) -> list[tuple[Recording, bool]]:
+    """Return recordings, or a share of each, and whether that is where a recording begins."""
+    if share >= 1.0:
+        return [(r, True) for r in recordings]
+    found = []
+    for r in recordings:
+        count = int(np.clip(share * len(r) // STRETCH, 1, STRETCHES[1]))
+        size = max(int(share * len(r) / count), min(STRETCH, len(r)))
+        starts = np.linspace(0, len(r) - size, count).astype(int)
+        found += [(r.select(slice(a, a + size)), a == 0) for a in starts.tolist()]
+    return found
 
 
 def _factor(model: Model, recordings: Sequence[Recording], most: int) -> int:
