@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxsr._deadline import ask
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.blocks import gain
 from jaxsr.diagnosis.contest.entry import Entry
@@ -130,6 +131,7 @@ def noise_floor(model: Model, recordings: Sequence[Recording]) -> float | None:
     """
     scores = []
     for recording in recordings:
+        ask()
         table = output_table(model, recording)
         deviation, shares = spread(table), []
         for k, output in enumerate(model.outputs):

@@ -156,7 +156,9 @@ def whole_runs(
         for name, run in runs.items():
             for r, course, measured in zip(group, run.simulated, readings, strict=True):
                 table[name, len(horizons) - 1].add(r, 0, course, measured)
-    scale = np.array([spread(output_table(whole.model, r)) for r in whole.recordings])
+    scale = np.ones((len(whole.recordings), len(whole.model.outputs)))
+    if any(scores.count.any() for scores in table.values()):
+        scale = np.array([spread(output_table(whole.model, r)) for r in whole.recordings])
     runs = {name: [table[name, h].run(scale) for h in range(len(horizons))] for name in models}
     return Runs(runs, whole.recordings, samples / whole.samples)
 
