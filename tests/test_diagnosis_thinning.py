@@ -306,3 +306,11 @@ def test_where_not_every_sample_can_be_looked_at_stretches_spread_evenly_stand_f
     assert [begins for _, begins in stretches] == [True] + [False] * (len(stretches) - 1)
     assert sum(len(r) for r, _ in stretches) == pytest.approx(0.2 * 60_000, rel=0.01)
     assert thinning._stretches([long], 1.0) == [(long, True)]
+
+
+def test_pieces_that_there_is_no_time_to_prepare_are_left_out():
+    every, _ = thinning.thinned(MODEL, [recording(60_000)], 60_000)
+    few, whole = thinning.thinned(MODEL, [recording(60_000)], 60_000, room=0.0)
+    assert len(few) == 1 and whole is not None and whole.searched == few[0].time.size
+    assert few[0].time[0] in [p.time[0] for p in every]
+    assert sorted(p.time[0] for p in every) == [p.time[0] for p in every]

@@ -38,6 +38,9 @@ they tell the course of a state that no force accelerates."""
 LOOKING, AGAIN = 0.1, 3.0
 """Share of a search's time in which all samples may be looked at; how much longer than reading them
 that takes."""
+PREPARING = 0.15
+"""Share of a search's time in which the states along its pieces are estimated."""
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 SEEN = 20_000
 """Samples that tell how fast the motion is."""
 
@@ -98,7 +101,7 @@ def prepare_search(
     if few and (samples * len(model.states) <= most or samples <= LEAST):
         return _unbroken(model, recordings)
     bearable = LOOKING * seconds / max(AGAIN * read, 1e-9)
-    return thinned(model, recordings, most, min(bearable, 1.0))
+    return thinned(model, recordings, most, min(bearable, 1.0), PREPARING * seconds)
 
 
 def _unbroken(
@@ -119,7 +122,11 @@ def time_for(whole: Whole | None, seconds: float) -> float:
 
 
 def thinned(
-    model: Model, recordings: Sequence[Recording], most: int = MOST, share: float = 1.0
+    model: Model,
+    recordings: Sequence[Recording],
+    most: int = MOST,
+    share: float = 1.0,
+    room: float = np.inf,
 ) -> tuple[tuple[Prepared, ...], Whole | None]:
     """Return pieces of recordings that hold what their motion shows, and all of them.
 
@@ -129,7 +136,8 @@ def thinned(
     the pieces chosen before, so that rare regimes are seen.
 
     Where there is no time to look at every sample, a `share` of each recording, in stretches that
-    are spread over it evenly, stands for it.
+    are spread over it evenly, stands for it; pieces whose states there is no `room`, in s, to
+    estimate are left out.
     """
     parts = _stretches(recordings, share)
     factor = _factor(model, [part for part, _ in parts], most)
@@ -139,10 +147,14 @@ def thinned(
     number = int(np.clip(total // STRETCH, *STRETCHES))
     rows = _tiles(coarse, total // number)
     chosen = spread(_features(model, coarse, rows), number)
-    prepared = []
-    for r, first, last in (rows[i] for i in chosen):
-        part = coarse[r].select(slice(first, last))
-        prepared.append(Prepared.build(model, part, begins=first == 0 and parts[r][1]))
+    prepared, begun = {}, now()
+    for k in np.argsort((np.arange(len(chosen)) * GOLDEN) % 1.0):
+        if prepared and (now() - begun) * (1.0 + 1.0 / len(prepared)) > room:
+            break
+        r, first, last = rows[chosen[k]]
+        begins = first == 0 and parts[r][1]
+        prepared[k] = Prepared.build(model, coarse[r].select(slice(first, last)), begins=begins)
+    prepared = [prepared[k] for k in sorted(prepared)]
     searched = sum(p.time.size for p in prepared)
     return tuple(prepared), Whole(model, tuple(recordings), factor, searched)
 
