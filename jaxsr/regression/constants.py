@@ -14,6 +14,7 @@ from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
 from jaxsr.regression.marquardt import Course, ExactFits, levenberg_marquardt
 from jaxsr.regression.projection import Sets, batches, evaluate
+from jaxsr.regression.resident_projection import resident_fits
 from jaxsr.regression.slopes import Form, constants_of, with_constants
 from jaxsr.regression.streamed_projection import fits, opened
 
@@ -118,7 +119,8 @@ def _streamed(
         return
     opens = [opened(problem, terms, limits.most_constants) for terms in sets]
     numbers = [k for k, own in enumerate(opens) if own is not None]
-    for places, batch in fits(problem, [own for own in opens if own is not None]):
+    made = fits if problem.resident is None else resident_fits
+    for places, batch in made(problem, [own for own in opens if own is not None]):
         course = Course.of(batch.start, limits)
         levenberg_marquardt(batch, course, limits, problem.total or 1.0)
         for row, place in enumerate(places):

@@ -23,6 +23,7 @@ from jaxsr.regression.fitting import Fit, fit_terms
 from jaxsr.regression.gram import Array, GramBatch, scale_columns
 from jaxsr.regression.judging import Judge
 from jaxsr.regression.rational import quotients
+from jaxsr.regression.resident import ResidentStore
 from jaxsr.regression.ridge import least_squares
 from jaxsr.regression.signs import (
     Signs,
@@ -85,6 +86,8 @@ class RegressionProblem:
 
     Attributes
     ----------
+    scale : float
+        Norm of the target without what the fixed columns explain; 1 where nothing is left.
     expired : callable
         Whether a step must be left in the middle; see :func:`jaxsr._deadline.bounded`.
     """
@@ -134,7 +137,7 @@ class RegressionProblem:
         self.basis = _orthonormal(self.fixed)
         self.target = self._project(self.y[:, None])[:, 0]
         self.total = float(self.target @ self.target)
-        self._scale = np.sqrt(self.total) or 1.0
+        self.scale = np.sqrt(self.total) or 1.0
         self.signs = checked_signs(signs)
         self.judging = judge
         self.group = group
@@ -144,7 +147,7 @@ class RegressionProblem:
         self._evaluator, self._limit = evaluator, limit_bytes
         self._when = time if instants is None else instants
         self.evaluator = self._new_evaluator()
-        target = self.target / self._scale
+        target = self.target / self.scale
         self._weighing = Weighing(self._empty_store(target), float(target @ target))
         self._waves: dict[str, Waves | None] = {}
         self.excerpt = Excerpt(self)
@@ -162,6 +165,9 @@ class RegressionProblem:
         return self._evaluator(self.variables, limit, time=self._when, group=self.group)
 
     def _empty_store(self, target: Array) -> Store:
+        device = self.evaluator.device
+        if device is not None and self.view is None and not self.basis.shape[1]:
+            return ResidentStore(self._resident, self.admits, target, device)
         capacity = self._limit // (16 * self.rows)
         if capacity < _HELD and self.view is None and not self.basis.shape[1]:
             return StreamedStore(self._reduced, self.admits, target, self._limit)
@@ -171,6 +177,16 @@ class RegressionProblem:
     def _reduced(self, terms: Sequence[Term], use: Callable[[Array, slice], Any]) -> list[Any]:
         self.check()
         return self.evaluator.reduced(terms, use, self.rows)
+
+    def _resident(self, terms: Sequence[Term]) -> Any:
+        self.check()
+        return self.evaluator.resident(terms)
+
+    @property
+    def resident(self) -> ResidentStore | None:
+        """Return the columns on a device; None where they are on the host."""
+        store = self._weighing.store
+        return store if isinstance(store, ResidentStore) else None
 
     def forget(self) -> None:
         """Drop all columns and their products; results stay the same, work is done again."""
@@ -276,13 +292,22 @@ class RegressionProblem:
                 shares[row] = xi
                 losses[row] = max(float(gram.total - 2.0 * moment + quadratic), 0.0)
 
+    def products(self, terms: Sequence[Term]) -> tuple[Array, Array, list[int]]:
+        """Return the products of the terms' unit-norm columns, with the scaled target, and places.
+
+        A place is -1 for an unusable term; what stands in its products is then of no use.
+        """
+        places = self.index(terms)
+        gram = self._weighing.grams(np.array([places], dtype=np.intp).reshape(1, -1))
+        return gram.matrix[0, : len(places), : len(places)], gram.moment[0], places
+
     def independent(self, sets: Sequence[Sequence[Term]]) -> list[tuple[Term, ...]]:
         """Return the sets of usable terms without columns that depend on simpler ones of a set."""
         return self._weighing.independent(sets)
 
     def in_units(self, terms: Sequence[Term], shares: Array) -> Array:
         """Return coefficients of the columns as given from those of unit-norm columns."""
-        return shares * self._scale / self._weighing.store.norms(self.index(terms))
+        return shares * self.scale / self._weighing.store.norms(self.index(terms))
 
     def judge(self, individuals: Sequence[Sequence[Term]]) -> Array:
         """Return losses on the judge's rows with coefficients from these rows.

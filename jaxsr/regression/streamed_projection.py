@@ -27,7 +27,7 @@ from jaxsr.regression.slopes import constants_of, with_leaves
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem
 
-_SURE = 1e-7
+SURE = 1e-7
 """Share of the target that a loss must keep, times the square of the sine between a column and
 the others, for products to tell it to eight digits."""
 _SLOPE_SURE, _REDUNDANT = 1e-10, 1e-13
@@ -135,7 +135,7 @@ class StreamedFits:
         self,
         problem: RegressionProblem,
         sets: Sequence[OpenSet],
-        stills: Sequence[Still],
+        stills: Sequence[Any],
         which: Sequence[int],
     ) -> None:
         self._problem, self._sets, self._stills, self._which = problem, sets, stills, which
@@ -166,8 +166,11 @@ class StreamedFits:
             for k in order
             for place in itertools.accumulate(self._sets[k].counts[:-1], initial=0)
         ]
-        self._run = self._problem.evaluator.opened(codes, first)
+        self._run = self._opened(codes, first)
         self._scheduled, self._idle = rows, 0
+
+    def _opened(self, codes: Sequence[PostfixBatch], first: Sequence[int]) -> Any:
+        return self._problem.evaluator.opened(codes, first)
 
     def evaluate(self, constants: Array, rows: Places) -> StreamedPoint:
         """Fit the sets ``rows`` at ``constants`` (rows, constants)."""
@@ -271,7 +274,7 @@ def _fit(
     loss = total - np.einsum("si,si->s", b, xi)
     finite = np.all(np.isfinite(square[:, columns]), axis=1)
     sized = np.all((square[:, columns] < _LARGE) & (square[:, columns] > _SMALL), axis=1)
-    sure = sized & (loss * least > _SURE * total) & (least > 0.0)
+    sure = sized & (loss * least > SURE * total) & (least > 0.0)
 
     cross = left[:, columns[:, None], slopes] / norm[:, :, None]  # (sets, terms, slopes)
     solved = inverse @ cross
