@@ -67,7 +67,7 @@ def _walked(terms: list[Term], data: np.ndarray) -> np.ndarray:
             if operation[k] == LOAD:
                 stack.append(top)
                 top = leaf
-                assert len(stack) <= stream.depth
+                assert len(stack) <= stream.depths[term]
                 continue
             name, a, b = NAMES[operation[k]], top, top
             if way[k]:
@@ -107,7 +107,7 @@ def test_leaves_are_read_by_the_instruction_beside_them() -> None:
     texts = ["2.5*x + t", "t - sin(x)", "(x + 1)*(z - 2)", "x**2", "x"]
     stream = streamed(compile_postfix([parse(t, VARIABLES) for t in texts], VARIABLES))
     assert np.diff(stream.starts).tolist() == [3, 3, 5, 2, 1]
-    assert stream.depth == 2
+    assert stream.depths.tolist() == [1, 1, 2, 1, 1]
 
 
 SIMULATED = """
@@ -118,13 +118,15 @@ from jaxsr.evaluation.stream import streamed
 from jaxsr.expressions.postfix import compile_postfix
 sys.path.insert(0, sys.argv[1])
 from test_resident import VARIABLES, _samples, _terms
-terms, rows = _terms(2, 24), 9
+terms, rows = _terms(2, 24), 11
 data = _samples(rows)
 stream = streamed(compile_postfix(terms, VARIABLES))
 for kind, digits in (("float64", 1e-9), ("float32", 1e-3)):
     out = np.full((len(terms), rows), -7.0, kind)
-    run = kernel.kernel(4, kind, np)[kernel.grid(len(terms), rows), kernel.THREADS]
-    run(stream.words, stream.values.astype(kind), stream.starts, data.T.astype(kind), out)
+    run = kernel.kernel(8, kind, np)[(2, len(terms)), 2]  # a thread each: few
+    chosen = np.arange(len(terms))[::-1].astype(np.int32)
+    code = (stream.words, stream.values.astype(kind), stream.starts, chosen)
+    run(*code, data.T.astype(kind), out)
     truth = compile_terms(terms, VARIABLES).evaluate(data.astype(kind), "columns").T
     np.testing.assert_allclose(out, truth, rtol=digits, atol=digits)
 print("same")
@@ -157,9 +159,7 @@ def test_columns_on_a_device_are_those_of_the_host(elsewhere: None, kind: str) -
         assert there.dtype == kind and np.array_equal(there, batch.evaluate(data), equal_nan=True)
 
 
-def test_less_memory_gives_smaller_chunks(
-    elsewhere: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_less_memory_gives_smaller_chunks(elsewhere: None, monkeypatch: pytest.MonkeyPatch) -> None:
     from jaxsr.evaluation.engine import Engine
 
     terms, data = _terms(4, 10, 5), _samples(100)
@@ -217,7 +217,8 @@ def test_constants_move_alike_on_both_sides() -> None:
 def test_columns_beyond_the_room_are_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
     from jaxsr.regression import resident
 
-    monkeypatch.setattr(resident, "memory", lambda device: 0)
+    monkeypatch.setattr(resident, "_MOST", 256)
+    monkeypatch.setattr(resident, "_LEAST", 1)
     problem, other = _problem(Resident), _problem(Reference)
     terms = [parse(f"sin({k}*t/50)*x", VARIABLES) for k in range(1, 700)]
     for first in (0, 150, 300, 450, 0):
@@ -226,6 +227,7 @@ def test_columns_beyond_the_room_are_made_again(monkeypatch: pytest.MonkeyPatch)
     assert problem.resident is not None and problem.resident.epoch > 1
 
 
+@pytest.mark.slow
 def test_generations_on_a_device_find_what_those_on_the_host_do() -> None:
     config = SearchConfig(population=40)
     best = []

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr.evaluation.machine import Program, bucket, load, run
-from jaxsr.evaluation.resident import ResidentTerms, most_samples, put
+from jaxsr.evaluation.resident import ResidentTerms, brought, most_samples, put
 from jaxsr.evaluation.schedule import schedule
 from jaxsr.expressions.postfix import PostfixBatch
 
@@ -208,7 +208,7 @@ class Engine:
         for start in range(0, data.shape[1], size):
             part = slice(start, min(start + size, data.shape[1]))
             there = put(data[:, part], self._config.place)
-            block = np.asarray(self.resident(there, constants))
+            block = brought(self.resident(there, constants))
             answers.append(use(block, terms, part))
         return answers
 

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from jaxsr.evaluation.cache import ColumnCache
 from jaxsr.evaluation.engine import Engine, EngineConfig
-from jaxsr.evaluation.machine import bucket
 from jaxsr.evaluation.open import OpenTerms, written
-from jaxsr.evaluation.resident import has_kernel, put
+from jaxsr.evaluation.resident import has_kernel, padded, put
 from jaxsr.expressions.postfix import OPERATORS, PostfixBatch, compile_postfix
 from jaxsr.expressions.primitives import PRIMITIVES
 from jaxsr.expressions.term import BOOLEAN, CONSTANT, VARIABLE, Term
@@ -224,23 +223,23 @@ class Evaluator:
     ) -> Callable[[Array], jax.Array]:
         """Return a function of open constants to the columns on the device.
 
-        Rows of zeros stand behind those of the forms, up to a power of two.
+        Rows of zeros stand behind those of the forms, up to a power of four.
         """
         config = EngineConfig(device=self.device)
-        terms = OpenTerms(forms, first, self._names, config, bucket(sum(map(len, forms)), 64))
+        terms = OpenTerms(forms, first, self._names, config, padded(sum(map(len, forms)), 128))
         return functools.partial(terms.resident, self._variables_there())
 
     def resident(self, terms: Sequence[Term]) -> jax.Array:
         """Return columns (terms, samples) on the device.
 
-        The last is repeated behind them, up to a power of two: what is compiled for a shape
+        The last is repeated behind them, up to a power of four: what is compiled for a shape
         serves many batches.
         """
-        count = bucket(len(terms), 16)
+        count = padded(len(terms), 16)
         coded = [k for k, term in enumerate(terms) if _is_coded(term)]
         if len(coded) == len(terms):
-            padded = [*terms, *[terms[-1]] * (count - len(terms))]
-            engine = Engine(compile_postfix(padded, self._names), EngineConfig(device=self.device))
+            batch = compile_postfix([*terms, *[terms[-1]] * (count - len(terms))], self._names)
+            engine = Engine(batch, EngineConfig(device=self.device))
             return engine.resident(self._variables_there())
         out = np.empty((count, self._samples))
         for k, term in enumerate(terms):

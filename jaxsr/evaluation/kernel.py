@@ -1,4 +1,4 @@
-"""The kernel of a CUDA device: every thread runs a term's instructions on a few samples.
+"""The kernel of a CUDA device: every thread runs the chosen terms' code on a few samples.
 
 All threads of a block run the same term, so a branch over operations costs what one comparison
 does. The kernel is written from a table of expressions, one for each operation.
@@ -16,7 +16,8 @@ from jaxsr.evaluation.stream import BESIDE, LEFT, LOAD, NAMES, RIGHT
 from jaxsr.expressions.postfix import OPERATORS, arity_of
 
 THREADS, LANES = 128, 4  # of a block; samples of each thread
-DEEPEST = 32  # values on a stack
+DEPTHS = (4, 8, 32)
+"""Values on a stack that kernels are made for: a short one stays in registers."""
 _BLOCKS = 65535  # along the terms
 
 EXPRESSIONS: dict[str, str] = {
@@ -34,8 +35,7 @@ EXPRESSIONS: dict[str, str] = {
     "ne": "ONE if a != b else ZERO",
     **{
         name: f"math.{name}(b)"
-        for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
-        + ("asin", "acos", "atan", "floor")
+        for name in "sin cos tan sinh cosh tanh exp log sqrt asin acos atan floor".split()
     },
     "atan2": "math.atan2(a, b)",
     "abs": "math.fabs(b)",
@@ -50,15 +50,16 @@ EXPRESSIONS: dict[str, str] = {
 """Each operation on its left argument a and its right, or only, one b."""
 
 _HEAD = f"""
-def kernel(words, values, starts, data, out):
+def kernel(words, values, starts, chosen, data, out):
     stack = cuda.local.array((DEPTH, LANES), KIND)
     top = cuda.local.array(LANES, KIND)
     left = cuda.local.array(LANES, KIND)
     right = cuda.local.array(LANES, KIND)
     rows = out.shape[1]
     first = cuda.blockIdx.x * cuda.blockDim.x * LANES + cuda.threadIdx.x
-    term = cuda.blockIdx.y
-    while term < out.shape[0]:
+    number = cuda.blockIdx.y
+    while number < chosen.shape[0]:
+        term = chosen[number]
         height = 0
         for v in range(LANES):
             top[v] = ZERO
@@ -102,7 +103,7 @@ _TAIL = """
             row = first + v * cuda.blockDim.x
             if row < rows:
                 out[term, row] = top[v]
-        term += cuda.gridDim.y
+        number += cuda.gridDim.y
 """
 _BINARY = frozenset(name for name in OPERATORS if arity_of(name) == 2)
 
@@ -148,3 +149,28 @@ def _numba_type(dtype: str) -> Any:
 def grid(terms: int, rows: int) -> tuple[int, int]:
     """Return the number of blocks along samples and terms."""
     return -(-rows // (THREADS * LANES)), min(terms, _BLOCKS)
+
+
+def small_grid() -> type[Warning]:
+    """Return the warning that a launch uses little of the device."""
+    from numba.core.errors import NumbaPerformanceWarning
+
+    return NumbaPerformanceWarning
+
+
+def tried() -> None:
+    """Compile the smallest kernel and run it on one sample.
+
+    Raises
+    ------
+    Exception
+        Whatever keeps Numba from it.
+    """
+    from numba import cuda
+
+    out = cuda.device_array((1, 1), np.float32)
+    word = np.array([LOAD], np.int32)
+    code = (word, np.array([2.5], np.float32), np.array([0, 1], np.int32), np.zeros(1, np.int32))
+    kernel(DEPTHS[0], "float32")[grid(1, 1), THREADS](*code, np.zeros((1, 1), np.float32), out)
+    if out.copy_to_host()[0, 0] != 2.5:
+        raise RuntimeError("the kernel's answer is wrong")

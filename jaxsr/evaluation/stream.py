@@ -38,8 +38,8 @@ class Stream:
     values : ndarray of float64, (instructions,)
         The number that is the leaf.
     starts : ndarray of int32, (terms + 1,)
-    depth : int
-        Most values on a stack.
+    depths : ndarray of int, (terms,)
+        Most values on the stack of each.
     numbers : ndarray, (instructions,)
         Numbers of open constants; negative where the leaf is closed.
     """
@@ -47,7 +47,7 @@ class Stream:
     words: NDArray[np.int32]
     values: NDArray[np.float64]
     starts: NDArray[np.int32]
-    depth: int
+    depths: NDArray[np.int64]
     numbers: NDArray[np.int64]
 
     def __len__(self) -> int:
@@ -96,6 +96,6 @@ def streamed(batch: PostfixBatch) -> Stream:
         words.astype(np.int32),
         values,
         starts.astype(np.int32),
-        int(height.max(initial=1)),
+        np.maximum.reduceat(height, starts[:-1]),
         numbers_of(values),
     )

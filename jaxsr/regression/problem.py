@@ -23,7 +23,7 @@ from jaxsr.regression.fitting import Fit, fit_terms
 from jaxsr.regression.gram import Array, GramBatch, scale_columns
 from jaxsr.regression.judging import Judge
 from jaxsr.regression.rational import quotients
-from jaxsr.regression.resident import ResidentStore
+from jaxsr.regression.resident import ResidentStore, has_room
 from jaxsr.regression.ridge import least_squares
 from jaxsr.regression.signs import (
     Signs,
@@ -166,10 +166,11 @@ class RegressionProblem:
 
     def _empty_store(self, target: Array) -> Store:
         device = self.evaluator.device
-        if device is not None and self.view is None and not self.basis.shape[1]:
+        plain = self.view is None and not self.basis.shape[1]
+        if device is not None and plain and has_room(self.rows, device):
             return ResidentStore(self._resident, self.admits, target, device)
         capacity = self._limit // (16 * self.rows)
-        if capacity < _HELD and self.view is None and not self.basis.shape[1]:
+        if capacity < _HELD and plain:
             return StreamedStore(self._reduced, self.admits, target, self._limit)
         project = self._project if self.basis.shape[1] else None
         return ColumnStore(self.columns, project, self.admits, target, max(256, capacity))

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsr.evaluation.resident import memory, put
+from jaxsr.evaluation.resident import memory, padded, put
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array, bucket
 from jaxsr.regression.products import Places, slots_of
@@ -19,8 +19,8 @@ from jaxsr.regression.store import CORRECTIONS, DAMPING, SMALL, usable_sizes
 
 _TOGETHER = 1024  # columns made in one call, where an eighth of the room holds them
 _PRODUCTS = 2**27  # pairs times rows of a call
-_SHARE = 2  # of the device's memory over what columns may take
-_LEAST = 256  # columns there is room for at first
+_SHARE = 0.6  # of the device's memory that columns may take
+_MOST, _LEAST = 8192, 4096  # columns there is room for; what a population needs at a time
 
 
 @functools.cache
@@ -44,14 +44,6 @@ def _multiplied() -> Any:
 
 
 @functools.cache
-def _grown() -> Any:
-    def grow(store: jax.Array, room: int) -> jax.Array:
-        return jnp.zeros((room, store.shape[1]), store.dtype).at[: len(store)].set(store)
-
-    return jax.jit(grow, static_argnums=1)
-
-
-@functools.cache
 def _left() -> Any:
     def left(
         store: jax.Array, target: jax.Array, places: jax.Array, xi: jax.Array
@@ -61,6 +53,16 @@ def _left() -> Any:
         return jnp.einsum("sr,sr->s", residual, residual), jnp.einsum("skr,sr->sk", theta, residual)
 
     return jax.jit(left)
+
+
+def room(rows: int, device: Any) -> int:
+    """Return how many columns a device's memory holds."""
+    return min(_MOST, int(_SHARE * memory(device) / (8 * rows)))
+
+
+def has_room(rows: int, device: Any) -> bool:
+    """Tell whether a population's columns fit into a device's memory."""
+    return room(rows, device) >= _LEAST
 
 
 class ResidentStore:
@@ -86,8 +88,7 @@ class ResidentStore:
         self._columns_of, self._admits, self._device = columns_of, admits, device
         self._rows = len(target)
         self.target = put(target, device)
-        room = memory(device) // (_SHARE * 8 * self._rows)
-        self._capacity = max(_LEAST, room)
+        self._capacity = room(self._rows, device)
         self._step = min(_TOGETHER, max(16, 1 << (self._capacity // 8).bit_length() - 1))
         self.epoch = 0
         self.forget()
@@ -104,8 +105,9 @@ class ResidentStore:
     @property
     def store(self) -> jax.Array:
         """Return the unit columns (room, rows)."""
-        if self._store is None:
-            self._store = put(np.zeros((_LEAST, self._rows)), self._device)
+        if self._store is None:  # all at once: one shape, for which programs are made
+            with jax.enable_x64(True), jax.default_device(self._device):
+                self._store = jnp.zeros((self._capacity, self._rows))
         return self._store
 
     def norms(self, places: Sequence[int]) -> Array:
@@ -140,10 +142,9 @@ class ResidentStore:
         start = len(self._moments)
         with jax.enable_x64(True):
             columns = self._columns_of(terms)
-            needed = start + len(columns)
-            if needed > len(self.store):
-                room = max(needed, min(2 * len(self.store), self._capacity))
-                self._store = _grown()(self.store, room)
+            if start + len(columns) > len(self.store):  # one call needs more than there is room
+                more = jnp.zeros((max(len(columns), self._capacity // 4), self._rows))
+                self._store = jnp.concatenate([self.store, more])
             self._store, *facts = _added()(self.store, np.int32(start), columns, self.target)
             largest, norms, moments = (np.asarray(f)[: len(terms)] for f in facts)
         usable = usable_sizes(largest)
@@ -156,12 +157,12 @@ class ResidentStore:
     def products(self, first: Places, second: Places) -> Array:
         """Return the products of pairs of columns."""
         out = np.empty(len(first))
-        step = max(64, 1 << max(_PRODUCTS // self._rows, 1).bit_length() - 1)
+        step = max(256, 1 << max(_PRODUCTS // self._rows, 1).bit_length() - 1)
         with jax.enable_x64(True):
             waiting = []
             for start in range(0, len(first), step):
                 part = slice(start, min(start + step, len(first)))
-                size = bucket(part.stop - start, 64)
+                size = min(step, padded(part.stop - start, 256))
                 pair = np.zeros((2, size), np.int32)
                 pair[0, : part.stop - start] = first[part]
                 pair[1, : part.stop - start] = second[part]
@@ -203,10 +204,10 @@ class ResidentStore:
     def _residuals(self, slots: Places, xi: Array) -> tuple[Array, Array]:
         """Return squares of residuals (sets,) and their products with the columns."""
         used = slots >= 0
-        step = max(1, _PRODUCTS // (self._rows * slots.shape[1]))
+        step = min(256, max(4, _PRODUCTS // (self._rows * slots.shape[1])))
         loss, slope = np.empty(len(slots)), np.empty(slots.shape)
         for part in _pieces(len(slots), step):
-            size = bucket(part.stop - part.start, 1)
+            size = min(step, padded(part.stop - part.start, 4))
             places = np.zeros((size, slots.shape[1]), np.int32)
             own = np.zeros(places.shape)
             places[: part.stop - part.start] = np.where(used[part], slots[part], 0)

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxsr.evaluation.evaluator import TOGETHER
+from jaxsr.evaluation.resident import padded
 from jaxsr.expressions.term import Term
-from jaxsr.regression.gram import Array, bucket
+from jaxsr.regression.gram import Array
 from jaxsr.regression.projection import Places
 from jaxsr.regression.streamed_projection import SURE, OpenSet, StreamedFits, StreamedPoint
 
@@ -87,7 +87,7 @@ class ResidentFits(StreamedFits):
         assert store is not None
         stills: list[ResidentStill] = self._stills
         used = sorted({k for group in self._groups for k in stills[group.still].places})
-        places = np.zeros(bucket(len(used), 16), np.int32)
+        places = np.zeros(padded(len(used), 64), np.int32)
         places[: len(used)] = used
         with jax.enable_x64(True):
             rows = self._run(constants)
