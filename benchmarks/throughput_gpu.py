@@ -19,6 +19,7 @@ import os
 import statistics
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -45,6 +46,7 @@ ANSWER = 60_000_000  # terms x rows
 ROWS, SEARCHED = (1_000, 10_000, 100_000, 1_000_000), (1_000, 10_000, 100_000, 1_000_000)
 HOST_MOST = 100_000  # rows that the CPU searches on
 TERMS, REPEATS, SEED = 6000, 9, 0
+LONGEST = 150.0  # seconds of the searches of a kind
 GENERATIONS = 2  # timed of a search, after one that compiles
 BEYOND = 1.5  # times the device's memory
 
@@ -70,6 +72,7 @@ def compare(
         "measured": True,
         "device": device.device_kind,
         "kernel": has_kernel(),
+        "cpu_threads": EngineConfig(device=cpu).workers,
         "copy_bytes_per_second": bandwidth,
         "points": points,
         "crossover_rows": min(faster, default=None),
@@ -180,26 +183,35 @@ def generations(kind: str, rows: int, count: int, population: int) -> dict[str, 
 
 
 def apart(kind: str, rows: Sequence[int], count: int, population: int) -> list[dict[str, Any]]:
-    """Return :func:`generations` of a process of its own, which sees the CPU alone for "cpu"."""
+    """Return :func:`generations` of a process of its own, which sees the CPU alone for "cpu".
+
+    None are kept on a device that is a CPU.
+    """
+    there = "jax.default_backend() == 'gpu'" if kind == "kept" else "True"
     code = (
-        "import json; from benchmarks.throughput_gpu import generations\n"
-        f"for rows in {list(rows)}:\n"
+        "import json, jax; from benchmarks.throughput_gpu import generations\n"
+        f"for rows in {list(rows)} if {there} else []:\n"
         f"    print('ROW', json.dumps(generations({kind!r}, rows, {count}, {population})))"
     )
     platforms = {"JAX_PLATFORMS": "cpu"} if kind == "cpu" else {}
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code],
-        capture_output=True,
+    found = []
+    with subprocess.Popen(
+        [sys.executable, "-u", "-W", "ignore", "-c", code],
+        stdout=subprocess.PIPE,
         text=True,
         cwd=ROOT,
         env={**os.environ, **platforms},
-        check=False,
-    )
-    lines = done.stdout.splitlines()
-    print("\n".join(line for line in lines if not line.startswith("ROW ")), flush=True)
-    if done.returncode:
-        print(done.stderr[-3000:], flush=True)
-    return [json.loads(line[4:]) for line in lines if line.startswith("ROW ")]
+    ) as process:
+        assert process.stdout is not None
+        stop = threading.Timer(LONGEST, process.kill)  # what was measured by then stands
+        stop.start()
+        for line in process.stdout:
+            if line.startswith("ROW "):
+                found.append(json.loads(line[4:]))
+            else:
+                print(line, end="", flush=True)
+        stop.cancel()
+    return found
 
 
 def too_large(device: Device, terms: int, factor: float = BEYOND) -> dict[str, Any]:
@@ -238,14 +250,14 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few terms, nothing written")
     options = parser.parse_args()
     rows, terms, repeats = (ROWS, TERMS, REPEATS) if not options.quick else ((1_000,), 60, 3)
+    searched, sizes = SEARCHED if not options.quick else (1_000,), (GENERATIONS, 600)
+    # first, since this process takes most of a device's memory once it has seen one
+    kept = apart("kept", searched, *sizes)
     body = measure(terms, rows, repeats)
     if not body["measured"]:
         return
-    device, sizes = jax.devices()[0], (GENERATIONS, 600)
-    body["too_large"] = too_large(device, terms, 0.05 if options.quick else BEYOND)
-    searched = SEARCHED if not options.quick else (1_000,)
-    kept = apart("kept", searched, *sizes)
     host = apart("cpu", [n for n in searched if n <= HOST_MOST], *sizes)
+    body["too_large"] = too_large(jax.devices()[0], terms, 0.05 if options.quick else BEYOND)
     body["generations"] = [*kept, *host]
     times = {row["rows"]: row["generation"] for row in host}
     gained = [r["rows"] for r in kept if r["generation"] < times.get(r["rows"], 0.0)]

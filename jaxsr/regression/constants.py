@@ -92,6 +92,11 @@ def refine_many(
             else:
                 out[k] = _moved(sets[k], course.constants[0]), float(course.loss[0] / total)
                 done.add(k)
+    still = [k for k in range(len(sets)) if k not in done and not _moves(sets[k], limits)]
+    for k, loss in zip(still, problem.still_losses([sets[k] for k in still]), strict=True):
+        if not np.isnan(loss):
+            out[k] = tuple(sets[k]), float(loss)
+            done.add(k)
     rest = [k for k in range(len(sets)) if k not in done]
     for places, batch in batches(problem, [sets[k] for k in rest], limits.most_constants):
         numbers = [rest[place] for place in places]
@@ -104,6 +109,11 @@ def refine_many(
             terms = _moved(sets[k], constants[row]) if np.any(batch.used[row]) else tuple(sets[k])
             out[k] = terms, float(loss[row] / total)
     return out
+
+
+def _moves(terms: Sequence[Term], limits: Refinement) -> bool:
+    """Tell whether a set holds constants, and not more than may be moved."""
+    return 0 < sum(len(constants_of(term)) for term in terms) <= limits.most_constants
 
 
 def _moved(terms: Sequence[Term], constants: Array) -> tuple[Term, ...]:

@@ -273,6 +273,16 @@ class RegressionProblem:
             self._constrain(individuals, shares, losses, gram)
         return shares, losses
 
+    def still_losses(self, sets: Sequence[Sequence[Term]]) -> Array:
+        """Return relative losses of sets whose constants stay, undamped and by products.
+
+        inf where a term is unusable, NaN where products do not tell: terms all but depend on each
+        other, or there are none.
+        """
+        if not sets:
+            return np.zeros(0)
+        return self._weighing.undamped(sets)
+
     def _constrain(
         self,
         individuals: Sequence[Sequence[Term]],

@@ -21,6 +21,7 @@ from jaxsr.evaluation.open import mark
 from jaxsr.expressions.postfix import PostfixBatch
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
+from jaxsr.regression.marquardt import ROUNDING
 from jaxsr.regression.projection import Mask, Places, orthonormal, without
 from jaxsr.regression.slopes import constants_of, with_leaves
 
@@ -30,9 +31,9 @@ if TYPE_CHECKING:
 SURE = 1e-7
 """Share of the target that a loss must keep, times the square of the sine between a column and
 the others, for products to tell it to eight digits."""
-_SLOPE_SURE, _REDUNDANT = 1e-10, 1e-13
+_SLOPE_SURE = 10.0 * ROUNDING
 """Square of the sine between a slope and the columns, times that of the columns, from which on
-products tell steps well enough; and the square below which nothing but rounding is left of it."""
+products tell it to a hundredth: enough for a step, whose worth the next loss tells."""
 _LARGE, _SMALL = 1e190, 1e-190  # squares of columns
 _AGAIN = 80_000  # samples of sets that no longer move for which a program is made anew
 _FEW = 12  # rows whose products are all taken, though only those of one set are needed
@@ -282,7 +283,7 @@ def _fit(
     bent = left[:, slopes[:, None], slopes] - cross.transpose(0, 2, 1) @ solved
     before = square[:, slopes]
     kept = np.einsum("skk->sk", bent) * least[:, None]
-    own = kept > _REDUNDANT * before
+    own = kept > ROUNDING * before
     sure &= np.all((kept > _SLOPE_SURE * before) | (~own & (least[:, None] > 0.1)), axis=1)
     own &= weight != 0.0
     weight = np.where(own, weight, 0.0)
