@@ -41,7 +41,7 @@ from jaxsr.regression import RegressionProblem
 
 Device = Any  # jax.Device is a variable to a type checker
 ROOT = Path(__file__).resolve().parents[1]
-COPY_BYTES = 2**28
+COPY_BYTES = 2**31  # long enough that launching it does not count
 ANSWER = 60_000_000  # terms x rows
 ROWS, SEARCHED = (1_000, 10_000, 100_000, 1_000_000), (1_000, 10_000, 100_000, 1_000_000)
 HOST_MOST = 100_000  # rows that the CPU searches on
@@ -73,6 +73,7 @@ def compare(
         "device": device.device_kind,
         "kernel": has_kernel(),
         "cpu_threads": EngineConfig(device=cpu).workers,
+        "copy_bytes": COPY_BYTES,
         "copy_bytes_per_second": bandwidth,
         "points": points,
         "crossover_rows": min(faster, default=None),
@@ -81,10 +82,12 @@ def compare(
 
 def _bandwidth(device: Device, repeats: int) -> float:
     """Return bytes read and written a second by a copy."""
-    x = jax.device_put(np.random.default_rng(0).normal(size=COPY_BYTES // 4).astype("f4"), device)
+    size = COPY_BYTES if device.platform == "gpu" else COPY_BYTES // 256
+    with jax.default_device(device):
+        x = jax.random.normal(jax.random.key(0), (size // 4,), np.float32)
     copy = jax.jit(lambda a: a + 1.0)
     times = repeated(lambda: copy(x).block_until_ready(), max(7, repeats))
-    return 2.0 * COPY_BYTES / float(np.median(times))
+    return 2.0 * size / float(np.median(times))
 
 
 def _point(

@@ -26,7 +26,7 @@ TOGETHER = 512
 """Most terms whose columns are reduced together, and columns that the machine holds at once."""
 _COMPILED_FROM = 32_768  # samples; columns this long no longer fit a core's cache
 _SLOPES_FROM, _SLOPES_WORK = 8192, 2**17  # samples; samples times sets of terms
-_RESIDENT_FROM = 16_384  # samples; see `resident_device`
+_RESIDENT_FROM = 32_768  # samples; see `resident_device`
 _COMPILED_NODES = 2**22  # terms times samples of a batch after which more batches will follow
 _IN_POSTFIX = frozenset(OPERATORS) | {CONSTANT, VARIABLE}
 _LEAVES = frozenset({CONSTANT, VARIABLE, BOOLEAN})
@@ -56,9 +56,9 @@ def are_slopes_compiled(samples: int, sets: int) -> bool:
 def resident_device(samples: int) -> Any:
     """Return the device on which a search keeps its columns; None for the host.
 
-    Measured (``python -m benchmarks.throughput_gpu``): below some 16,000 samples the launches of
-    kernels cost more than what they compute. A device other than a CPU is worth using with the
-    kernel made for it alone.
+    Measured (``python -m benchmarks.throughput_gpu``): at 10,000 samples a generation gains a
+    seventh, and programs take ten seconds to compile, once; at 100,000 it is more than twice as
+    fast as eight cores. A device is worth using with the kernel made for it alone.
     """
     if samples < _RESIDENT_FROM or jax.default_backend() != "gpu" or not has_kernel():
         return None
