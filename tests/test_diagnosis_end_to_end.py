@@ -220,7 +220,7 @@ def test_document_has_the_contracts_form(case):
         "command",
         "seconds",
         "stopped_by",
-        "data_sha256",
+        *("data_sha256", "model_sha256"),
     }
     assert provenance["seed"] == 3
     reasons = {"converged", "budget"} if case is FRICTION else {"converged"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import replace
 from functools import cache
@@ -25,10 +26,10 @@ from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.memory import actuator_lags
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.thinning import MOST, Whole, prepare_search, spread
-from jaxsr.models import Simulator, parse_model
+from jaxsr.models import Simulator, model_text, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, build_segments
-from jaxsr.recordings import Recording
+from jaxsr.recordings import Recording, write_csv
 
 MODEL = parse_model("""
 [model]
@@ -258,8 +259,10 @@ def test_a_diagnosis_of_thinned_data_speaks_of_the_whole(monkeypatch, tmp_path):
         monkeypatch.setattr(module, "MOST", 6_000)
     monkeypatch.setattr(thinning, "LEAST", 2_000)
     every = sliding(12_000)
-    held = replace(sliding(8_000, seed=1), name="held.csv")
-    found = diagnose(Simulator(MODEL), [every], held_out=[held], seed=0, budget=Budget(120.0))
+    write_csv(sliding(8_000, seed=1), tmp_path / "held.csv")
+    (tmp_path / "cart.toml").write_text(model_text(MODEL))
+    given, held = Simulator.from_file(tmp_path / "cart.toml"), tmp_path / "held.csv"
+    found = diagnose(given, [every], held_out=[held], seed=0, budget=Budget(120.0))
     assert found.findings[0]["mechanism"] == "coulomb_friction"
     fc = next(iter(found.findings[0]["parameters"].values()))
     assert fc["ci95"][0] - 0.02 < 0.3 < fc["ci95"][1] + 0.02
@@ -270,6 +273,9 @@ def test_a_diagnosis_of_thinned_data_speaks_of_the_whole(monkeypatch, tmp_path):
     assert all(len(v) == len(fit["horizons_s"]) for v in fit["train"].values())
     assert fit["train"]["explained"][-1] < 0.5 * fit["train"]["recalibrated"][-1]
     assert fit["held_out"]["files"] == ["held.csv"]
+    told = {**fit["held_out"]["sha256"], **found.document["provenance"]["model_sha256"]}
+    files = [tmp_path / name for name in ("held.csv", "cart.toml")]
+    assert told == {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
     remark = next(c for c in found.document["data_checks"] if c["check"] == "thinned")
     assert "of 12000 samples" in remark["message"] and remark["file"] == "r.csv"
     assert list(found.document["provenance"]["data_sha256"]) == ["r.csv"]

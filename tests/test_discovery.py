@@ -1,5 +1,6 @@
 """Equations of motion of known systems, the files, and held-out files that stay closed."""
 
+import hashlib
 import json
 
 import numpy as np
@@ -168,12 +169,18 @@ def test_paths_are_read_and_missing_samples_left_out(tmp_path):
     channels = {k: np.array(v) for k, v in record.channels.items()}
     channels["u"][50:60] = np.nan
     write_csv(jaxsr.Recording("a.csv", record.time, channels), tmp_path / "a.csv")
+    write_csv(jaxsr.Recording("b.csv", record.time, record.channels), tmp_path / "b.csv")
     found = jaxsr.discover(
         [tmp_path / "a.csv"], states=["q", "v"], derivatives=["dq", "dv"], inputs=["u"],
-        config=QUICK,
+        config=QUICK, held_out=[tmp_path / "b.csv"],
     )  # fmt: skip
     assert _terms(found.equations[1])["u"] == pytest.approx(1.0, rel=1e-6)
-    assert found.provenance["data_sha256"].keys() == {"a.csv"}
+    files = {
+        name: hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()
+        for name in ("a.csv", "b.csv")
+    }
+    assert found.provenance["data_sha256"] == {"a.csv": files["a.csv"]}
+    assert found.provenance["held_out_sha256"] == {"b.csv": files["b.csv"]}
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from jaxsr.evaluation.open import mark, written
 from jaxsr.expressions import Term, parse
 from jaxsr.expressions.derivatives import derivative
 from jaxsr.regression import RegressionProblem, constants_of, with_constants
+from jaxsr.regression import constants as constants_module
 from jaxsr.regression.marquardt import ExactFits
 from jaxsr.regression.projection import batches
 from jaxsr.regression.slopes import Form, with_leaves
@@ -206,3 +207,42 @@ def test_few_samples_or_sets_are_not_worth_a_compilation():
     assert module.are_slopes_compiled(100_000, 2)
     assert not Reference(_data()).differentiates(1_000)
     assert not Evaluator({}).differentiates(1_000)
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        ("1/(x**2 + 549012555.0)", "1/(z**2 + 182.4)"),
+        ("x", "sin(t/2.0e9)", "exp(0.2*z)"),
+        ("1/(x**2 + 1.3)", "x/(z**2 + 1.0e9)"),
+    ],
+)
+def test_a_constant_without_influence_is_held_by_either_engine(texts: tuple[str, ...]):
+    """A slope of rounding alone once sent such a constant away, and the others' steps with it."""
+    sets, found = [_terms(*texts)], {}
+    for kind in (Evaluator, Reference):
+        ((terms, loss),) = _problem(evaluator=kind).refine_many(sets)
+        found[kind] = [c for term in terms for c in constants_of(term)], loss
+    assert found[Evaluator][1] == pytest.approx(found[Reference][1], rel=1e-6)
+    assert found[Evaluator][0] == pytest.approx(found[Reference][0], rel=1e-2)
+
+
+def test_sets_whose_constants_stay_are_weighed_by_their_products(monkeypatch: pytest.MonkeyPatch):
+    gone: list[int] = []
+
+    def counted(problem: Any, sets: Any, most: int) -> Any:
+        gone.extend(range(len(sets)))
+        return batches(problem, sets, most)
+
+    monkeypatch.setattr(constants_module, "batches", counted)
+    problem, many = _problem(), [parse(f"sin({k}.3*t)", NAMES) for k in range(11)]
+    sets = [_terms("x", "z", "x*z"), _terms("x", "t", "t**2", "t**3"), many]
+    for terms, (kept, loss) in zip(sets, problem.refine_many(sets), strict=True):
+        theta = problem.columns(terms)
+        residual = problem.y - theta @ np.linalg.lstsq(theta, problem.y, rcond=None)[0]
+        assert loss == pytest.approx(residual @ residual / problem.total, rel=1e-8)
+        assert list(kept) == terms
+    assert not gone
+    # one that depends on the others, and one of which a column is none, are as they were
+    losses = [loss for _, loss in problem.refine_many([_terms("x", "2*x"), _terms("log(x)", "z")])]
+    assert losses == [np.inf, np.inf] and len(gone) == 1

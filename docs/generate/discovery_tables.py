@@ -176,6 +176,57 @@ def throughput_table() -> str:
     return table([*head, "jaxsr / pyoperon, quartiles", "where no subtree recurs"], rows)
 
 
+DATA_SHEET = {"NVIDIA H100 80GB HBM3": 3.35e12}
+"""Bytes a second that makers state for their memory."""
+
+
+def gpu_table() -> str:
+    """Return the throughput of raw evaluation on one GPU, beside the CPU of its machine."""
+    data = result("throughput_gpu")
+    stated = DATA_SHEET.get(data["device"])
+    rows = []
+    for p in data["points"]:
+        speeds = (number(p[k]["median"] / 1e9) for k in ("kept", "brought", "cpu"))
+        share = percent(p["share_of_bandwidth_bound"], 2)
+        bound = p["bound"] * (stated or 0.0) / data["copy_bytes_per_second"]
+        largest = percent(p["kept"]["median"] / bound, 2) if bound else "-"
+        rows.append((f"{p['rows']:,}", f"{p['terms']:,}", *speeds, share, largest))
+    head = ["rows", "terms", "columns left on the GPU", "brought to the host"]
+    head.append(f"CPU, {data['cpu_threads']} threads")
+    return table([*head, "share of a copy's bandwidth", "of what the data sheet states"], rows)
+
+
+def gpu_generations_table() -> str:
+    """Return the time of a search's generations on one GPU and on the CPU of its machine."""
+    data = result("throughput_gpu")
+    found = {(row["rows"], row["kind"]): row for row in data["generations"]}
+    rows = []
+    for count in sorted({row["rows"] for row in data["generations"]}):
+        pair = [found.get((count, kind)) for kind in ("kept", "cpu")]
+        cells = [
+            number(part)
+            for row in pair
+            for part in ((row["first"], row["each"][0], row["generation"]) if row else [None] * 3)
+        ]
+        rate = number(1.0 / pair[0]["generation"]) if pair[0] else "-"
+        rows.append((f"{count:,}", *cells, rate))
+    head = [
+        f"s {what}, {where}" for where in ("GPU", "CPU") for what in ("to begin", "first", "later")
+    ]
+    return table(["rows", *head, "generations a second, GPU"], rows)
+
+
+def gpu_memory() -> str:
+    """Return a sentence about columns that are larger than the GPU's memory."""
+    data = result("throughput_gpu")
+    large, name = result("throughput_gpu")["too_large"], data["device"]
+    size, memory = (large[k] / 2**30 for k in ("answer_bytes", "memory_bytes"))
+    return (
+        f"Sums of {large['terms']:,} columns on {large['rows']:,} rows, {size:.0f} GiB together, "
+        f"on one {name} of whose memory JAX had {memory:.0f} GiB: {large['seconds']:.2f} s."
+    )
+
+
 def before_after_table() -> str:
     """Return the time to the exact structure before and after the evaluator was rebuilt."""
     data = result("before_after")

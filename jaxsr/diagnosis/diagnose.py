@@ -123,9 +123,10 @@ def diagnose(
     budget = as_budget(budget)
     began = budget.elapsed  # after the start of the program, which is no measure of what follows
     rng = np.random.default_rng(seed)
+    files = simulator.files
     if simulator.function is not None:
         simulator = with_function(simulator.model, simulator.function)
-    simulator = Simulator(simulator.model.pinned())
+    simulator = Simulator(simulator.model.pinned(), files=files)
     prepared, whole = prepare_search(simulator.model, data, seconds=budget.seconds)
     failures, telling = Failures(progress), budget.share(SCREENING)
     rectified = failures.attempt(

@@ -165,9 +165,11 @@ def discover(
                 verdict = judge.verdict(equations, compare=hybrid is None and not integrals)
     except OutOfTime:
         verdict = Verdict(UNDECIDED, OUT_OF_TIME)
-    judged_by = rest.stopped_by
+    judged_by, unseen_files = rest.stopped_by, {}
     if run.held_out:
-        unread = since(opened(run.held_out, part, naming, time), origin)
+        unread = opened(run.held_out, part, naming, time)
+        unseen_files = {"held_out_sha256": {r.name: r.sha256 for r in unread if r.sha256}}
+        unread = since(unread, origin)
         unread = cut_at(unread, resets) if resets else unread
         unseen = thin(unread, part, limit.seconds, joined=integrals)
         equations = with_errors(equations, unseen.whole, part, whole)
@@ -182,6 +184,7 @@ def discover(
         "stopped_by": reason or StoppedBy.CONVERGED,
         "estimated_derivatives": sorted(experiments.rows.estimated),
         "data_sha256": {r.name: r.sha256 for r in read if r.sha256},
+        **unseen_files,
     }
     if str(data):
         provenance["thinned"] = f"{data}; estimated on {used} rows"

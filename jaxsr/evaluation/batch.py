@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -133,13 +136,31 @@ class TermBatch:
             The data have another number of columns than there are variables, or a term needs
             whole recordings or a function of the user.
         """
+        self._needs_no_recordings()
+        return self._engine.each(self._checked(data).T, use)
+
+    def resident(self, data: jax.Array) -> jax.Array:
+        """Return theta (samples, terms) on the device, for data (samples, variables) there.
+
+        Nothing comes back to the host. The memory lies term by term: the transpose is the array
+        as it was written.
+
+        Raises
+        ------
+        InputError
+            As for :meth:`each`.
+        """
+        self._needs_no_recordings()
+        with jax.enable_x64(True):
+            return self._engine.resident(jnp.asarray(data).T).T
+
+    def _needs_no_recordings(self) -> None:
         if len(self._rest):
             raise InputError(
                 f"term {self._rest[0]} cannot be evaluated by blocks of samples",
                 "TermBatch.each",
                 "Use evaluate.",
             )
-        return self._engine.each(self._checked(data).T, use)
 
     def moments(self, data: ArrayLike, y: ArrayLike) -> tuple[NDArray[Any], ...]:
         r"""Return :math:`\sum\theta`, :math:`\sum\theta^2` and :math:`\sum\theta y` of each term.
@@ -160,6 +181,8 @@ class TermBatch:
         target = np.asarray(y, values.dtype)
         if target.shape != (len(values),):
             raise InputError(f"y has shape {target.shape}, data has {len(values)} samples", "y")
+        if self._engine.is_resident and len(self):
+            return self._moments_there(values, target)
         total = np.zeros((3, len(self)))
 
         def reduced(block: NDArray[Any], terms: slice, samples: slice) -> Any:
@@ -171,6 +194,18 @@ class TermBatch:
         for terms, part in self.each(values, reduced):
             total[:, terms] += part
         return tuple(total)
+
+    def _moments_there(
+        self, values: NDArray[np.floating], target: NDArray[np.floating]
+    ) -> tuple[NDArray[Any], ...]:
+        self._needs_no_recordings()
+
+        def sums(columns: jax.Array, part: slice) -> NDArray[Any]:
+            with jax.enable_x64(True):
+                return np.stack(_sums()(columns, target[part]))
+
+        parts = self._engine.reduced(np.ascontiguousarray(values.T), sums)
+        return tuple(np.sum(parts, axis=0))
 
     def postfix(self) -> PostfixBatch:
         """Return the terms as postfix arrays.
@@ -214,6 +249,17 @@ class TermBatch:
                 raise InputError(f"unknown variable {unknown[0]}", "", known)
         self._rest = np.flatnonzero(np.logical_not(plain))
         return compile_postfix(list(itertools.compress(terms, plain)), self.variables)
+
+
+@functools.cache
+def _sums() -> Any:
+    """Return what adds up columns (terms, samples), their squares and their products with y."""
+
+    def sums(columns: jax.Array, y: jax.Array) -> tuple[jax.Array, ...]:
+        wide = columns.astype(jnp.float64)
+        return jnp.sum(wide, 1), jnp.sum(wide * wide, 1), jnp.sum(wide * y.astype(jnp.float64), 1)
+
+    return jax.jit(sums)
 
 
 def compile_terms(

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr.evaluation.machine import Program, bucket, load, run
+from jaxsr.evaluation.resident import ResidentTerms, brought, most_samples, put
 from jaxsr.evaluation.schedule import schedule
 from jaxsr.expressions.postfix import PostfixBatch
 
@@ -36,8 +37,9 @@ class EngineConfig:
     threads : int, optional
         Chunks evaluated at a time; by default one for each core this process may use.
     chunk : int
-        Most samples evaluated at a time; a power of two. Long enough to hide the cost of an
-        instruction, short enough for a core's cache. A device that lacks memory gets smaller ones.
+        Most samples evaluated at a time; a power of two. On a CPU long enough to hide the cost of
+        an instruction, short enough for a core's cache; elsewhere what the device's memory holds,
+        and less where that is taken.
     device : jax.Device, optional
         Where; JAX's default device when None.
     window : int, optional
@@ -64,15 +66,25 @@ class EngineConfig:
         return self.device.platform if self.device is not None else jax.default_backend()
 
     @property
+    def resident(self) -> bool:
+        """Tell whether columns are made and kept on a device with a memory of its own."""
+        return self.platform != "cpu"
+
+    @property
+    def place(self) -> Any:
+        """Return the device."""
+        return self.device or jax.devices()[0]
+
+    @property
     def workers(self) -> int:
         """Return how many chunks are evaluated at a time."""
-        if self.platform != "cpu":
+        if self.resident:
             return 1
         return self.threads or len(os.sched_getaffinity(0))
 
     def samples(self, rows: int) -> int:
         """Return how many samples are evaluated at a time where there are ``rows``."""
-        most = self.chunk or (1024 if self.platform == "cpu" else 2**18)
+        most = self.chunk or 1024
         return bucket(min(rows, most), min(128, most))
 
 
@@ -131,13 +143,74 @@ class Engine:
             Values of the batch's open constants, see :class:`jaxsr.evaluation.open.OpenTerms`.
         """
         size = self._config.samples(data.shape[1])
+        if self._config.resident:
+            size = self._config.chunk or self._held(data)
         while True:
             try:
+                if self._config.resident:
+                    return self._on_device(data, use, size, constants)
                 return self._each(data, use, size, whole, constants)
             except jax.errors.JaxRuntimeError as error:
                 if "RESOURCE_EXHAUSTED" not in str(error) or size <= 16:
                     raise
                 size //= 2
+
+    def resident(self, data: jax.Array, constants: Array | None = None) -> jax.Array:
+        """Return the columns (terms, samples) of data (variables, samples) on the device."""
+        if not len(self._batch):
+            with jax.enable_x64(True):
+                return jax.numpy.zeros((0, data.shape[1]), data.dtype)
+        return self._terms_there.columns(data, constants)
+
+    @property
+    def is_resident(self) -> bool:
+        """Tell whether the batch is evaluated on a device with a memory of its own."""
+        return self._config.resident
+
+    def reduced(self, data: Array, use: Callable[[jax.Array, slice], Any]) -> list[Any]:
+        """Return what ``use(columns, samples)`` makes of each chunk of columns on the device.
+
+        Chunks hold as many samples as the device's memory does; smaller ones are tried where it
+        has less.
+
+        Parameters
+        ----------
+        data : ndarray, (variables, samples)
+        use : callable
+            Gets columns (terms, samples of the chunk), which lie on the device.
+        """
+        size, there = self._held(data), put(data, self._config.place)
+        while True:
+            try:
+                return [
+                    use(self.resident(there[:, start : start + size]), slice(start, start + size))
+                    for start in range(0, data.shape[1], size)
+                ]
+            except jax.errors.JaxRuntimeError as error:
+                if "RESOURCE_EXHAUSTED" not in str(error) or size <= 16:
+                    raise
+                size //= 2
+
+    @functools.cached_property
+    def _terms_there(self) -> ResidentTerms:
+        return ResidentTerms(self._batch, self._config.place)
+
+    def _held(self, data: Array) -> int:
+        """Return how many samples the device holds at once: all of them, mostly."""
+        most = most_samples(len(self._batch), data.dtype.itemsize, self._config.place)
+        return min(data.shape[1], 1 << most.bit_length() - 1)
+
+    def _on_device(self, data: Array, use: Use, size: int, constants: Array | None) -> list[Any]:
+        """Make columns on the device, by chunks that it holds, and bring them to the host."""
+        terms, answers = slice(0, len(self._batch)), []
+        if not len(self._batch):
+            return answers
+        for start in range(0, data.shape[1], size):
+            part = slice(start, min(start + size, data.shape[1]))
+            there = put(data[:, part], self._config.place)
+            block = brought(self.resident(there, constants))
+            answers.append(use(block, terms, part))
+        return answers
 
     def _each(
         self, data: Array, use: Use, size: int, whole: bool, constants: Array | None

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxsr.evaluation.schedule import numbers_of
 from jaxsr.expressions.postfix import (
     CONSTANT,
     NOP,
@@ -70,25 +71,39 @@ def _compiled() -> Any:
 def interpret(batch: PostfixBatch, data: NDArray[np.floating]) -> NDArray[np.floating]:
     """Evaluate a batch on data (samples, variables); return theta (samples, terms).
 
-    The number of terms is padded to a power of two, so one compilation serves every population
-    of a bucket. float32 data are computed in float32, anything else in float64.
+    float32 data are computed in float32, anything else in float64.
     """
     dtype = np.float32 if data.dtype == np.float32 else np.float64
+    columns = np.ascontiguousarray(data.T, dtype=dtype)
+    with jax.enable_x64(dtype == np.float64):
+        return np.asarray(interpreted(batch, jnp.asarray(columns))).T
+
+
+def interpreted(
+    batch: PostfixBatch, data: jax.Array, constants: NDArray[np.float64] | None = None
+) -> jax.Array:
+    """Return the columns (terms, samples) of data (variables, samples), in its type.
+
+    The number of terms is padded to a power of two, so one compilation serves every population
+    of a bucket. ``constants`` are the values of those that are open.
+    """
     terms, slots = batch.opcode.shape
     rows = 16
     while rows < terms:
         rows *= 2
     opcode, operand = np.full((rows, slots), NOP, np.int32), np.zeros((rows, slots), np.int32)
-    constants = np.zeros((rows, slots), dtype)
+    values = np.zeros((rows, slots), data.dtype)
     opcode[:, 0] = CONSTANT
     opcode[:terms], operand[:terms] = batch.opcode, batch.operand
-    constants[:terms] = batch.constants
-    columns = np.ascontiguousarray(data.T, dtype=dtype)
-    if not len(columns):
-        columns = np.zeros((1, len(data)), dtype)  # terms of constants alone
-    with jax.enable_x64(dtype == np.float64):
-        theta = np.asarray(_compiled()(opcode, operand, constants, columns))
-    return theta[:terms].T
+    own = batch.constants
+    if constants is not None:
+        numbers = numbers_of(np.ascontiguousarray(own))
+        own = np.where(numbers >= 0, constants[np.maximum(numbers, 0)], own)
+    values[:terms] = own
+    with jax.enable_x64(True):
+        if not len(data):
+            data = jnp.zeros((1, data.shape[1]), data.dtype)  # terms of constants alone
+        return _compiled()(opcode, operand, values, data)[:terms]
 
 
 def compilations() -> int:

@@ -11,6 +11,7 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,6 +65,8 @@ class OpenTerms:
         Number of each form's first constant; the others follow it.
     variables : tuple of str
     config : EngineConfig
+    least : int
+        Rows there are; those behind the forms' are zero.
     """
 
     def __init__(
@@ -72,22 +75,30 @@ class OpenTerms:
         first: Sequence[int],
         variables: tuple[str, ...],
         config: EngineConfig,
+        least: int = 0,
     ) -> None:
         rows = [len(form) for form in forms]
         slots = max(form.opcode.shape[1] for form in forms)
-        opcode, operand = np.zeros((2, sum(rows), slots), np.int32)
+        opcode, operand = np.zeros((2, max(sum(rows), least), slots), np.int32)
         constants = np.zeros(opcode.shape)
+        opcode[:, 0] = CONSTANT
         start = 0
         for form, count in zip(forms, rows, strict=True):
             here = slice(start, start + count), slice(form.opcode.shape[1])
             opcode[here], operand[here] = form.opcode, form.operand
             constants[here] = form.constants
             start += count
-        number = operand.astype(np.int64) - len(variables) + np.repeat(first, rows)[:, None]
+        owner = np.zeros(len(opcode), np.int64)
+        owner[:start] = np.repeat(first, rows)
+        number = operand.astype(np.int64) - len(variables) + owner[:, None]
         is_open = (opcode == VARIABLE) & (operand >= len(variables))
         opcode[is_open], operand[is_open] = CONSTANT, 0
         constants.view(np.int64)[is_open] = BOX + 1 + number[is_open]
         self._engine = Engine(PostfixBatch(opcode, operand, constants, variables), config)
+
+    def resident(self, data: jax.Array, constants: Array) -> jax.Array:
+        """Return every row at ``constants`` on the device (rows, samples), of data there."""
+        return self._engine.resident(data, constants)
 
     def each(self, data: Array, constants: Array, use: Callable[[Array, slice], Any]) -> list[Any]:
         """Return what ``use(block, samples)`` makes of each piece of the samples.

@@ -37,6 +37,12 @@ for _name in _IMMEDIATE:
     _LEFT[_FIRST + OPERATORS.index(_name)] = _CODE.get(f"{_name}_left", _CODE[f"{_name}_right"])
 
 
+def numbers_of(constants: NDArray[np.float64]) -> Places:
+    """Return the numbers of constants that are open; negative for one that is closed."""
+    bits = constants.view(np.int64)
+    return np.where(bits & BOX == BOX, bits & ~BOX, 0) - 1
+
+
 @dataclass(frozen=True, slots=True)
 class Schedule:
     """Instructions of a register machine that computes a batch of terms.
@@ -84,8 +90,7 @@ class Schedule:
     @property
     def number(self) -> Places:
         """Numbers of the open constants that instructions take; negative for one that is closed."""
-        bits = self.immediate.view(np.int64)
-        return np.where(bits & BOX == BOX, bits & ~BOX, 0) - 1
+        return numbers_of(self.immediate)
 
     @property
     def open(self) -> Places:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsr._files import sha256
 from jaxsr._result import InputError
 from jaxsr.expressions import DISCONTINUOUS, Term, evaluate
 from jaxsr.models.exports.exported import Exported
@@ -35,6 +37,8 @@ class Simulator(Exported, eqx.Module):
         model's states and inputs and p a mapping from parameter names to values; replaces the
         model's [equations]. It is called as it is; `from_file` reads it as formulas where it can
         (`vector_field`), which runs faster.
+    files : tuple of (str, str)
+        Names and SHA-256 of the files that it was read from.
 
     Notes
     -----
@@ -45,6 +49,7 @@ class Simulator(Exported, eqx.Module):
 
     model: Model = eqx.field(static=True)
     function: Callable[..., Any] | None = eqx.field(static=True, default=None)
+    files: tuple[tuple[str, str], ...] = eqx.field(static=True, default=())
 
     @staticmethod
     def from_file(path: str | Path, model: str | Path | None = None) -> Simulator:
@@ -62,6 +67,18 @@ class Simulator(Exported, eqx.Module):
         InputError
             The model cannot be read, or a TOML asks for Python that was not named in the call.
         """
+        return Simulator._read(path, model).read_from(path, model)
+
+    def read_from(self, *paths: str | Path | None) -> Simulator:
+        """Return the simulator as one that was read from these files, none of them for None."""
+        names = (re.sub(r"\.py:[^/\\]*$", ".py", str(path)) for path in paths if path is not None)
+        files = (Path(name) for name in names)
+        read = tuple((file.name, sha256(file)) for file in files if file.is_file())
+        return Simulator(self.model, self.function, read)
+
+    @staticmethod
+    def _read(path: str | Path, model: str | Path | None) -> Simulator:
+        """Read a simulator by the kind of its file."""
         from jaxsr._arguments import is_format
         from jaxsr.models.document import read_document
         from jaxsr.models.python_base import read_python_simulator

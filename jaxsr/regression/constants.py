@@ -14,6 +14,7 @@ from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
 from jaxsr.regression.marquardt import Course, ExactFits, levenberg_marquardt
 from jaxsr.regression.projection import Sets, batches, evaluate
+from jaxsr.regression.resident_projection import resident_fits
 from jaxsr.regression.slopes import Form, constants_of, with_constants
 from jaxsr.regression.streamed_projection import fits, opened
 
@@ -91,6 +92,11 @@ def refine_many(
             else:
                 out[k] = _moved(sets[k], course.constants[0]), float(course.loss[0] / total)
                 done.add(k)
+    still = [k for k in range(len(sets)) if k not in done and not _moves(sets[k], limits)]
+    for k, loss in zip(still, problem.still_losses([sets[k] for k in still]), strict=True):
+        if not np.isnan(loss):
+            out[k] = tuple(sets[k]), float(loss)
+            done.add(k)
     rest = [k for k in range(len(sets)) if k not in done]
     for places, batch in batches(problem, [sets[k] for k in rest], limits.most_constants):
         numbers = [rest[place] for place in places]
@@ -103,6 +109,11 @@ def refine_many(
             terms = _moved(sets[k], constants[row]) if np.any(batch.used[row]) else tuple(sets[k])
             out[k] = terms, float(loss[row] / total)
     return out
+
+
+def _moves(terms: Sequence[Term], limits: Refinement) -> bool:
+    """Tell whether a set holds constants, and not more than may be moved."""
+    return 0 < sum(len(constants_of(term)) for term in terms) <= limits.most_constants
 
 
 def _moved(terms: Sequence[Term], constants: Array) -> tuple[Term, ...]:
@@ -118,7 +129,8 @@ def _streamed(
         return
     opens = [opened(problem, terms, limits.most_constants) for terms in sets]
     numbers = [k for k, own in enumerate(opens) if own is not None]
-    for places, batch in fits(problem, [own for own in opens if own is not None]):
+    made = fits if problem.resident is None else resident_fits
+    for places, batch in made(problem, [own for own in opens if own is not None]):
         course = Course.of(batch.start, limits)
         levenberg_marquardt(batch, course, limits, problem.total or 1.0)
         for row, place in enumerate(places):

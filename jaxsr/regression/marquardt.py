@@ -21,8 +21,9 @@ from jaxsr.regression.projection import Mask, Places, Point, Sets, evaluate
 if TYPE_CHECKING:
     from jaxsr.regression.constants import Refinement
 
-# Share of a slope's square that is no more than rounding.
-_ROUNDING = 1e-20
+ROUNDING = 1e-13
+"""Share of a slope's square beside the columns below which its constant is held: products of
+columns do not tell it from rounding, and a step along it is as long as a step may be."""
 
 
 class Fits(Protocol):
@@ -69,7 +70,7 @@ def _curvature(batch: Sets, point: Point, rows: Places) -> tuple[Array, Array]:
     for basis in (batch.basis[rows], point.basis[rows]):
         slope = slope - (slope @ basis.transpose(0, 2, 1)) @ basis
     # a constant that a coefficient can stand in for leaves only rounding
-    own = np.einsum("bkr,bkr->bk", slope, slope) > _ROUNDING * before
+    own = np.einsum("bkr,bkr->bk", slope, slope) > ROUNDING * before
     slope = np.where(own[:, :, None], slope, 0.0)
     moment = -(slope @ point.residual[rows][:, :, None])[:, :, 0]
     return slope @ slope.transpose(0, 2, 1), moment

@@ -23,6 +23,7 @@ from jaxsr.regression.fitting import Fit, fit_terms
 from jaxsr.regression.gram import Array, GramBatch, scale_columns
 from jaxsr.regression.judging import Judge
 from jaxsr.regression.rational import quotients
+from jaxsr.regression.resident import ResidentStore, has_room
 from jaxsr.regression.ridge import least_squares
 from jaxsr.regression.signs import (
     Signs,
@@ -85,6 +86,8 @@ class RegressionProblem:
 
     Attributes
     ----------
+    scale : float
+        Norm of the target without what the fixed columns explain; 1 where nothing is left.
     expired : callable
         Whether a step must be left in the middle; see :func:`jaxsr._deadline.bounded`.
     """
@@ -134,7 +137,7 @@ class RegressionProblem:
         self.basis = _orthonormal(self.fixed)
         self.target = self._project(self.y[:, None])[:, 0]
         self.total = float(self.target @ self.target)
-        self._scale = np.sqrt(self.total) or 1.0
+        self.scale = np.sqrt(self.total) or 1.0
         self.signs = checked_signs(signs)
         self.judging = judge
         self.group = group
@@ -144,7 +147,7 @@ class RegressionProblem:
         self._evaluator, self._limit = evaluator, limit_bytes
         self._when = time if instants is None else instants
         self.evaluator = self._new_evaluator()
-        target = self.target / self._scale
+        target = self.target / self.scale
         self._weighing = Weighing(self._empty_store(target), float(target @ target))
         self._waves: dict[str, Waves | None] = {}
         self.excerpt = Excerpt(self)
@@ -162,8 +165,12 @@ class RegressionProblem:
         return self._evaluator(self.variables, limit, time=self._when, group=self.group)
 
     def _empty_store(self, target: Array) -> Store:
+        device = self.evaluator.device
+        plain = self.view is None and not self.basis.shape[1]
+        if device is not None and plain and has_room(self.rows, device):
+            return ResidentStore(self._resident, self.admits, target, device)
         capacity = self._limit // (16 * self.rows)
-        if capacity < _HELD and self.view is None and not self.basis.shape[1]:
+        if capacity < _HELD and plain:
             return StreamedStore(self._reduced, self.admits, target, self._limit)
         project = self._project if self.basis.shape[1] else None
         return ColumnStore(self.columns, project, self.admits, target, max(256, capacity))
@@ -171,6 +178,16 @@ class RegressionProblem:
     def _reduced(self, terms: Sequence[Term], use: Callable[[Array, slice], Any]) -> list[Any]:
         self.check()
         return self.evaluator.reduced(terms, use, self.rows)
+
+    def _resident(self, terms: Sequence[Term]) -> Any:
+        self.check()
+        return self.evaluator.resident(terms)
+
+    @property
+    def resident(self) -> ResidentStore | None:
+        """Return the columns on a device; None where they are on the host."""
+        store = self._weighing.store
+        return store if isinstance(store, ResidentStore) else None
 
     def forget(self) -> None:
         """Drop all columns and their products; results stay the same, work is done again."""
@@ -256,6 +273,16 @@ class RegressionProblem:
             self._constrain(individuals, shares, losses, gram)
         return shares, losses
 
+    def still_losses(self, sets: Sequence[Sequence[Term]]) -> Array:
+        """Return relative losses of sets whose constants stay, undamped and by products.
+
+        inf where a term is unusable, NaN where products do not tell: terms all but depend on each
+        other, or there are none.
+        """
+        if not sets:
+            return np.zeros(0)
+        return self._weighing.undamped(sets)
+
     def _constrain(
         self,
         individuals: Sequence[Sequence[Term]],
@@ -276,13 +303,22 @@ class RegressionProblem:
                 shares[row] = xi
                 losses[row] = max(float(gram.total - 2.0 * moment + quadratic), 0.0)
 
+    def products(self, terms: Sequence[Term]) -> tuple[Array, Array, list[int]]:
+        """Return the products of the terms' unit-norm columns, with the scaled target, and places.
+
+        A place is -1 for an unusable term; what stands in its products is then of no use.
+        """
+        places = self.index(terms)
+        gram = self._weighing.grams(np.array([places], dtype=np.intp).reshape(1, -1))
+        return gram.matrix[0, : len(places), : len(places)], gram.moment[0], places
+
     def independent(self, sets: Sequence[Sequence[Term]]) -> list[tuple[Term, ...]]:
         """Return the sets of usable terms without columns that depend on simpler ones of a set."""
         return self._weighing.independent(sets)
 
     def in_units(self, terms: Sequence[Term], shares: Array) -> Array:
         """Return coefficients of the columns as given from those of unit-norm columns."""
-        return shares * self._scale / self._weighing.store.norms(self.index(terms))
+        return shares * self.scale / self._weighing.store.norms(self.index(terms))
 
     def judge(self, individuals: Sequence[Sequence[Term]]) -> Array:
         """Return losses on the judge's rows with coefficients from these rows.

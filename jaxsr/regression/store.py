@@ -15,8 +15,8 @@ from jaxsr.regression.ridge import solve_many
 # A column that keeps less than this of its norm beside the fixed columns adds only rounding.
 DEPENDENT = 1e-9
 _TOGETHER = 256
-_DAMPING = 1e-13  # of corrections: far below the share that independent columns have
-_CORRECTIONS, _SMALL = 8, 0.1  # at most; a gain that needs no further one
+DAMPING = 1e-13  # of corrections: far below the share that independent columns have
+CORRECTIONS, SMALL = 8, 0.1  # at most; a gain that needs no further one
 _LARGEST, _SMALLEST = 1e100, 1e-100  # sizes whose squares are numbers
 
 
@@ -81,9 +81,9 @@ def refined_loss(theta: Array, gram: Array, y: Array, xi: Array) -> float:
     xi : ndarray, (terms,)
         Solution of the damped normal equations.
     """
-    damped = (gram + _DAMPING * np.eye(len(xi)))[None]
+    damped = (gram + DAMPING * np.eye(len(xi)))[None]
     least = np.inf
-    for _ in range(_CORRECTIONS):
+    for _ in range(CORRECTIONS):
         residual = y - xi @ theta
         loss = float(residual.dot(residual))
         if not loss < least:
@@ -91,8 +91,8 @@ def refined_loss(theta: Array, gram: Array, y: Array, xi: Array) -> float:
         least = loss
         slope = theta @ residual
         step = solve_many(damped, slope[None])[0]
-        gain = float(slope.dot(step) + _DAMPING * step.dot(step))
-        if gain < _SMALL * loss:  # the loss is a parabola: its least is known without another step
+        gain = float(slope.dot(step) + DAMPING * step.dot(step))
+        if gain < SMALL * loss:  # the loss is a parabola: its least is known without another step
             return loss - gain
         xi = xi + step  # where there is no solution the next residual is NaN
     return least

@@ -21,18 +21,19 @@ from jaxsr.evaluation.open import mark
 from jaxsr.expressions.postfix import PostfixBatch
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
+from jaxsr.regression.marquardt import ROUNDING
 from jaxsr.regression.projection import Mask, Places, orthonormal, without
 from jaxsr.regression.slopes import constants_of, with_leaves
 
 if TYPE_CHECKING:
     from jaxsr.regression.problem import RegressionProblem
 
-_SURE = 1e-7
+SURE = 1e-7
 """Share of the target that a loss must keep, times the square of the sine between a column and
 the others, for products to tell it to eight digits."""
-_SLOPE_SURE, _REDUNDANT = 1e-10, 1e-13
+_SLOPE_SURE = 10.0 * ROUNDING
 """Square of the sine between a slope and the columns, times that of the columns, from which on
-products tell steps well enough; and the square below which nothing but rounding is left of it."""
+products tell it to a hundredth: enough for a step, whose worth the next loss tells."""
 _LARGE, _SMALL = 1e190, 1e-190  # squares of columns
 _AGAIN = 80_000  # samples of sets that no longer move for which a program is made anew
 _FEW = 12  # rows whose products are all taken, though only those of one set are needed
@@ -135,7 +136,7 @@ class StreamedFits:
         self,
         problem: RegressionProblem,
         sets: Sequence[OpenSet],
-        stills: Sequence[Still],
+        stills: Sequence[Any],
         which: Sequence[int],
     ) -> None:
         self._problem, self._sets, self._stills, self._which = problem, sets, stills, which
@@ -166,8 +167,11 @@ class StreamedFits:
             for k in order
             for place in itertools.accumulate(self._sets[k].counts[:-1], initial=0)
         ]
-        self._run = self._problem.evaluator.opened(codes, first)
+        self._run = self._opened(codes, first)
         self._scheduled, self._idle = rows, 0
+
+    def _opened(self, codes: Sequence[PostfixBatch], first: Sequence[int]) -> Any:
+        return self._problem.evaluator.opened(codes, first)
 
     def evaluate(self, constants: Array, rows: Places) -> StreamedPoint:
         """Fit the sets ``rows`` at ``constants`` (rows, constants)."""
@@ -271,7 +275,7 @@ def _fit(
     loss = total - np.einsum("si,si->s", b, xi)
     finite = np.all(np.isfinite(square[:, columns]), axis=1)
     sized = np.all((square[:, columns] < _LARGE) & (square[:, columns] > _SMALL), axis=1)
-    sure = sized & (loss * least > _SURE * total) & (least > 0.0)
+    sure = sized & (loss * least > SURE * total) & (least > 0.0)
 
     cross = left[:, columns[:, None], slopes] / norm[:, :, None]  # (sets, terms, slopes)
     solved = inverse @ cross
@@ -279,7 +283,7 @@ def _fit(
     bent = left[:, slopes[:, None], slopes] - cross.transpose(0, 2, 1) @ solved
     before = square[:, slopes]
     kept = np.einsum("skk->sk", bent) * least[:, None]
-    own = kept > _REDUNDANT * before
+    own = kept > ROUNDING * before
     sure &= np.all((kept > _SLOPE_SURE * before) | (~own & (least[:, None] > 0.1)), axis=1)
     own &= weight != 0.0
     weight = np.where(own, weight, 0.0)

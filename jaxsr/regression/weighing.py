@@ -15,6 +15,7 @@ from jaxsr.regression.store import Store
 from jaxsr.regression.threshold import HardThreshold
 
 _NORMAL_EQUATIONS = 1e-8  # relative loss below which Gram matrices are too coarse
+_ROUNDING = 1e-7  # of products, over the share of a loss that it may change
 _REMEMBERED = 50_000  # losses free of the rounding of normal equations
 _DEPENDENT_IN_SET = 1e-6  # share of a unit column; Gram matrices show no less
 
@@ -69,6 +70,20 @@ class Weighing:
         for row in self._exact_losses(sets, places, gram.matrix, xi, losses):
             losses[row] = self._exact[tuple(sets[row])]
         return gram, xi, losses
+
+    def undamped(self, sets: Sequence[Sequence[Term]]) -> Array:
+        """Return relative losses of sets; inf where a term is unusable, NaN where none is told.
+
+        A loss is a difference of numbers as large as the coefficients' squares, and is told where
+        those leave it nine digits.
+        """
+        places = self.places(sets)
+        usable = np.array([-1 not in row for row in places], dtype=bool)
+        _, xi, losses = self.solve(sets, 0.0)
+        with np.errstate(invalid="ignore"):
+            told = np.einsum("st,st->s", xi, xi) * _ROUNDING < losses
+        told &= np.array([len(row) > 0 for row in places], dtype=bool)
+        return np.where(usable, np.where(told, losses, np.nan), np.inf)
 
     def _exact_losses(
         self,

@@ -232,7 +232,9 @@ def _document(
     }
     if held_runs is not None:
         scores = {name: [r.nrmse for r in runs] for name, runs in held_runs.models.items()}
-        fit["held_out"] = {**scores, "files": [r.name for r in held_runs.recordings]}
+        read = held_runs.recordings
+        fit["held_out"] = {**scores, "files": [r.name for r in read]}
+        fit["held_out"]["sha256"] = {r.name: r.sha256 for r in read if r.sha256}
     checks = [row for r in train.recordings for row in _checks(model, r)]
     checks += [_smoothed(model, name) for name in case.quiet]
     checks += [_signed(model, sensor) for sensor in case.rectified]
@@ -260,6 +262,7 @@ def _document(
             "seconds": round(case.budget.elapsed, 1),
             "stopped_by": _stopped(parts).value,
             "data_sha256": {r.name: r.sha256 for r in train.recordings},
+            "model_sha256": dict(case.simulator.files),
             **_open(parts, judged),
         },
     }

@@ -10,7 +10,7 @@ import numpy as np
 from jaxsr.diagnosis.contest.memory_starts import start_of
 from jaxsr.diagnosis.contest.reduced import Reduced, lean
 from jaxsr.diagnosis.likelihood.beliefs import belief_of
-from jaxsr.diagnosis.likelihood.estimate import Scales
+from jaxsr.diagnosis.likelihood.estimate import Estimate, Scales
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.rounding import Following, at_its_mode
@@ -84,72 +84,143 @@ def hypothesis(
     best : float
         Log evidence that makes a set the best known: one without hope is not followed to its end.
     """
-    model, helpers = work.super_model, work.helpers
-    members = tuple(sorted(members))
-    fresh = [i for i in members if near is None or i not in near.members]
-    chosen = list(model.base_index())
-    for i in members:
-        chosen += [j for j in model.index(i) if j not in chosen]
-    theta = work.theta.copy()
-    if near is not None:  # what it has and this set has not does nothing here
-        theta[chosen] = near.theta[chosen]
-    theta = model.switched(members, model.seeded(fresh, theta))
-    if near is not None:
-        theta = _inherited(model, members, near, theta)
-    reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
-    pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
-    belief = belief_of(work, table, chosen, theta)
-    own = reduced.problem.segments.course.copy()
-    start = start_of(own)
-    start[: len(table.scales.start)] = table.scales.start
-    scales = replace(table.scales, start=start)
-    if near is not None:
-        own[: len(near.path)] = near.path
-        scales = replace(scales, noise=near.noise, decay=near.decay)
-    places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
-    sharp = any(model.candidates[i].jumps for i in members)
-    values = theta[reduced.parameters]
-    follow = Following(*places, belief, best, work.stop)
-    hidden = beyond_limits(work, fresh)
-    if hidden.any():
-        values, own = _led_on(reduced.problem, hidden, sharp, values, own, follow, scales)
-    # Along the path of a set with jumps no rounder ones have to lead to theirs.
-    follow = replace(follow, width=None if near is None else near.width)
-    found = at_its_mode(reduced.problem, sharp, values, own, follow, scales)
-    if found is None:
-        return None
-    # Beside what was missing, the noise is another than beside re-calibration.
-    _, at_mode, width = found
-    hopeless = follow.lost(at_mode)
-    likely, gain = (scales.noise, 0.0) if hopeless else likeliest(at_mode, scales)
-    anew = replace(scales, noise=likely, decay=at_mode.decay) if gain > CLEAR else scales
-    here, after = (at_mode.theta, at_mode.path), None
-    if gain > CLEAR:
-        # How round the corner is shows beside the noise that there is.
-        fine = replace(follow, width=width) if sharp else follow
-        after = at_its_mode(reduced.problem, sharp, *here, fine, anew)
-    if after is not None and after[1].log_evidence > at_mode.log_evidence:
-        (_, at_mode, width), scales = after, anew
-    values = theta.copy()
-    values[reduced.parameters] = at_mode.theta
-    names = list(model.model.parameters)
-    constants = {
-        names[j]: (float(values[j]), float(at_mode.mode.deviation[k])) for k, j in enumerate(chosen)
-    }
-    known = len(model.given.states)
-    return Hypothesis(
-        members,
-        at_mode.log_evidence,
-        at_mode.share,
-        constants,
-        {i: model.names[i] for i in members},
-        values,
-        at_mode.path[:known],
-        at_mode.settled,
-        scales.noise,
-        at_mode.decay,
-        width if sharp else None,
-    )
+    begun = _Begun.of(work, table, tuple(sorted(members)), near, best)
+    found = begun.at_the_mode()
+    return None if found is None else begun.told(*found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """A set before its estimate.
+
+    Attributes
+    ----------
+    model : SuperModel
+    members : tuple of int
+    chosen : list of int
+        Parameters of the super-model that are estimated.
+    theta : ndarray
+        All parameters of the super-model.
+    reduced : Reduced
+        The given model with the members alone.
+    path : ndarray, shape (states, samples, pieces)
+    follow : Following
+    scales : Scales
+    """
+
+    model: SuperModel
+    members: tuple[int, ...]
+    chosen: list[int]
+    theta: np.ndarray
+    reduced: Reduced
+    path: np.ndarray
+    follow: Following
+    scales: Scales
+
+    @staticmethod
+    def of(
+        work: Workspace,
+        table: Table,
+        members: tuple[int, ...],
+        near: Hypothesis | None,
+        best: float,
+    ) -> _Begun:
+        """Begin with what another set has of it, with the first values of what is new."""
+        model, helpers = work.super_model, work.helpers
+        fresh = [i for i in members if near is None or i not in near.members]
+        chosen = list(model.base_index())
+        for i in members:
+            chosen += [j for j in model.index(i) if j not in chosen]
+        theta = work.theta.copy()
+        if near is not None:  # what it has and this set has not does nothing here
+            theta[chosen] = near.theta[chosen]
+        theta = model.switched(members, model.seeded(fresh, theta))
+        if near is not None:
+            theta = _inherited(model, members, near, theta)
+        reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
+        pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
+        path = reduced.problem.segments.course.copy()
+        start = start_of(path)
+        start[: len(table.scales.start)] = table.scales.start
+        scales = replace(table.scales, start=start)
+        if near is not None:
+            path[: len(near.path)] = near.path
+            scales = replace(scales, noise=near.noise, decay=near.decay)
+        places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
+        follow = Following(*places, belief_of(work, table, chosen, theta), best, work.stop)
+        begun = _Begun(model, members, chosen, theta, reduced, path, follow, scales)
+        hidden = beyond_limits(work, fresh)
+        if hidden.any():
+            begun = begun.led_on(hidden)
+        # Along the path of a set with jumps no rounder ones have to lead to theirs.
+        width = None if near is None else near.width
+        return replace(begun, follow=replace(follow, width=width))
+
+    @property
+    def sharp(self) -> bool:
+        """Whether a member jumps."""
+        return any(self.model.candidates[i].jumps for i in self.members)
+
+    def with_values(self, values: np.ndarray) -> np.ndarray:
+        """Return all parameters, with some values of those that the set has."""
+        theta = self.theta.copy()
+        theta[self.reduced.parameters] = values
+        return theta
+
+    def led_on(self, hidden: np.ndarray) -> _Begun:
+        """Begin with constants and the path on which the other samples lead beyond a limit.
+
+        Along a path that follows a sensor at its limit, half of the samples would pull it there.
+        """
+        problem, values = self.reduced.problem, self.theta[self.reduced.parameters]
+        segments = problem.segments
+        outputs = np.where(hidden, np.nan, segments.outputs)
+        blind = replace(problem, segments=replace(segments, outputs=outputs))
+        follow = replace(self.follow, best=-np.inf)  # fewer samples: another evidence
+        found = at_its_mode(blind, self.sharp, values, self.path, follow, self.scales)
+        if found is None:
+            return self
+        return replace(self, theta=self.with_values(found[1].theta), path=found[1].path)
+
+    def at_the_mode(self) -> tuple[Estimate, float, Scales] | None:
+        """Return the estimate, the width of its jumps, and the noise that it was made beside."""
+        problem, values = self.reduced.problem, self.theta[self.reduced.parameters]
+        follow, scales = self.follow, self.scales
+        found = at_its_mode(problem, self.sharp, values, self.path, follow, scales)
+        if found is None:
+            return None
+        _, at_mode, width = found
+        if follow.lost(at_mode):
+            return at_mode, width, scales
+        # Beside what was missing, the noise is another than beside re-calibration.
+        likely, gain = likeliest(at_mode, scales)
+        if gain > CLEAR:
+            # How round the corner is shows beside the noise that there is.
+            anew = replace(scales, noise=likely, decay=at_mode.decay)
+            fine = replace(follow, width=width) if self.sharp else follow
+            after = at_its_mode(problem, self.sharp, at_mode.theta, at_mode.path, fine, anew)
+            if after is not None and after[1].log_evidence > at_mode.log_evidence:
+                return after[1], after[2], anew
+        return at_mode, width, scales
+
+    def told(self, found: Estimate, width: float, scales: Scales) -> Hypothesis:
+        """Return the hypothesis that an estimate is."""
+        model, values = self.model, self.with_values(found.theta)
+        names = list(model.model.parameters)
+        deviations = zip(self.chosen, found.mode.deviation, strict=False)
+        return Hypothesis(
+            self.members,
+            found.log_evidence,
+            found.share,
+            {names[j]: (float(values[j]), float(deviation)) for j, deviation in deviations},
+            {i: model.names[i] for i in self.members},
+            values,
+            found.path[: len(model.given.states)],
+            found.settled,
+            scales.noise,
+            found.decay,
+            width if self.sharp else None,
+        )
 
 
 def _inherited(
@@ -195,27 +266,6 @@ def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
                 with np.errstate(invalid="ignore"):
                     found[k] |= np.abs(outputs[k]) > spec.seed - STANDING * noise[k]
     return found
-
-
-def _led_on(
-    problem: Problem,
-    hidden: np.ndarray,
-    sharp: bool,
-    values: np.ndarray,
-    path: np.ndarray,
-    follow: Following,
-    scales: Scales,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return constants and the path on which the other samples lead beyond a sensor's limit.
-
-    Along a path that follows a sensor at its limit, one half of the samples would pull it there.
-    """
-    segments = problem.segments
-    outputs = np.where(hidden, np.nan, segments.outputs)
-    blind = replace(problem, segments=replace(segments, outputs=outputs))
-    follow = replace(follow, best=-np.inf)  # fewer samples: another evidence
-    found = at_its_mode(blind, sharp, values, path, follow, scales)
-    return (values, path) if found is None else (found[1].theta, found[1].path)
 
 
 def _alone(work: Workspace, members: Sequence[int], theta: np.ndarray) -> Reduced:

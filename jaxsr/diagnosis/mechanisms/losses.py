@@ -133,11 +133,11 @@ def _radiation(site: Site, around: str) -> Candidate:
         "dissipative",
         site.name,
         (
-            ParameterSpec("kr", site.per(x, x, x, x), low=0.0),
+            ParameterSpec("kd", site.per(x, x, x, x), low=0.0),
             ParameterSpec("p", "1", neutral=4.0, coefficient=False, fixed=True),
         ),
         f"{{site}} radiates to {around}.",
-        terms=((x, f"- {{kr}}*({hot}**{{p}} - {cold}**{{p}})"),),
+        terms=((x, f"- {{kd}}*({hot}**{{p}} - {cold}**{{p}})"),),
         source=_RADIATION,
     )
 

@@ -152,12 +152,14 @@ def open_simulator(
     table = next(iter(tables), None)
     if is_step(model):
         unit = read_steps(model, table, recordings)
-        return Opened(unit.simulator, unit=unit)
+        return Opened(unit.simulator.read_from(model, table), unit=unit)
     if not is_format(model):
         return Opened(read(model, *tables))
     if model.lower().endswith(".fmu"):
         unit = read_fmu(model, table, recordings)
         drafted = write_sidecar(unit.path.with_suffix(".toml"), unit.drafted, folder)
-        return Opened(unit.simulator, unit=unit, drafted=drafted)
+        found = unit.simulator.read_from(model, table)
+        return Opened(found, unit=unit, drafted=drafted)
     robot = read_robot(model, table, recordings)
-    return Opened(Simulator(robot.model), robot, drafted=write_draft(robot, folder))
+    found = Simulator(robot.model).read_from(model, table)
+    return Opened(found, robot, drafted=write_draft(robot, folder))
