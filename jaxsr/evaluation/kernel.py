@@ -151,13 +151,6 @@ def grid(terms: int, rows: int) -> tuple[int, int]:
     return -(-rows // (THREADS * LANES)), min(terms, _BLOCKS)
 
 
-def small_grid() -> type[Warning]:
-    """Return the warning that a launch uses little of the device."""
-    from numba.core.errors import NumbaPerformanceWarning
-
-    return NumbaPerformanceWarning
-
-
 def tried() -> None:
     """Compile the smallest kernel and run it on one sample.
 
@@ -168,7 +161,7 @@ def tried() -> None:
     """
     from numba import cuda
 
-    out = cuda.device_array((1, 1), np.float32)
+    out = cuda.to_device(np.zeros((1, 1), np.float32))
     word = np.array([LOAD], np.int32)
     code = (word, np.array([2.5], np.float32), np.array([0, 1], np.int32), np.zeros(1, np.int32))
     kernel(DEPTHS[0], "float32")[grid(1, 1), THREADS](*code, np.zeros((1, 1), np.float32), out)

@@ -40,7 +40,7 @@ def _has_cuda() -> bool:
         if not cuda.is_available():
             return False
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a grid this small uses little of the device
+            warnings.simplefilter("ignore")  # it is told below where it does not do
             kernel.tried()
     except Exception as error:
         warnings.warn(f"Numba cannot use the GPU: {error!r:.200}", RuntimeWarning, stacklevel=2)
@@ -120,7 +120,7 @@ class ResidentTerms:
         jax.block_until_ready((data, out))
         read, written = cuda.as_cuda_array(data), cuda.as_cuda_array(out)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", kernel.small_grid())
+            warnings.filterwarnings("ignore", ".*Grid size")  # of what is too small to matter
             for depth, chosen in self._by_depth:
                 grid = kernel.grid(len(chosen), samples)
                 run = kernel.kernel(depth, kind)[grid, kernel.THREADS]
@@ -149,9 +149,10 @@ def put(values: Array, device: Any) -> jax.Array:
 
 def brought(there: jax.Array) -> Array:
     """Return an array on the host, by way of memory that the device writes to itself."""
-    kinds = {kind.kind for kind in there.device.addressable_memories()}
-    if there.device.platform != "gpu" or "pinned_host" not in kinds:
+    (device,) = there.devices()
+    kinds = {kind.kind for kind in device.addressable_memories()}
+    if device.platform != "gpu" or "pinned_host" not in kinds:
         return np.asarray(there)
-    place = jax.sharding.SingleDeviceSharding(there.device, memory_kind="pinned_host")
+    place = jax.sharding.SingleDeviceSharding(device, memory_kind="pinned_host")
     with jax.enable_x64(True):
         return np.asarray(jax.device_put(there, place))

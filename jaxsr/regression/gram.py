@@ -102,3 +102,12 @@ def gather_gram(columns: Array, y: Array, index: NDArray[np.intp]) -> GramBatch:
     matrix[:, np.arange(terms), np.arange(terms)] += ~used
     moment *= used
     return GramBatch(matrix, moment, used, float(y @ y))
+
+
+def orthonormal_columns(columns: Array) -> Array:
+    """Return an orthonormal basis of columns (rows, k), of what they span to rounding."""
+    if not columns.shape[1]:
+        return columns
+    scaled, _ = scale_columns(columns.T)
+    left, singular, _ = np.linalg.svd(scaled.T, full_matrices=False)
+    return left[:, singular > 1e-12 * singular[0]]

@@ -20,7 +20,7 @@ from jaxsr.regression.elastic_net import ElasticNetRule, Penalty
 from jaxsr.regression.elimination import eliminate
 from jaxsr.regression.excerpt import Excerpt
 from jaxsr.regression.fitting import Fit, fit_terms
-from jaxsr.regression.gram import Array, GramBatch, scale_columns
+from jaxsr.regression.gram import Array, GramBatch, orthonormal_columns
 from jaxsr.regression.judging import Judge
 from jaxsr.regression.rational import quotients
 from jaxsr.regression.resident import ResidentStore, has_room
@@ -134,7 +134,7 @@ class RegressionProblem:
         self.fixed = np.zeros((self.rows, 0)) if fixed is None else np.asarray(fixed, float)
         if self.fixed.shape[0] != self.rows:
             raise InputError(f"fixed has {self.fixed.shape[0]} rows, y has {self.rows}", "fixed")
-        self.basis = _orthonormal(self.fixed)
+        self.basis = orthonormal_columns(self.fixed)
         self.target = self._project(self.y[:, None])[:, 0]
         self.total = float(self.target @ self.target)
         self.scale = np.sqrt(self.total) or 1.0
@@ -274,14 +274,8 @@ class RegressionProblem:
         return shares, losses
 
     def still_losses(self, sets: Sequence[Sequence[Term]]) -> Array:
-        """Return relative losses of sets whose constants stay, undamped and by products.
-
-        inf where a term is unusable, NaN where products do not tell: terms all but depend on each
-        other, or there are none.
-        """
-        if not sets:
-            return np.zeros(0)
-        return self._weighing.undamped(sets)
+        """Return undamped losses of sets as they are; see :meth:`Weighing.undamped`."""
+        return self._weighing.undamped(sets) if sets else np.zeros(0)
 
     def _constrain(
         self,
@@ -304,10 +298,7 @@ class RegressionProblem:
                 losses[row] = max(float(gram.total - 2.0 * moment + quadratic), 0.0)
 
     def products(self, terms: Sequence[Term]) -> tuple[Array, Array, list[int]]:
-        """Return the products of the terms' unit-norm columns, with the scaled target, and places.
-
-        A place is -1 for an unusable term; what stands in its products is then of no use.
-        """
+        """Return products of unit-norm columns, with the scaled target, and places (-1: none)."""
         places = self.index(terms)
         gram = self._weighing.grams(np.array([places], dtype=np.intp).reshape(1, -1))
         return gram.matrix[0, : len(places), : len(places)], gram.moment[0], places
@@ -402,11 +393,3 @@ class RegressionProblem:
     ) -> Fit:
         """Solve one set of terms; see :func:`jaxsr.regression.fit_terms`."""
         return fit_terms(self, terms, signs=signs, penalty=penalty, rule=rule)
-
-
-def _orthonormal(columns: Array) -> Array:
-    if not columns.shape[1]:
-        return columns
-    scaled, _ = scale_columns(columns.T)
-    left, singular, _ = np.linalg.svd(scaled.T, full_matrices=False)
-    return left[:, singular > 1e-12 * singular[0]]

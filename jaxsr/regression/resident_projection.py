@@ -85,7 +85,7 @@ class ResidentFits(StreamedFits):
     def _products(self, constants: Array) -> list[tuple[Array, Array]]:
         store = self._problem.resident
         assert store is not None
-        stills: list[ResidentStill] = self._stills
+        stills: Sequence[ResidentStill] = self._stills
         used = sorted({k for group in self._groups for k in stills[group.still].places})
         places = np.zeros(padded(len(used), 64), np.int32)
         places[: len(used)] = used
@@ -152,6 +152,6 @@ def _still(problem: RegressionProblem, terms: Sequence[Term]) -> ResidentStill |
     pivot = float(np.min(np.diag(factor))) ** 2
     if pivot < _PIVOT:
         return None
-    inverse = np.linalg.inv(factor)
+    inverse = np.asarray(np.linalg.inv(factor), np.float64)
     share = inverse @ moment * problem.scale
     return ResidentStill(places, inverse, share, True, total - float(share @ share), pivot)

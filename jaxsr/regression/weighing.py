@@ -75,7 +75,7 @@ class Weighing:
         """Return relative losses of sets; inf where a term is unusable, NaN where none is told.
 
         A loss is a difference of numbers as large as the coefficients' squares, and is told where
-        those leave it nine digits.
+        those leave it nine digits: not where terms all but depend on each other.
         """
         places = self.places(sets)
         usable = np.array([-1 not in row for row in places], dtype=bool)
