@@ -361,8 +361,8 @@ def serve() -> None:
             head, bodies = {"refused": error.what, "remedy": error.remedy}, []
         except Exception as error:
             head, bodies = {"refused": f"cannot be read ({type(error).__name__})"}, []
-        head["used"] = time.process_time()
-        sink.write(json.dumps(head).encode() + b"\n")
+        told = {**head, "used": time.process_time()}
+        sink.write(json.dumps(told).encode() + b"\n")
         for body in bodies:
             sink.write(body)
         sink.flush()
