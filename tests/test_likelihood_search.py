@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.likelihood import estimate
+from jaxsr.diagnosis.likelihood import estimate, loop
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.estimate import sizes_about
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
@@ -168,14 +171,38 @@ def test_a_latent_force_is_never_far_larger_than_the_net_force() -> None:
     assert not sizes_about(0.0, np.zeros(1)).any()
 
 
+def found(log: float, settled: bool, members: tuple[int, ...] = ()) -> Hypothesis:
+    """An estimate of some log evidence, and nothing else."""
+    nothing, noise = np.zeros(0), Noise(np.ones(1), np.zeros(1), np.zeros(1))
+    return Hypothesis(members, log, 0.0, {}, {}, nothing, nothing, settled, noise, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("passes", "kept"),
+    [
+        ([(50.0, False), (60.0, False), (58.0, True), (99.0, True)], 58.0),
+        ([(50.0, False), (50.5, False), (99.0, True)], 50.0),
+        ([(3.0, False), (99.0, True)], 3.0),
+    ],
+)
+def test_what_would_lead_is_followed_until_it_rests_or_gains_no_more(
+    monkeypatch: pytest.MonkeyPatch, passes: list[tuple[float, bool]], kept: float
+) -> None:
+    """What rests has less evidence than was promised, and stands; what is behind is left."""
+    candidate = SimpleNamespace(label="drag@v", physical=None)
+    every = SimpleNamespace(candidates=(candidate, candidate))
+    work: Any = SimpleNamespace(super_model=every, stop=lambda: False)
+    null, made = found(10.0, True), iter(passes)
+    state = loop.State(work, {(): null})
+    monkeypatch.setattr(loop, "hypothesis", lambda *_: found(*next(made), members=(0,)))
+    table: Any = None
+    known = loop._estimated(state, table, null, [(0,)])
+    estimate = known[(0,)]
+    assert estimate is not None and estimate.log_evidence == kept
+
+
 def test_of_two_estimates_alike_the_one_at_rest_stands() -> None:
     """A set that never comes to rest by a hair is no other set; one that gains clearly is ahead."""
-
-    def found(log: float, settled: bool) -> Hypothesis:
-        nothing = np.zeros(0)
-        noise = Noise(np.ones(1), np.zeros(1), np.zeros(1))
-        return Hypothesis((), log, 0.0, {}, {}, nothing, nothing, settled, noise, 0.0)
-
     restless, rested = found(100.2, False), found(100.1, True)
     assert better(restless, rested) is better(rested, restless) is rested
     ahead = found(100.2, False)

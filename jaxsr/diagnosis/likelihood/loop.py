@@ -183,7 +183,16 @@ def _estimated(
         before = known.get(members)
         if state.work.stop() or (members in known and (before is None or not again)):
             continue
-        found = hypothesis(state.work, table, members, leader, state.needed(known, members))
+        needed = state.needed(known, members)
+        found = hypothesis(state.work, table, members, leader, needed)
+        while found is not None and not found.settled and found.log_evidence > needed:
+            # What would lead is followed until it rests, or gains no more: where it stopped, its
+            # evidence was a promise.
+            further = hypothesis(state.work, table, members, found, needed)
+            gains = further is not None and further.log_evidence > found.log_evidence + RENEWED
+            if further is None or not (further.settled or gains):
+                break
+            found = further
         known[members] = better(before, found)
     return known
 
