@@ -70,7 +70,7 @@ def test_variants_of_one_set_share_their_probability() -> None:
 def test_another_mechanism_of_the_same_verdict_is_no_doubt_about_it() -> None:
     a, b, c, none = Weighed((0,), 9.0), Weighed((2,), 9.0), Weighed((3,), 9.0), Weighed((), 0.0)
     assert claim(found([a, none], [0.96, 0.04])) is Verdict.STRUCTURE
-    assert claim(found([a, none], [0.9, 0.1])) is Verdict.NOTHING  # 9 to 1 that there is something
+    assert claim(found([a, none], [0.9, 0.1])) is Verdict.UNDECIDED  # there is, at 9 to 1
     assert claim(found([a, b, none], [0.5, 0.47, 0.03])) is Verdict.STRUCTURE
     assert claim(found([a, c, none], [0.5, 0.47, 0.03])) is Verdict.UNDECIDED
     assert claim(found([none, a], [0.96, 0.04])) is Verdict.NOTHING

@@ -1,11 +1,11 @@
 r"""The verdict: a function of the posterior and of two costs.
 
-Two claims can be made, one on top of the other: that there is a mismatch, and what causes it.
-Without the first the verdict is *nothing*, without the second *undecided*. What is lost, against
-the better choice, is `false_claim` by a claim that is wrong and `abstaining` by none where it would
-have been right, so that the expected loss of a claim of posterior mass :math:`m` is least (Berger
-1985, *Statistical Decision Theory*, section 2.4; Chow 1970, IEEE Trans. Inf. Theory 16) by making
-it where
+Whether there is a mismatch is answered either way: *nothing* says that there is none, and is as
+wrong where there is one as the reverse, so that the more probable answer is given. Its cause need
+not be named: *undecided* abstains. What is lost, against the better choice, is `false_claim` by a
+cause that is wrong and `abstaining` by none where it would have been right, so that the expected
+loss of naming a cause of posterior mass :math:`m` is least (Berger 1985, *Statistical Decision
+Theory*, section 2.4; Chow 1970, IEEE Trans. Inf. Theory 16) by doing it where
 
 .. math:: C_{\text{abstaining}}\, m > C_{\text{false}}\, (1 - m),
 
@@ -21,8 +21,10 @@ from dataclasses import dataclass
 from jaxsr._result import InputError, Verdict
 
 FALSE_CLAIM = 20.0
-"""Cost of a false claim against that of abstaining: a claim is made at odds of twenty to one, near
+"""Cost of a false cause against that of abstaining: one is claimed at odds of twenty to one, near
 the one in twenty that an interval of 95 % leaves."""
+EVEN = 0.5
+"""Probability of no mismatch above which there is said to be none: either answer is as wrong."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def claimed(
     """
     costs, mass = costs or Costs(), masses(explanations, something_else)
     none = mass.pop(Verdict.NOTHING, 0.0)
-    if not costs.allow(1.0 - none):
+    if none > EVEN:
         return Claim(Verdict.NOTHING, _most_probable(explanations, {Verdict.NOTHING}), none)
     if not mass:
         return Claim(Verdict.UNDECIDED, frozenset(), 0.0)
