@@ -128,7 +128,7 @@ def balls() -> dict[str, Any]:
     found = real()["balls"]["diagnoses"]
     named = {n: {f["mechanism"] for f in d["findings"]} for n, d in found.items()}
     light = [n for n in found if n not in DENSE]
-    right = sum(bool(named[n] & DRAG) for n in light)
+    right = sum(found[n]["verdict"] == "structure" and bool(named[n] & DRAG) for n in light)
     dense = Counter(found[n]["verdict"] for n in DENSE)
     return {"right": right, "light": len(light), "dense": dict(dense)}
 
