@@ -143,7 +143,7 @@ class Estimate:
     settled : bool
         Whether the last step was a small one.
     local : LocalModel
-        Linearised about the path, at the mode, no constant left to change.
+        Linearised about the path and `theta`, by the constants that were estimated.
     latent : Latent
         Force of that size.
     decay : float
@@ -216,7 +216,6 @@ def estimated(
     stop : callable
         Whether time is over: the set is left where it is, not settled.
     """
-    size = len(chosen)
     active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
     scales = replace(scales, forces=tuple(active.index(int(j)) for j in helpers))
     climb = _Climb(problem, chosen, active, belief, best, stop)
@@ -232,10 +231,9 @@ def estimated(
             break
         point, scales = other[0], replace(scales, decay=other[1])
         point, settled = climb.to_the_mode(point, scales)
-    at_mode = point.local.moved(np.concatenate([point.mode.change, np.zeros(len(active) - size)]))
     latent = scales.latent(point.local, point.share)
     known = point.theta, point.path, point.share, point.mode, settled
-    return Estimate(*known, at_mode, latent, scales.decay)
+    return Estimate(*known, point.local.by_first(len(chosen)), latent, scales.decay)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.estimate import Estimate, Scales
+from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales
+from jaxsr.diagnosis.likelihood.evidence import Gram
 from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
 
 CORRELATIONS = (0.0, 0.5, 0.8, 0.95)
@@ -16,23 +17,35 @@ WHITE = 0.02
 ROUNDS, PIECES = 2, 4
 
 
-def likeliest(found: Estimate, scales: Scales) -> tuple[Noise, float]:
-    """Return the noise that makes the innovations of an estimate most likely, and what it gains.
+def likeliest(
+    found: Estimate, scales: Scales, chosen: np.ndarray, belief: Belief
+) -> tuple[Noise, float]:
+    """Return the noise beside which an estimate has most evidence, and what it gains.
 
     Variances and correlations of one sensor are tried side by side, those of the others held, in
     at most `ROUNDS` rounds, on some of the pieces; once beside the latent force of the estimate and
-    once without any, which slow noise may be taken for. The gain is one of log likelihood.
+    once without any, which slow noise may be taken for. Constants follow each of them: without a
+    latent force they are told far more sharply, and elsewhere.
+
+    Parameters
+    ----------
+    chosen : ndarray of int
+        Parameters that were estimated, the first of those that the estimate is linearised by.
+    belief : Belief
+        Of them.
     """
     count = found.local.defect.shape[1]
     pieces = sorted({int(k) for k in np.linspace(0, count - 1, min(count, PIECES))})
     part, force = found.local.of(pieces), found.latent.of(pieces)
     before = scales.noise.scaled(found.mode.noise)
+    prior, mixing = belief.about(found.theta[chosen]), belief.mixing
 
     def weighed(share: float, every: list[Noise]) -> np.ndarray:
         latent = replace(force, scale=share * scales.size)
         rows = whitened(System.of(part, [latent] * len(every), every, scales.start))
-        score = rows.log_determinant + np.sum(rows.rows[..., 0] ** 2, axis=1)
-        return -0.5 * score.reshape(len(every), len(pieces)).sum(axis=1)
+        lanes = (slice(k, k + len(pieces)) for k in range(0, len(every) * len(pieces), len(pieces)))
+        modes = (Gram.of(rows, lane).mode(mixing, prior, scaled=False) for lane in lanes)
+        return np.array([m.log_evidence for m in modes])
 
     best, most = before, float(weighed(found.share, [before])[0])
     start = most
