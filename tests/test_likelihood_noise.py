@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+
 import jaxsr
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import hypothesis
