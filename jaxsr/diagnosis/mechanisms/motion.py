@@ -15,12 +15,10 @@ from scipy.ndimage import median_filter
 from jaxsr._deadline import ask
 
 PROMINENT = 20.0
-"""Power of a spectral line over the median of its neighbours. The largest of 1000 lines of white
-noise reaches ln(1000)/ln(2) = 10."""
+"""Power of a spectral line of an input over the median of its neighbours. The largest of 1000 lines
+of white noise reaches ln(1000)/ln(2) = 10."""
 NEIGHBOURS = 61
 """Points of the grid, four to a resolved line, over which the median is taken."""
-MOST_OF_IT = 0.3
-"""Share of the residual's power that makes a broad peak a line as well."""
 MOST_FREQUENCIES = 1500
 HARMONICS = 7
 Columns = Callable[[float], np.ndarray]
@@ -109,15 +107,17 @@ class Motion:
         return np.where(seen, (a.T @ y) ** 2 / np.where(seen, size, 1.0), 0.0) / (y @ y + 1e-300)
 
     def lines(self, state: str, pair: Columns, grid: np.ndarray, most: int = 2) -> list[Line]:
-        """Return the prominent peaks over a grid of constants, the highest first."""
+        """Return the peaks over a grid of constants, the highest first."""
         if grid.size < 8 or state not in self.residual:
             return []
         power = np.array([self.share(state, pair(c))[0] for c in grid])
-        return self._peaks(state, pair, grid, power, most, PROMINENT / 2.0, MOST_OF_IT)
+        return self._peaks(state, pair, grid, power, most)
 
     def frequencies(self, state: str, most: int = 2) -> list[Line]:
-        """Return the spectral lines of a residual that no input brings, in rad/s.
+        """Return the highest peaks of a residual's spectrum that no input brings, in rad/s.
 
+        Whether they are more than noise the evidence tells: in a short recording, no line stands
+        out from its neighbours.
         The strongest line of another residual counts as well, where it is none of these: what
         pushes one coordinate shows in the equations of those that it moves.
         """
@@ -154,7 +154,7 @@ class Motion:
         def pair(w: float) -> np.ndarray:
             return np.stack([np.sin(w * t), np.cos(w * t)], axis=1)
 
-        return self._peaks(state, pair, grid, power, most, PROMINENT)
+        return self._peaks(state, pair, grid, power, most)
 
     def _peaks(
         self,
@@ -163,14 +163,8 @@ class Motion:
         grid: np.ndarray,
         power: np.ndarray,
         most: int,
-        prominent: float,
-        enough: float = np.inf,
     ) -> list[Line]:
         inner = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
-        # What re-calibration leaves is coloured: a line stands out from its neighbours.
-        floor = floor_of(power)
-        least = prominent * np.maximum(floor[inner], 1e-12 * power.max())
-        inner = inner[(power[inner] > least) | (power[inner] > enough)]
         found = []
         for i in inner[np.argsort(-power[inner])][:most]:
             near = np.linspace(grid[i - 1], grid[i + 1], 9)

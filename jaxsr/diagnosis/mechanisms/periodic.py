@@ -82,10 +82,7 @@ def _shape(name: str, unit: str | None, line: Line) -> tuple[ParameterSpec, Para
 
 
 def _pushes(site: Site) -> list[Line] | tuple[Line, ...]:
-    """Frequencies of a push in time: only those of a spectral line that no input brings.
-
-    Without a line, a sine of free frequency and phase fits slow drifts and single events.
-    """
+    """Frequencies of a push in time: those of spectral peaks that no input brings."""
     return _GENERIC if site.motion is None else site.motion.frequencies(site.state)
 
 
