@@ -126,7 +126,6 @@ def _motion(
         spacing=narrow / 4.0,
         residual=residual,
         basis=basis,
-        inputs={u: grid.integrate(signals[u]) for u in model.inputs},
     )
     return motion, told
 

@@ -269,7 +269,7 @@ class _Climb:
         problem = self.problem
         args = problem.simulator, problem.stepping, problem.segments, theta, path
         local = linearised(*args, self.active)
-        if not np.isfinite(local.defect).all():
+        if not local.leads_on:
             return None
         return self._judged(theta, path, local, shares, lambda: grams(local, scales, shares))
 

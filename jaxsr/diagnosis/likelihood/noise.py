@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales
-from jaxsr.diagnosis.likelihood.evidence import Gram
+from jaxsr.diagnosis.likelihood.evidence import Gram, Mode
 from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
 
-CORRELATIONS = (0.0, 0.5, 0.8, 0.95)
-SIZES = (0.5, 1.0, 2.0)
-WHITE = 0.02
-"""White part of a coloured noise: no sensor knows its next value."""
+WHITE = {0.0: 1.0, 0.5: 0.02, 0.8: 0.02, 0.95: 0.02, 0.99: 0.8, 0.998: 0.5}
+"""Correlations from sample to sample, and the white part of a noise with each: no sensor knows its
+next value, and slow wandering (a bias that is not stable) comes beside white noise."""
+SIZES = (1.0, 0.5, 2.0)
+"""Of one sensor's noise in that of the others: what fits best scales all of them."""
 ROUNDS, PIECES = 2, 4
 
 
@@ -40,32 +41,32 @@ def likeliest(
     before = scales.noise.scaled(found.mode.noise)
     prior, mixing = belief.about(found.theta[chosen]), belief.mixing
 
-    def weighed(share: float, every: list[Noise]) -> np.ndarray:
+    def weighed(share: float, every: list[Noise]) -> list[Mode]:
         latent = replace(force, scale=share * scales.size)
         rows = whitened(System.of(part, [latent] * len(every), every, scales.start))
         lanes = (slice(k, k + len(pieces)) for k in range(0, len(every) * len(pieces), len(pieces)))
-        modes = (Gram.of(rows, lane).mode(mixing, prior, scaled=False) for lane in lanes)
-        return np.array([m.log_evidence for m in modes])
+        rooms = (replace(scales, noise=noise).loudest for noise in every)
+        every_gram = (Gram.of(rows, lane, room) for lane, room in zip(lanes, rooms, strict=True))
+        return [g.mode(mixing, prior) for g in every_gram]
 
-    best, most = before, float(weighed(found.share, [before])[0])
-    start = most
+    best, most = before, weighed(found.share, [before])[0].log_evidence
+    start, sizes = most, SIZES if len(before.white) > 1 else (1.0,)
     for share in dict.fromkeys((found.share, 0.0)):
-        noise = before
+        noise, there = before, -np.inf
         for _ in range(ROUNDS):
-            begun = noise
+            begun = there
             for k in range(len(noise.white)):
-                grid = [(size, rho) for size in SIZES for rho in CORRELATIONS]
-                grid = [c for c in grid if scales.allows(_with(noise, k, *c))]
-                logs = weighed(share, [_with(noise, k, *choice) for choice in grid])
-                if not np.isfinite(logs).any():
-                    continue
-                size, rho = grid[int(np.nanargmax(logs))]
-                if (size, rho) != (1.0, noise.correlation[k]):
-                    noise = _with(noise, k, size, rho)
-                if np.nanmax(logs) > most:
-                    best, most = noise, float(np.nanmax(logs))
-            if noise is begun:
+                every = [_with(noise, k, size, rho) for size in sizes for rho in WHITE]
+                every = [n for n in every if scales.allows(n)]
+                modes = weighed(share, every) if every else []
+                logs = np.nan_to_num([m.log_evidence for m in modes], nan=-np.inf)
+                if len(logs) and logs.max() > there:
+                    likely = int(np.argmax(logs))
+                    noise, there = every[likely].scaled(modes[likely].noise), float(logs[likely])
+            if there == begun:
                 break
+        if there > most:
+            best, most = noise, there
     return best, most - start
 
 
@@ -73,7 +74,7 @@ def _with(noise: Noise, sensor: int, size: float, correlation: float) -> Noise:
     """Return the noise with that of one sensor of another size and correlation."""
     white, coloured, rho = noise.white.copy(), noise.coloured.copy(), noise.correlation.copy()
     whole = size * (white[sensor] + coloured[sensor])
-    share = WHITE if correlation else 1.0
+    share = WHITE[correlation]
     white[sensor], coloured[sensor] = share * whole, (1.0 - share) * whole
     rho[sensor] = correlation
     return Noise(white, coloured, rho)

@@ -10,9 +10,10 @@ import numpy as np
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.criteria import independent_residuals
+from jaxsr.diagnosis.locating.driven import driven_lines, floor_of
 from jaxsr.diagnosis.locating.responses import Responses, surely
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
-from jaxsr.diagnosis.mechanisms.motion import Line, driven_lines, floor_of
+from jaxsr.diagnosis.mechanisms.motion import Line
 from jaxsr.diagnosis.mechanisms.periodic import harmonic, ripple, swing
 from jaxsr.diagnosis.mechanisms.site import Site
 
