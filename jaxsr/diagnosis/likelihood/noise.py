@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +14,9 @@ from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
 WHITE = {0.0: 1.0, 0.5: 0.02, 0.8: 0.02, 0.95: 0.02, 0.99: 0.8, 0.998: 0.5}
 """Correlations from sample to sample, and the white part of a noise with each: no sensor knows its
 next value, and slow wandering (a bias that is not stable) comes beside white noise."""
-SIZES = (1.0, 0.5, 2.0)
+SIZES = (0.5, 2.0)
 """Of one sensor's noise in that of the others: what fits best scales all of them."""
-ROUNDS, PIECES = 2, 4
+PIECES = 4
 
 
 def likeliest(
@@ -23,8 +24,8 @@ def likeliest(
 ) -> tuple[Noise, float]:
     """Return the noise beside which an estimate has most evidence, and what it gains.
 
-    Variances and correlations of one sensor are tried side by side, those of the others held, in
-    at most `ROUNDS` rounds, on some of the pieces; once beside the latent force of the estimate and
+    Correlations of all sensors at once are tried side by side, then variances and correlations of
+    one after the other, on some of the pieces; once beside the latent force of the estimate and
     once without any, which slow noise may be taken for. Constants follow each of them: without a
     latent force they are told far more sharply, and elsewhere.
 
@@ -50,31 +51,38 @@ def likeliest(
         return [g.mode(mixing, prior) for g in every_gram]
 
     best, most = before, weighed(found.share, [before])[0].log_evidence
-    start, sizes = most, SIZES if len(before.white) > 1 else (1.0,)
+    start, sensors = most, range(len(before.white))
     for share in dict.fromkeys((found.share, 0.0)):
         noise, there = before, -np.inf
-        for _ in range(ROUNDS):
-            begun = there
-            for k in range(len(noise.white)):
-                every = [_with(noise, k, size, rho) for size in sizes for rho in WHITE]
-                every = [n for n in every if scales.allows(n)]
-                modes = weighed(share, every) if every else []
-                logs = np.nan_to_num([m.log_evidence for m in modes], nan=-np.inf)
-                if len(logs) and logs.max() > there:
-                    likely = int(np.argmax(logs))
-                    noise, there = every[likely].scaled(modes[likely].noise), float(logs[likely])
-            if there == begun:
-                break
+        for together in [sensors, *([k] for k in sensors if len(sensors) > 1)]:
+            every = [n for n in _others(noise, together) if scales.allows(n)]
+            modes = weighed(share, every) if every else []
+            logs = np.nan_to_num([m.log_evidence for m in modes], nan=-np.inf)
+            if len(logs) and logs.max() > there:
+                likely = int(np.argmax(logs))
+                noise, there = every[likely].scaled(modes[likely].noise), float(logs[likely])
         if there > most:
             best, most = noise, there
     return best, most - start
 
 
-def _with(noise: Noise, sensor: int, size: float, correlation: float) -> Noise:
-    """Return the noise with that of one sensor of another size and correlation."""
+def _others(noise: Noise, sensors: Sequence[int]) -> Iterator[Noise]:
+    """Yield noises of another correlation of some sensors; of one, those of other sizes as well."""
+    for correlation in WHITE:
+        yield _with(noise, sensors, 1.0, correlation)
+    if len(sensors) == 1 < len(noise.white):
+        for size in SIZES:
+            yield _with(noise, sensors, size, float(noise.correlation[sensors[0]]))
+
+
+def _with(noise: Noise, sensors: Sequence[int], size: float, correlation: float) -> Noise:
+    """Return the noise with that of some sensors of another size and correlation.
+
+    The size is that between neighbouring samples, which is told best.
+    """
     white, coloured, rho = noise.white.copy(), noise.coloured.copy(), noise.correlation.copy()
-    whole = size * (white[sensor] + coloured[sensor])
-    share = WHITE[correlation]
-    white[sensor], coloured[sensor] = share * whole, (1.0 - share) * whole
-    rho[sensor] = correlation
+    at, share = list(sensors), WHITE[correlation]
+    alone = share + (1.0 - share) * (1.0 - correlation) / (1.0 + correlation)
+    whole = size / alone * noise.between_neighbours[at]
+    white[at], coloured[at], rho[at] = share * whole, (1.0 - share) * whole, correlation
     return Noise(white, coloured, rho)
