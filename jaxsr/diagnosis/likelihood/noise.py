@@ -11,7 +11,17 @@ from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales
 from jaxsr.diagnosis.likelihood.evidence import Gram, Mode
 from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
 
-WHITE = {0.0: 1.0, 0.5: 0.02, 0.8: 0.02, 0.95: 0.02, 0.99: 0.8, 0.998: 0.5}
+WHITE = {
+    0.0: 1.0,
+    0.25: 0.02,
+    0.5: 0.02,
+    0.65: 0.02,
+    0.8: 0.02,
+    0.9: 0.02,
+    0.95: 0.02,
+    0.99: 0.8,
+    0.998: 0.5,
+}
 """Correlations from sample to sample, and the white part of a noise with each: no sensor knows its
 next value, and slow wandering (a bias that is not stable) comes beside white noise."""
 SIZES = (0.5, 2.0)
