@@ -80,7 +80,7 @@ def test_slow_noise_is_told_from_a_force_wherever_the_search_begins(tmp_path: Pa
     One unit less in a fifth of the draws is what grids of sizes and correlations leave.
     """
     missed = np.array([short(seed, tmp_path) for seed in range(24)])
-    assert missed.max() < 2.0
+    assert missed.max() < 3.0
     assert np.sum(missed > 1.0) <= 24 / 5
 
 
