@@ -168,7 +168,7 @@ def test_a_search_that_time_ends_amid_a_step_has_not_looked_at_everything(
 def test_a_latent_force_as_large_as_the_net_force_is_improbable_beforehand() -> None:
     none, small, net, twice = log_odds(np.array([0.0, 1e-6, 1.0, 2.0]))
     assert none == 0.0
-    assert np.exp(small) == pytest.approx(1.0 / 7.0, rel=1e-5)
+    assert np.exp(small) == pytest.approx(1.0 / 28.0, rel=1e-5)
     assert np.exp(net - small) == pytest.approx(0.05, rel=1e-5)
     assert net - twice == pytest.approx(small - net, rel=1e-5)
     assert not sizes_about(0.0, np.zeros(1)).any()
