@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales
+from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, log_odds
 from jaxsr.diagnosis.likelihood.evidence import Gram, Mode
 from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
 
@@ -60,14 +60,15 @@ def likeliest(
         every_gram = (Gram.of(rows, lane, room) for lane, room in zip(lanes, rooms, strict=True))
         return [g.mode(mixing, prior) for g in every_gram]
 
-    best, most = before, weighed(found.share, [before])[0].log_evidence
-    start, sensors = most, range(len(before.white))
-    for share in dict.fromkeys((found.share, 0.0)):
+    odds = {share: float(log_odds(share)) for share in (found.share, 0.0)}
+    start = odds[found.share] + weighed(found.share, [before])[0].log_evidence
+    best, most, sensors = before, start, range(len(before.white))
+    for share in odds:
         noise, there = before, -np.inf
         for together in [sensors, *([k] for k in sensors if len(sensors) > 1)]:
             every = [n for n in _others(noise, together) if scales.allows(n)]
             modes = weighed(share, every) if every else []
-            logs = np.nan_to_num([m.log_evidence for m in modes], nan=-np.inf)
+            logs = np.nan_to_num([odds[share] + m.log_evidence for m in modes], nan=-np.inf)
             if len(logs) and logs.max() > there:
                 likely = int(np.argmax(logs))
                 noise, there = every[likely].scaled(modes[likely].noise), float(logs[likely])
