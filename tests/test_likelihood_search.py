@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -199,7 +200,8 @@ def test_what_would_lead_is_followed_until_it_rests_or_gains_no_more(
     state = loop.State(work, {(): null})
     monkeypatch.setattr(loop, "hypothesis", lambda *_: found(*next(made), members=(0,)))
     table: Any = None
-    known = loop._estimated(state, table, null, [(0,)])
+    known, due = loop._estimated(state, table, null, [(0,)])
+    assert not due
     estimate = known[(0,)]
     assert estimate is not None and estimate.log_evidence == kept
 
@@ -211,3 +213,22 @@ def test_of_two_estimates_alike_the_one_at_rest_stands() -> None:
     ahead = found(100.2, False)
     assert better(ahead, found(90.0, True)) is ahead
     assert better(None, rested) is rested and better(None, None) is None
+
+
+def test_what_there_was_no_time_for_was_not_asked_about(monkeypatch: pytest.MonkeyPatch) -> None:
+    labels = ("drag@v", "spring@v", "lag@u")
+    every = SimpleNamespace(candidates=[SimpleNamespace(label=x, physical=None) for x in labels])
+    over = iter([False, False, True, True])  # asked once a proposal
+    work: Any = SimpleNamespace(super_model=every, stop=lambda: next(over), prepared=(), rows=())
+    null, table = found(10.0, True), None
+    state = loop.State(work, {(): null})
+    monkeypatch.setattr(loop, "hypothesis", lambda w, t, m, *_: found(0.0, True, members=m))
+    monkeypatch.setattr(loop, "believable", lambda *_: True)
+    known, due = loop._estimated(state, table, null, [(0,), (1,), (2,)])  # type: ignore[arg-type]
+    assert set(known) == {(), (0,), (1,)} and due == ((2,),)
+    told = Posterior.of(replace(state, known=known, due=due))
+    assert not told.timely and not told.finished
+    assert told.asked == {"drag@v", "spring@v"}
+    after = replace(state, known=known, due=due, rivalled={(): 10.0})
+    assert Posterior.of(after).asked == {"drag@v", "spring@v"}
+    assert Posterior.of(replace(after, due=())).asked == set(labels)

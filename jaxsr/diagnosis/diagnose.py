@@ -209,11 +209,11 @@ def _decided(
 def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Claim] | None:
     """Decide by the evidence of the recordings.
 
-    None where its search did not come to an end, or free runs do not bear it out: something is
-    there then that the posterior does not see.
+    None where nothing was weighed, or free runs do not bear it out: something is there then that
+    the posterior does not see. Where time ended its search, what was not asked about stays open.
     """
     found = weighed(case)
-    if found is None or not found.finished:
+    if found is None or (found.timely and not found.finished) or len(found.hypotheses) == 1:
         return None
     decision = case.failures.attempt(
         "estimating what the evidence says", lambda: decided_by_evidence(case, found), None

@@ -27,10 +27,9 @@ from jaxsr.diagnosis.explanations import labels_of
 from jaxsr.diagnosis.judging.detection import Detection, detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
-from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.paths import path_over
-from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior_along
+from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.thinning import thinned
@@ -41,9 +40,6 @@ WEIGHING = 0.75
 """Share of the time left that the posterior may take."""
 MOST = 12_000
 """Samples times states that the posterior is asked about."""
-FOLLOWINGS = 5.0
-"""Time that the posterior takes at least, relative to the first re-calibration beside latent
-forces, which compiles what the others share: what cannot end is not begun."""
 RIVALS, TOLD = 4, 1e-3
 """Sets beside the leading one that the report compares it with, and from which probability on; the
 first of them whatever it has."""
@@ -60,18 +56,15 @@ def weighed(case: Case) -> Posterior | None:
         return None
     patience = case.search.share(WEIGHING)
     case.progress.stage("weighing mechanisms by the evidence of the recordings")
-    begun = patience.elapsed
 
-    def slow() -> bool:
-        return FOLLOWINGS * (patience.elapsed - begun) > patience.seconds or patience.exhausted
+    def stop() -> bool:
+        return patience.exhausted
 
-    def found_in(prepared: Sequence[Prepared]) -> Posterior | None:
-        course = followed(model, prepared, slow)
-        if course is None or slow():
-            return None
-        return posterior_along(model, course, case.screened, lambda: patience.exhausted)
-
-    return case.failures.attempt("weighing mechanisms", lambda: found_in(_enough(case)), None)
+    return case.failures.attempt(
+        "weighing mechanisms",
+        lambda: posterior(model, _enough(case), case.screened, stop),
+        None,
+    )
 
 
 def _enough(case: Case) -> tuple[Prepared, ...]:
@@ -119,8 +112,12 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled:
     opened = opening(case, super_model, starts)
     assert opened is not None  # a horizon of its own was not asked for
     arena, entry, headline, starts = opened
-    case.compared.tell(super_model, range(len(super_model.candidates)))
-    case.compared.reach(RECALIBRATION, LOCATED, SEVERAL, UNNAMED)
+    case.compared.reach(RECALIBRATION)
+    if found.timely:
+        case.compared.tell(super_model, range(len(super_model.candidates)))
+        case.compared.reach(LOCATED, SEVERAL, UNNAMED)
+    else:
+        case.compared.told |= found.asked
     if leader.width is not None:
         arena = in_sharpest_widths(arena, max(leader.width, 1.0))
     arena, entries = _entered(case, arena, entry, starts[1:], found)
@@ -129,16 +126,22 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled:
     chosen = next(e for e in entries if e.members == wanted)
     count = len({c.label for c in found.candidates})
     detection = detect_in_noise(null_entry, chosen, count)
-    return (arena, entries, chosen, detection), headline.seconds, StoppedBy.CONVERGED
+    stopped = StoppedBy.CONVERGED
+    if not found.timely:
+        stopped = StoppedBy.INTERRUPTED if case.budget.interrupted else StoppedBy.BUDGET
+    return (arena, entries, chosen, detection), headline.seconds, stopped
 
 
 def _starts(
     case: Case, found: Posterior, shown: Sequence[Hypothesis]
 ) -> tuple[SuperModel, list[Start]]:
-    """Return a super-model of these hypotheses and all that a report compares, and their values."""
-    others, _ = contenders(case, leading_sets(case))
+    """Return a super-model of these hypotheses and all that a report compares, and their values.
+
+    Where time ended the search, the hypotheses alone: memories that nobody speaks for are dear.
+    """
     own = [found.candidates[i] for i in dict.fromkeys(i for h in shown for i in h.members)]
-    candidates = own + [c for c in others.candidates if c not in own]
+    others = contenders(case, leading_sets(case))[0].candidates if found.timely else ()
+    candidates = own + [c for c in others if c not in own]
     super_model = SuperModel.build(case.simulator.model, candidates)
     order = {name: k for k, name in enumerate(super_model.model.parameters)}
     starts: list[Start] = []

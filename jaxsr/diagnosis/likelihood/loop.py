@@ -41,12 +41,15 @@ class State:
         Sets about whose path all additions were looked at.
     rivalled : dict of tuple to float
         Sets beside which their rivals were estimated, and their log evidence then.
+    due : tuple of tuple
+        Sets that promised something and were not estimated when time was over.
     """
 
     work: Workspace
     known: dict[Members, Hypothesis | None]
     grown: frozenset[Members] = field(default_factory=frozenset)
     rivalled: Mapping[Members, float] = field(default_factory=dict)
+    due: tuple[Members, ...] = ()
 
     @property
     def leader(self) -> Hypothesis:
@@ -146,9 +149,9 @@ def step(state: State, table: Table) -> State:
         alike = [*kin(every, leader.members), *forms(every, leader.members)]
         rivals += [r for r in alike if r not in rivals]
         # A rival that is known was estimated beside another noise: the same is due to it.
-        known = _estimated(state, table, leader, rivals, again=True)
+        known, due = _estimated(state, table, leader, rivals, again=True)
         if work.stop():  # the rest was not looked at
-            return replace(state, known=known)
+            return replace(state, known=known, due=due)
         rivalled = {**state.rivalled, leader.members: leader.log_evidence}
         state = replace(state, known=known, rivalled=rivalled)
         if state.leader.members != leader.members:
@@ -158,7 +161,8 @@ def step(state: State, table: Table) -> State:
     proposed += pairs(every, here, leader.members, PAIRED, PROMISING + size)
     while proposed:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
-        state = replace(state, known=_estimated(state, table, leader, proposed))
+        known, due = _estimated(state, table, leader, proposed)
+        state = replace(state, known=known, due=due)
         if work.stop():
             return state
         if leader.share == 0.0 or state.leader.share < leader.share:
@@ -175,13 +179,19 @@ def _estimated(
     leader: Hypothesis,
     proposed: Sequence[Members],
     again: bool = False,
-) -> dict[Members, Hypothesis | None]:
-    """Return what is known once proposals about a leader are estimated, or estimated `again`."""
-    known = dict(state.known)
+) -> tuple[dict[Members, Hypothesis | None], tuple[Members, ...]]:
+    """Return what is known once proposals about a leader are estimated, or estimated `again`.
+
+    Those for which there was no time are returned as well.
+    """
+    known, due = dict(state.known), []
     for members in proposed:
         members = tuple(sorted(members))
         before = known.get(members)
-        if state.work.stop() or (members in known and (before is None or not again)):
+        if members in known and (before is None or not again):
+            continue
+        if state.work.stop():
+            due.append(members)
             continue
         needed = state.needed(known, members)
         found = hypothesis(state.work, table, members, leader, needed)
@@ -194,7 +204,7 @@ def _estimated(
                 break
             found = further
         known[members] = better(before, found)
-    return known
+    return known, tuple(due)
 
 
 def better(before: Hypothesis | None, after: Hypothesis | None) -> Hypothesis | None:

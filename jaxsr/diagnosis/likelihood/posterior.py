@@ -42,6 +42,10 @@ class Posterior:
         Where nothing is missing.
     finished : bool
         Whether everything was looked at that could be added to the leading set.
+    timely : bool
+        Whether the search came to an end of its own.
+    asked : frozenset of str
+        Labels of mechanisms that the recordings were asked about.
     something_else : float
         Probability of a force that no member of the leading set is, against that of none.
     prepared, rows
@@ -53,6 +57,8 @@ class Posterior:
     probabilities: np.ndarray
     wrong: tuple[WrongValue, ...] = ()
     finished: bool = False
+    timely: bool = True
+    asked: frozenset[str] = frozenset()
     something_else: float = 0.0
     prepared: tuple[Prepared, ...] = ()
     rows: tuple[tuple[int, int, int], ...] = ()
@@ -64,11 +70,14 @@ class Posterior:
         found.sort(key=state.log_posterior, reverse=True)
         logs = np.array([state.log_posterior(h) for h in found])
         weights = np.exp(logs - logs.max(initial=-np.inf))
+        timely = found[0].members in state.grown
         return Posterior(
             state.work.super_model.candidates,
             tuple(found),
             weights / max(weights.sum(), 1e-300),
-            finished=found[0].members in state.grown and len(found[0].members) < MOST_MEMBERS,
+            finished=timely and len(found[0].members) < MOST_MEMBERS,
+            timely=timely,
+            asked=_asked(state),
             prepared=state.work.prepared,
             rows=state.work.rows,
         )
@@ -183,6 +192,23 @@ def posterior_along(
     if found.leader.members:
         return found
     return replace(found, wrong=wrong_values(state.work, null))
+
+
+def _asked(state: State) -> frozenset[str]:
+    """Return the labels of mechanisms that the recordings were asked about.
+
+    Once the rivals of the leading set were estimated, each that was not `due` was: what promises
+    nothing by its linearisation is not estimated. Before that, those that were estimated.
+    """
+    every, leader = state.work.super_model.candidates, state.leader.members
+
+    def labels(members: Sequence[int]) -> frozenset[str]:
+        return frozenset(every[i].label for i in members)
+
+    if leader in state.rivalled or leader in state.grown:
+        due = frozenset().union(*map(labels, state.due))
+        return labels(range(len(every))) - (due - labels(leader))
+    return frozenset().union(*(labels(m) for m, h in state.known.items() if h is not None))
 
 
 def _something_else(work: Workspace, leader: Hypothesis) -> float:
