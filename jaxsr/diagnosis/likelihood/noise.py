@@ -27,6 +27,9 @@ next value, and slow wandering (a bias that is not stable) comes beside white no
 SIZES = (0.5, 2.0)
 """Of one sensor's noise in that of the others: what fits best scales all of them."""
 PIECES = 4
+SWEEPS, GAINING = 3, 1.0
+"""Times that each sensor's noise is sought beside the others', and log evidence that one must gain
+for another one to begin."""
 
 
 def likeliest(
@@ -65,16 +68,27 @@ def likeliest(
     best, most, sensors = before, start, range(len(before.white))
     for share in odds:
         noise, there = before, -np.inf
-        for together in [sensors, *([k] for k in sensors if len(sensors) > 1)]:
-            every = [n for n in _others(noise, together) if scales.allows(n)]
-            modes = weighed(share, every) if every else []
-            logs = np.nan_to_num([odds[share] + m.log_evidence for m in modes], nan=-np.inf)
-            if len(logs) and logs.max() > there:
-                likely = int(np.argmax(logs))
-                noise, there = every[likely].scaled(modes[likely].noise), float(logs[likely])
+        for together in _sweeps(sensors):
+            begun = there
+            for some in together:
+                every = [n for n in _others(noise, some) if scales.allows(n)]
+                modes = weighed(share, every) if every else []
+                logs = np.nan_to_num([odds[share] + m.log_evidence for m in modes], nan=-np.inf)
+                if len(logs) and logs.max() > there:
+                    likely = int(np.argmax(logs))
+                    noise, there = every[likely].scaled(modes[likely].noise), float(logs[likely])
+            if there < begun + GAINING:
+                break
         if there > most:
             best, most = noise, there
     return best, most - start
+
+
+def _sweeps(sensors: Sequence[int]) -> Iterator[list[Sequence[int]]]:
+    """Yield which sensors are tried together: all, and then each, as often as that is worth it."""
+    yield [sensors]
+    for _ in range(SWEEPS if len(sensors) > 1 else 0):
+        yield [[k] for k in sensors]
 
 
 def _others(noise: Noise, sensors: Sequence[int]) -> Iterator[Noise]:
