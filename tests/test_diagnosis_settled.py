@@ -97,7 +97,10 @@ def test_recalibration_beside_a_force_that_stays_is_something_else() -> None:
     posterior = found([law, null], [0.65, 0.35], something_else=0.999)
     assert unnamed(explanations(posterior, GIVEN)) == pytest.approx(0.35 * 0.999)
     assert claim(posterior) is Verdict.UNDECIDED
-    assert claim(found([null, law], [0.9, 0.1], something_else=0.999)) is Verdict.UNDECIDED
+    forced = found([null, law], [0.9, 0.1], something_else=0.999)
+    assert claim(forced) is Verdict.UNDECIDED
+    below = explanations(forced, GIVEN, above_noise=False)  # no mismatch above the noise
+    assert claimed(below, unnamed(below)).verdict is Verdict.NOTHING
     # beside a wrong value, which explains something, it is what is left
     wrong = (WrongValue("k", 9.0, 0.1, 0.99),)
     beside = found([null], [1.0], something_else=0.999, wrong=wrong)

@@ -27,7 +27,7 @@ def weights_of(told: Sequence[Explanation]) -> Weights:
     return Weights(mass)
 
 
-def explanations(found: Posterior, model: Model) -> list[Explanation]:
+def explanations(found: Posterior, model: Model, above_noise: bool = True) -> list[Explanation]:
     """Return what was weighed as answers.
 
     Re-calibration alone stands for a model that is right and for one with wrong values, one after
@@ -35,12 +35,18 @@ def explanations(found: Posterior, model: Model) -> list[Explanation]:
     explain: it may act below the noise, and answers as re-calibration does. Causes that no data can
     split count as the one that leads. What is left to a probability of one is that of a force that
     nobody names (`unnamed`).
+
+    Parameters
+    ----------
+    above_noise : bool
+        Whether free runs of re-calibration leave more than the sensors' noise. What does not show
+        above it is no mismatch, however sure the evidence is of a small force.
     """
     null = next(h for h in found.hypotheses if not h.members)
     told = []
     for item, p in zip(found.hypotheses, found.probabilities, strict=True):
         if item.log_evidence <= null.log_evidence:
-            told += _calibrated(found, labels_of(found, item), float(p))
+            told += _calibrated(found, labels_of(found, item), float(p), above_noise)
         else:
             verdict = _verdict_of(found, item, model)
             told.append(Explanation(labels_of(found, item), verdict, float(p)))
@@ -52,14 +58,17 @@ def unnamed(told: Sequence[Explanation]) -> float:
     return max(0.0, 1.0 - sum(e.probability for e in told))
 
 
-def _calibrated(found: Posterior, labels: frozenset[str], p: float) -> list[Explanation]:
+def _calibrated(
+    found: Posterior, labels: frozenset[str], p: float, above_noise: bool
+) -> list[Explanation]:
     """Return a set with no verdict of its own without wrong values and with them.
 
     A force that nobody names is a mismatch, so that nothing is not the answer beside it; beside a
     wrong value it is what is left.
     """
     null = next(h for h in found.hypotheses if not h.members)
-    calm = 1.0 - found.something_else if null.share else 1.0
+    forced = null.share and (found.leader.members or above_noise)
+    calm = 1.0 - found.something_else if forced else 1.0
     told = [Explanation(labels, Verdict.NOTHING, calm * p)]
     for wrong in found.wrong:
         last = told.pop()

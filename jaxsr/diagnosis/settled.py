@@ -10,6 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+import numpy as np
+from scipy.stats import f
+
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION, SEVERAL, UNNAMED
@@ -24,7 +27,7 @@ from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.explanations import labels_of
-from jaxsr.diagnosis.judging.detection import Detection, detect_in_noise
+from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
@@ -85,6 +88,17 @@ def borne_out(found: Settled) -> bool:
     if chosen.members and not detection.detected:
         return False
     return residual_to_noise(arena, chosen) <= ABOVE_NOISE
+
+
+def above_noise(found: Settled) -> bool:
+    """Whether re-calibration leaves more than the sensors' noise, at the rate of the detection.
+
+    Neighbouring samples tell that noise by as many of its values.
+    """
+    (arena, entries, *_), *_ = found
+    null = next(e for e in entries if not e.members)
+    count = max(int(np.count_nonzero(null.fit.residual[0])), 1)
+    return bool(f.sf(residual_to_noise(arena, null) ** 2, count, count) < SIGNIFICANCE)
 
 
 def answered(found: Settled, claim: Claim, free: Collection[str]) -> Settled:
