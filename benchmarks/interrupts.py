@@ -12,14 +12,16 @@ Ctrl-C (SIGINT): exit status 130 (or 0 where the work was done), no traceback an
 best so far whole or the earlier results untouched, no other file, no process left. kill -9
 (SIGKILL): the earlier results or the new ones, complete; after the next run nothing else is left,
 and that run says nothing that it would not say otherwise.
-Results: ``results/interrupts.json``. --quick: three moments of each, no file. Ends with status 1
-if a moment left anything wrong.
+Results: ``results/interrupts.json``. --quick: two moments of each, less to
+search, no file. Ends with status 1 if a moment left
+anything wrong.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import resource
 import shutil
@@ -41,8 +43,10 @@ from benchmarks.chains import write_case
 from benchmarks.provenance import write
 
 ROOT = Path(__file__).resolve().parents[1]
-MOMENTS, FIRST, BUDGET = 50, 0.05, 20.0
-"""How many; the earliest, and what the whole run may take, in s of processor time."""
+MOMENTS, FIRST = 50, 0.05
+"""How many; the earliest, in s of processor time."""
+BUDGET, QUICK_BUDGET = 20.0, 4.0
+"""What the whole run may take, in s of processor time."""
 _LOADING, _LAST = 2.5, 0.9  # s of processor time that libraries take to load; share of a run
 _GONE = 10.0  # s of wall time within which what a killed run began has ended
 _SIGNALS = {"Ctrl-C": signal.SIGINT, "kill -9": signal.SIGKILL}
@@ -95,7 +99,7 @@ class Left:
 def moments(rng: np.random.Generator, sent: str, count: int, whole: float) -> list[Moment]:
     """Draw moments between `FIRST` and the end of a run of `whole` seconds."""
     early = round(0.4 * count)
-    last = round(0.2 * count)
+    last = math.ceil(0.2 * count)
     loading = min(_LOADING, whole)
     drawn = np.concatenate(
         [
@@ -200,13 +204,15 @@ def state(folder: Path, old: Mapping[str, bytes], seed: int) -> str:
     return "new" if is_whole(files, seed) else f"mixed: {sorted(files)}"
 
 
-def run(moment: Moment, folder: Path, old: Mapping[str, bytes], compiled: Path) -> Left:
+def run(
+    moment: Moment, folder: Path, budget: float, old: Mapping[str, bytes], compiled: Path
+) -> Left:
     """Begin a run, send it its signal, and judge what it left."""
     if old:
         (folder / _OUT).mkdir()
         for name, data in old.items():
             (folder / _OUT / name).write_bytes(data)
-    process = started(folder, command(1, BUDGET), compiled)
+    process = started(folder, command(1, budget), compiled)
     while process.poll() is None and processor_time(process.pid) < moment.seconds:
         time.sleep(0.002)
     process.send_signal(_SIGNALS[moment.sent])
@@ -249,7 +255,7 @@ def _survivors(session: int) -> list[str]:
     return [f"still runs: {pid}" for pid in alive]
 
 
-def measured(count: int, seed: int) -> dict[str, Any]:
+def measured(count: int, budget: float, seed: int) -> dict[str, Any]:
     """Time a whole run, then send every signal at every moment."""
     rng = np.random.default_rng(seed)
     rows: list[tuple[Moment, Left]] = []
@@ -259,16 +265,14 @@ def measured(count: int, seed: int) -> dict[str, Any]:
         given = home / "given"
         given.mkdir()
         write_case(given, 1, 300)
-        _whole_run(_copy(given, home / "first"), compiled)
+        _whole_run(_copy(given, home / "first"), budget, compiled)
         old = contents(home / "first" / _OUT)
-        whole = _whole_run(_copy(given, home / "second"), compiled)
+        whole = _whole_run(_copy(given, home / "second"), budget, compiled)
         for sent in _SIGNALS:
             for k, moment in enumerate(moments(rng, sent, count, whole)):
                 folder = _copy(given, home / f"{sent[0]}{k}")
-                own = home / "own"
-                left = run(
-                    moment, folder, old if moment.old else {}, own if moment.cold else compiled
-                )
+                own, there = home / "own", old if moment.old else {}
+                left = run(moment, folder, budget, there, own if moment.cold else compiled)
                 rows.append((moment, left))
                 told = f"{sent} {moment.seconds:.3f} s: {left.status}, {left.files}"
                 print(f"{told}: {'; '.join(left.problems) or 'right'}", flush=True)
@@ -286,10 +290,10 @@ def _copy(given: Path, folder: Path) -> Path:
     return folder
 
 
-def _whole_run(folder: Path, compiled: Path) -> float:
+def _whole_run(folder: Path, budget: float, compiled: Path) -> float:
     """Run the command to its end; return its processor time in s."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    process = started(folder, command(0, BUDGET), compiled)
+    process = started(folder, command(0, budget), compiled)
     _, err = process.communicate()
     if process.returncode != 0:
         raise RuntimeError(f"the run without a signal ended with {process.returncode}: {err}")
@@ -310,11 +314,12 @@ def summary(rows: Sequence[tuple[Moment, Left]]) -> dict[str, Any]:
 def main() -> int:
     """Send the signals and write what was left; 1 where anything was wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="three moments of each, no file")
+    parser.add_argument("--quick", action="store_true", help="two moments of each, no file")
     parser.add_argument("--moments", type=int, default=MOMENTS, help="of each signal")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    found = measured(3 if given.quick else given.moments, given.seed)
+    count, budget = (2, QUICK_BUDGET) if given.quick else (given.moments, BUDGET)
+    found = measured(count, budget, given.seed)
     if not given.quick:
         write("interrupts", "signals at seeded moments of a diagnosis", [given.seed], found)
     for sent, told in found["summary"].items():
