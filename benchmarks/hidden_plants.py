@@ -160,7 +160,8 @@ class Plant:
 def _along(force: Values, q: float, v: float, z: np.ndarray) -> tuple[float, np.ndarray]:
     """Return the force left out along an axis, and the rates of its memory."""
     push = -force.get("coulomb", 0.0) * np.tanh(v / force.get("width", 1e-2))
-    push -= force.get("drag", 0.0) * v * abs(v) + force.get("cubic", 0.0) * q**3
+    push -= force.get("viscous", 0.0) * v + force.get("drag", 0.0) * v * abs(v)
+    push -= force.get("cubic", 0.0) * q**3
     rates = np.zeros(2)
     if "hysteresis_kz" in force:
         b, g = force["hysteresis_b"], force["hysteresis_g"]
@@ -273,20 +274,25 @@ TANKS = Plant(
 )
 
 
-def chain(count: int, axis: int) -> Plant:
-    """Return masses on springs in a row from a wall, the last one driven."""
+def chain(count: int, axis: int, grounded: bool = False) -> Plant:
+    """Return masses on springs in a row from a wall, the last one driven.
+
+    Dampers lie beside the springs, or between every mass and the ground.
+    """
     equations = {f"q{i}": f"v{i}" for i in range(count)}
     for i in range(count):
         before, slow = (f"q{i} - q{i - 1}", f"v{i} - v{i - 1}") if i else ("q0", "v0")
-        force = f"-k*({before}) - c*({slow})"
+        force = f"-k*({before}) - c*" + (f"v{i}" if grounded else f"({slow})")
         if i + 1 < count:
-            force += f" + k*(q{i + 1} - q{i}) + c*(v{i + 1} - v{i})"
+            force += f" + k*(q{i + 1} - q{i})"
+            force += "" if grounded else f" + c*(v{i + 1} - v{i})"
         equations[f"v{i}"] = force + (" + u" if i + 1 == count else "")
 
     def rates(x: np.ndarray, u: float, p: Values, push: float, _: Missing) -> np.ndarray:
         q, v = x[:count], x[count:]
-        pull = p["k"] * np.diff(q, prepend=0.0) + p["c"] * np.diff(v, prepend=0.0)
-        force = np.append(pull[1:], u) - pull
+        pull = p["k"] * np.diff(q, prepend=0.0)
+        pull += 0.0 if grounded else p["c"] * np.diff(v, prepend=0.0)
+        force = np.append(pull[1:], u) - pull - (p["c"] * v if grounded else 0.0)
         force[axis] += push
         return np.concatenate([v, force / p["m"]])
 

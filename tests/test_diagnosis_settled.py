@@ -97,8 +97,11 @@ def test_recalibration_beside_a_force_that_stays_is_something_else() -> None:
     posterior = found([law, null], [0.65, 0.35], something_else=0.999)
     assert unnamed(explanations(posterior, GIVEN)) == pytest.approx(0.35 * 0.999)
     assert claim(posterior) is Verdict.UNDECIDED
-    # where re-calibration leads, free runs tell whether what it leaves is more than noise
-    assert claim(found([null, law], [0.9, 0.1], something_else=0.999)) is Verdict.NOTHING
+    assert claim(found([null, law], [0.9, 0.1], something_else=0.999)) is Verdict.UNDECIDED
+    # beside a wrong value, which explains something, it is what is left
+    wrong = (WrongValue("k", 9.0, 0.1, 0.99),)
+    beside = found([null], [1.0], something_else=0.999, wrong=wrong)
+    assert claim(beside) is Verdict.PARAMETER
 
 
 def test_wrong_values_are_freed_one_after_the_other() -> None:

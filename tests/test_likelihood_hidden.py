@@ -86,6 +86,17 @@ def test_a_model_of_ten_masses_offers_what_its_residual_forces_speak_for() -> No
     assert {f"constant_force@equation:v{i}" for i in range(10)} <= labels
 
 
+def test_a_damper_at_one_mass_is_offered_beside_one_damping_of_all() -> None:
+    """What the shared constant does to one equation it does to all: it can not stand for that."""
+    sensors = tuple(f"y{i}" for i in range(10))
+    for axis in (2, 5, 8):
+        model, prepared = recorded(chain(10, axis, True), sensors, Missing({"viscous": 6.0}), 60)
+        course = followed(model, prepared)
+        assert course is not None
+        candidates = offered(model, course)
+        assert f"viscous_damping@equation:v{axis}" in {c.label for c in candidates}
+
+
 def test_friction_is_offered_along_speeds_and_not_along_levels() -> None:
     """A speed is one by its unit, else by going both ways; tanks hold levels."""
     both_ways, one_way = np.linspace(-2.0, 2.0, 21), np.linspace(1.0, 2.0, 21)

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.likelihood import estimate, loop
 from jaxsr.diagnosis.likelihood.course import followed
-from jaxsr.diagnosis.likelihood.estimate import sizes_about
+from jaxsr.diagnosis.likelihood.estimate import log_odds, sizes_about
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.loop import better
@@ -165,9 +165,12 @@ def test_a_search_that_time_ends_amid_a_step_has_not_looked_at_everything(
     assert len(done) <= before + 13 + len(estimate.HALVED)
 
 
-def test_a_latent_force_is_never_far_larger_than_the_net_force() -> None:
-    shares = np.array([0.0, 0.01, 1.0])
-    assert sizes_about(1.9, shares).max() <= 2.0 and sizes_about(1e9, shares).max() <= 2.0
+def test_a_latent_force_as_large_as_the_net_force_is_improbable_beforehand() -> None:
+    none, small, net, twice = log_odds(np.array([0.0, 1e-6, 1.0, 2.0]))
+    assert none == 0.0
+    assert np.exp(small) == pytest.approx(1.0 / 28.0, rel=1e-5)
+    assert np.exp(net - small) == pytest.approx(0.05, rel=1e-5)
+    assert net - twice == pytest.approx(small - net, rel=1e-5)
     assert not sizes_about(0.0, np.zeros(1)).any()
 
 

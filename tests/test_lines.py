@@ -32,18 +32,12 @@ def test_a_line_is_offered_along_every_coordinate_in_its_phase_there(state: str)
     assert line.phase == pytest.approx(PHASE, abs=0.3)
 
 
-def test_where_no_residual_has_a_line_none_is_offered() -> None:
-    rng = np.random.default_rng(2)
-    found = motion()
-    quiet = {state: rng.normal(size=TIME.size) for state in found.residual}
-    still = Motion(
-        found.signals,
-        found.recordings,
-        found.edges,
-        found.integrate,
-        TIME,
-        0.01,
-        quiet,
-        found.basis,
+def test_a_push_of_three_periods_is_offered() -> None:
+    """Its peak is as wide as its neighbourhood: it stands out of nothing, and is all there is."""
+    time, rng = np.linspace(0.0, 2.7, 180), np.random.default_rng(2)
+    push = np.sin(FREQUENCY * time + PHASE) + 0.02 * rng.normal(size=time.size)
+    none = {"v": np.zeros((time.size, 0))}
+    short = Motion(
+        {"t": time}, ("run",), np.array([0, 180]), lambda x: x, time, 0.015, {"v": push}, none
     )
-    assert still.frequencies("v") == still.frequencies("w") == []
+    assert short.frequencies("v")[0].value == pytest.approx(FREQUENCY, rel=0.05)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from jaxsr._result import Verdict
 from jaxsr.diagnosis.judging.equivalence import equivalent
@@ -52,16 +53,20 @@ def unnamed(told: Sequence[Explanation]) -> float:
 
 
 def _calibrated(found: Posterior, labels: frozenset[str], p: float) -> list[Explanation]:
-    """Return a set with no verdict of its own without wrong values and with them."""
-    told, verdict = [], Verdict.NOTHING
+    """Return a set with no verdict of its own without wrong values and with them.
+
+    A force that nobody names is a mismatch, so that nothing is not the answer beside it; beside a
+    wrong value it is what is left.
+    """
     null = next(h for h in found.hypotheses if not h.members)
-    if found.leader.members and null.share:  # a force that nobody names acts beside it
-        p *= 1.0 - found.something_else
+    calm = 1.0 - found.something_else if null.share else 1.0
+    told = [Explanation(labels, Verdict.NOTHING, calm * p)]
     for wrong in found.wrong:
-        told.append(Explanation(labels, verdict, (1.0 - wrong.probability) * p))
-        labels, verdict = labels | {f"wrong_value@parameter:{wrong.name}"}, Verdict.PARAMETER
-        p *= wrong.probability
-    return [*told, Explanation(labels, verdict, p)]
+        last = told.pop()
+        told.append(replace(last, probability=(1.0 - wrong.probability) * last.probability))
+        labels, p = labels | {f"wrong_value@parameter:{wrong.name}"}, p * wrong.probability
+        told.append(Explanation(labels, Verdict.PARAMETER, p))
+    return told
 
 
 def _verdict_of(found: Posterior, item: Hypothesis, model: Model) -> Verdict:

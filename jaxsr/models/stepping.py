@@ -123,25 +123,25 @@ def factorised(
             continue
         lu[k], lu[chosen] = lu[chosen], lu[k]
         order[k], order[chosen] = order[chosen], order[k]
+        right = [j for j in range(k + 1, count) if not nothing(lu[k][j])]
         for i in range(k + 1, count):
             if nothing(lu[i][k]):
                 continue
             if not _one(lu[k][k]):
                 lu[i][k] = lu[i][k] / lu[k][k]
-            for j in range(k + 1, count):
-                if not nothing(lu[k][j]):
-                    lu[i][j] = lu[i][j] - lu[i][k] * lu[k][j]
+            for j in right:
+                lu[i][j] = lu[i][j] - lu[i][k] * lu[k][j]
+    lower = [[j for j in range(i) if not nothing(lu[i][j])] for i in range(count)]
+    upper = [[j for j in range(i + 1, count) if not nothing(lu[i][j])] for i in range(count)]
 
     def solve(b: tuple[Array, ...]) -> tuple[Array, ...]:
         y = [b[i] for i in order]
         for i in range(count):
-            for j in range(i):
-                if not nothing(lu[i][j]):
-                    y[i] = y[i] - lu[i][j] * y[j]
+            for j in lower[i]:
+                y[i] = y[i] - lu[i][j] * y[j]
         for i in reversed(range(count)):
-            for j in range(i + 1, count):
-                if not nothing(lu[i][j]):
-                    y[i] = y[i] - lu[i][j] * y[j]
+            for j in upper[i]:
+                y[i] = y[i] - lu[i][j] * y[j]
             if not _one(lu[i][i]):
                 y[i] = y[i] / lu[i][i]
         return tuple(y)

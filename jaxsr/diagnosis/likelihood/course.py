@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -46,6 +47,10 @@ class Course:
         State to the rms of its net force.
     seconds : float
         How long a force that nobody knows keeps its sign.
+    reach : dict of str to ndarray
+        State to what re-calibration can do along its equation, in its net force, shape (its rows,
+        columns): the same change of parameters is one column of all equations, and all equations
+        together are orthonormal.
     """
 
     prepared: tuple[Prepared, ...]
@@ -53,6 +58,7 @@ class Course:
     motion: Motion
     size: dict[str, float]
     seconds: float
+    reach: dict[str, np.ndarray]
 
 
 def followed(
@@ -74,10 +80,10 @@ def followed(
         return None
     known = along(work, null.path)
     table = tabled(work, null.theta, null.path, null.noise, null.decay)
-    motion = _motion(work, null, table, known, width or 0.0)
     sizes = zip(work.force_states, table.scales.size, strict=True)
     size = {model.states[s]: max(float(v), 1e-300) for s, v in sizes}
-    return Course(known, null, motion, size, seconds)
+    motion, told = _motion(work, null, table, known, width or 0.0)
+    return Course(known, null, motion, size, seconds, _reach(told, size))
 
 
 def _forces(model: Model, prepared: Sequence[Prepared]) -> list[Candidate]:
@@ -88,8 +94,11 @@ def _forces(model: Model, prepared: Sequence[Prepared]) -> list[Candidate]:
 
 def _motion(
     work: Workspace, null: Hypothesis, table: Table, prepared: Sequence[Prepared], width: float
-) -> Motion:
-    """Return signals along the course, and the smoothed forces, seen through narrow windows."""
+) -> tuple[Motion, dict[str, np.ndarray]]:
+    """Return signals along the course, and the smoothed forces, seen through narrow windows.
+
+    With them comes what free parameters do along every equation, seen through the same windows.
+    """
     model = work.columns.given
     forces, columns = _missing(work, null, table)
     narrow = max(width / 3.0, NARROWEST * max(float(np.median(np.diff(p.time))) for p in prepared))
@@ -99,20 +108,16 @@ def _motion(
     signals = {
         n: np.concatenate(parts) for n, parts in zip(names, zip(*rows, strict=True), strict=True)
     }
-    residual, basis = {}, {}
+    residual, basis, told = {}, {}, {}
     for k, index in enumerate(work.force_states):
         state = model.states[index]
         residual[state] = grid.integrate(_whole(work, prepared, forces[k]))
-        told = (
-            np.stack([_whole(work, prepared, c) for c in columns[k]], -1)
-            if len(columns[k])
-            else None
-        )
-        left, strength = np.zeros((len(residual[state]), 0)), np.zeros(0)
-        if told is not None and len(residual[state]):
-            left, strength, _ = np.linalg.svd(grid.integrate(told), full_matrices=False)
-        basis[state] = left[:, strength > 1e-9 * strength.max(initial=1e-300)]
-    return Motion(
+        told[state] = np.zeros((len(residual[state]), len(columns[k])))
+        if told[state].size:
+            every = np.stack([_whole(work, prepared, c) for c in columns[k]], -1)
+            told[state] = grid.integrate(every)
+        basis[state] = _orthonormal(told[state])
+    motion = Motion(
         signals={**signals, "t": signals[model.time]},
         recordings=tuple(p.recording.name for p in prepared),
         edges=grid.edges,
@@ -121,8 +126,23 @@ def _motion(
         spacing=narrow / 4.0,
         residual=residual,
         basis=basis,
-        inputs={u: grid.integrate(signals[u]) for u in model.inputs},
     )
+    return motion, told
+
+
+def _orthonormal(columns: np.ndarray) -> np.ndarray:
+    """Return an orthonormal basis of columns."""
+    if not columns.size:
+        return columns[:, :0]
+    left, strength, _ = np.linalg.svd(columns, full_matrices=False)
+    return left[:, strength > 1e-9 * strength.max(initial=1e-300)]
+
+
+def _reach(told: dict[str, np.ndarray], size: dict[str, float]) -> dict[str, np.ndarray]:
+    """Return what all equations together can do of themselves, each in its net force."""
+    every = _orthonormal(np.concatenate([c / size[state] for state, c in told.items()]))
+    edges = np.cumsum([0, *(len(c) for c in told.values())])
+    return {state: every[a:b] for state, (a, b) in zip(told, pairwise(edges), strict=True)}
 
 
 def _missing(work: Workspace, null: Hypothesis, table: Table) -> tuple[np.ndarray, np.ndarray]:

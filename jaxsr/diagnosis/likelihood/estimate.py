@@ -27,12 +27,12 @@ BEHIND, CATCHING = 12.0, 0.25
 what is missing that a step has to gain where that much is missing."""
 LOUDEST = 4.0
 """Variance of a sensor's noise in that which neighbouring samples tell: more is not its noise."""
-PRESENT = 1.0 / 7.0
-"""Prior odds of one size of the latent force against none: as many sizes share even odds."""
+PRESENT, BEYOND = 1.0 / 28.0, 0.05
+"""Prior odds of a small latent force of one size and one time against none, as seven sizes and four
+times share even odds, and what is left of them at the size of the net force: they fall
+exponentially (Simpson et al. 2017, Stat. Sci. 32, section 3.3)."""
 ROOM = 2e7
 """Numbers of innovations and their derivatives that are held at once."""
-LARGEST = 2.0
-"""Size of the latent force, in the largest that is tried first: more is no force of this motion."""
 WORSE, FIRM = 1.0, 4
 """Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
 promise, about paths that are no motion of the model, is not kept."""
@@ -143,7 +143,7 @@ class Estimate:
     settled : bool
         Whether the last step was a small one.
     local : LocalModel
-        Linearised about the path, at the mode, no constant left to change.
+        Linearised about the path and `theta`, by the constants that were estimated.
     latent : Latent
         Force of that size.
     decay : float
@@ -162,7 +162,7 @@ class Estimate:
     @property
     def log_evidence(self) -> float:
         """Of the mode, with the prior odds of its latent force."""
-        return self.mode.log_evidence + np.log(PRESENT) * (self.share > 0.0)
+        return self.mode.log_evidence + float(log_odds(self.share))
 
 
 def grams(
@@ -216,7 +216,6 @@ def estimated(
     stop : callable
         Whether time is over: the set is left where it is, not settled.
     """
-    size = len(chosen)
     active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
     scales = replace(scales, forces=tuple(active.index(int(j)) for j in helpers))
     climb = _Climb(problem, chosen, active, belief, best, stop)
@@ -232,10 +231,9 @@ def estimated(
             break
         point, scales = other[0], replace(scales, decay=other[1])
         point, settled = climb.to_the_mode(point, scales)
-    at_mode = point.local.moved(np.concatenate([point.mode.change, np.zeros(len(active) - size)]))
     latent = scales.latent(point.local, point.share)
     known = point.theta, point.path, point.share, point.mode, settled
-    return Estimate(*known, at_mode, latent, scales.decay)
+    return Estimate(*known, point.local.by_first(len(chosen)), latent, scales.decay)
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +269,7 @@ class _Climb:
         problem = self.problem
         args = problem.simulator, problem.stepping, problem.segments, theta, path
         local = linearised(*args, self.active)
-        if not np.isfinite(local.defect).all():
+        if not local.leads_on:
             return None
         return self._judged(theta, path, local, shares, lambda: grams(local, scales, shares))
 
@@ -292,7 +290,7 @@ class _Climb:
         if not np.isfinite(logs).any():
             return None
         logs = np.where(np.isfinite(logs), logs, -np.inf)
-        logs += np.log(PRESENT) * (shares > 0.0)
+        logs += log_odds(shares)
         return _Point(theta, path, local, shares, modes, logs)
 
     def to_the_mode(self, point: _Point, scales: Scales) -> tuple[_Point, bool]:
@@ -334,7 +332,7 @@ class _Climb:
     def in_other_time(self, point: _Point, scales: Scales) -> tuple[_Point, float] | None:
         """Weigh latent forces that keep their sign for longer, or less long, about one path."""
         others = [d for d in scales.decays if d != scales.decay]
-        sizes = np.minimum(point.share * np.array(NEARBY), LARGEST * scales.shares.max())
+        sizes = point.share * np.array(NEARBY)
         shares, decays = np.tile(sizes, len(others)), np.repeat(others, len(sizes))
         found = self._judged(
             point.theta,
@@ -344,6 +342,11 @@ class _Climb:
             lambda: grams(point.local, scales, shares, list(decays)),
         )
         return None if found is None else (found, float(decays[found.best]))
+
+
+def log_odds(share: float | np.ndarray) -> np.ndarray:
+    """Return the log prior odds of sizes of the latent force against none."""
+    return np.where(np.asarray(share) > 0.0, np.log(PRESENT) + np.log(BEYOND) * share, 0.0)
 
 
 def left(log: float, gain: float, best: float) -> bool:
@@ -357,7 +360,7 @@ def sizes_about(share: float, shares: np.ndarray) -> np.ndarray:
         return shares
     least = float(shares[shares > 0.0].min()) / 4.0
     sizes = share * np.array(NEARBY) if share > least else least * np.array(BARELY)
-    return np.array([0.0, *np.minimum(sizes, LARGEST * shares.max())])
+    return np.array([0.0, *sizes])
 
 
 @dataclass(frozen=True, eq=False)

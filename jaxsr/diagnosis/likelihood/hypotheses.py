@@ -193,7 +193,7 @@ class _Begun:
         if follow.lost(at_mode):
             return at_mode, width, scales
         # Beside what was missing, the noise is another than beside re-calibration.
-        likely, gain = likeliest(at_mode, scales)
+        likely, gain = likeliest(at_mode, scales, follow.chosen, follow.belief)
         if gain > CLEAR:
             # How round the corner is shows beside the noise that there is.
             anew = replace(scales, noise=likely, decay=at_mode.decay)

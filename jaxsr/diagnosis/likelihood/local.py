@@ -50,6 +50,16 @@ class LocalModel:
         at = list(pieces)
         return LocalModel(*(getattr(self, part.name)[:, at] for part in fields(self)))
 
+    @property
+    def leads_on(self) -> bool:
+        """Whether steps end where sums of squares are numbers: a stiff state may run away."""
+        return bool((np.abs(self.defect) < LARGEST).all())
+
+    def by_first(self, count: int) -> LocalModel:
+        """Return the model with the first constants alone left to change."""
+        by, read = self.by_constant[..., :count], self.reading_by_constant[..., :count]
+        return replace(self, by_constant=by, reading_by_constant=read)
+
     def moved(self, change: np.ndarray) -> LocalModel:
         """Return the model with its constants changed, and none of them left to change."""
         return replace(

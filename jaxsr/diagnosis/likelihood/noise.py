@@ -2,65 +2,98 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.estimate import Estimate, Scales
+from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, log_odds
+from jaxsr.diagnosis.likelihood.evidence import Gram, Mode
 from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
 
-CORRELATIONS = (0.0, 0.5, 0.8, 0.95)
-SIZES = (0.5, 1.0, 2.0)
-WHITE = 0.02
-"""White part of a coloured noise: no sensor knows its next value."""
-ROUNDS, PIECES = 2, 4
+WHITE = {
+    0.0: 1.0,
+    0.25: 0.02,
+    0.5: 0.02,
+    0.65: 0.02,
+    0.8: 0.02,
+    0.9: 0.02,
+    0.95: 0.02,
+    0.99: 0.8,
+    0.998: 0.5,
+}
+"""Correlations from sample to sample, and the white part of a noise with each: no sensor knows its
+next value, and slow wandering (a bias that is not stable) comes beside white noise."""
+SIZES = (0.5, 2.0)
+"""Of one sensor's noise in that of the others: what fits best scales all of them."""
+PIECES = 4
 
 
-def likeliest(found: Estimate, scales: Scales) -> tuple[Noise, float]:
-    """Return the noise that makes the innovations of an estimate most likely, and what it gains.
+def likeliest(
+    found: Estimate, scales: Scales, chosen: np.ndarray, belief: Belief
+) -> tuple[Noise, float]:
+    """Return the noise beside which an estimate has most evidence, and what it gains.
 
-    Variances and correlations of one sensor are tried side by side, those of the others held, in
-    at most `ROUNDS` rounds, on some of the pieces; once beside the latent force of the estimate and
-    once without any, which slow noise may be taken for. The gain is one of log likelihood.
+    Correlations of all sensors at once are tried side by side, then variances and correlations of
+    one after the other, on some of the pieces; once beside the latent force of the estimate and
+    once without any, which slow noise may be taken for. Constants follow each of them: without a
+    latent force they are told far more sharply, and elsewhere.
+
+    Parameters
+    ----------
+    chosen : ndarray of int
+        Parameters that were estimated, the first of those that the estimate is linearised by.
+    belief : Belief
+        Of them.
     """
     count = found.local.defect.shape[1]
     pieces = sorted({int(k) for k in np.linspace(0, count - 1, min(count, PIECES))})
     part, force = found.local.of(pieces), found.latent.of(pieces)
     before = scales.noise.scaled(found.mode.noise)
+    prior, mixing = belief.about(found.theta[chosen]), belief.mixing
 
-    def weighed(share: float, every: list[Noise]) -> np.ndarray:
+    def weighed(share: float, every: list[Noise]) -> list[Mode]:
         latent = replace(force, scale=share * scales.size)
         rows = whitened(System.of(part, [latent] * len(every), every, scales.start))
-        score = rows.log_determinant + np.sum(rows.rows[..., 0] ** 2, axis=1)
-        return -0.5 * score.reshape(len(every), len(pieces)).sum(axis=1)
+        lanes = (slice(k, k + len(pieces)) for k in range(0, len(every) * len(pieces), len(pieces)))
+        rooms = (replace(scales, noise=noise).loudest for noise in every)
+        every_gram = (Gram.of(rows, lane, room) for lane, room in zip(lanes, rooms, strict=True))
+        return [g.mode(mixing, prior) for g in every_gram]
 
-    best, most = before, float(weighed(found.share, [before])[0])
-    start = most
-    for share in dict.fromkeys((found.share, 0.0)):
-        noise = before
-        for _ in range(ROUNDS):
-            begun = noise
-            for k in range(len(noise.white)):
-                grid = [(size, rho) for size in SIZES for rho in CORRELATIONS]
-                grid = [c for c in grid if scales.allows(_with(noise, k, *c))]
-                logs = weighed(share, [_with(noise, k, *choice) for choice in grid])
-                if not np.isfinite(logs).any():
-                    continue
-                size, rho = grid[int(np.nanargmax(logs))]
-                if (size, rho) != (1.0, noise.correlation[k]):
-                    noise = _with(noise, k, size, rho)
-                if np.nanmax(logs) > most:
-                    best, most = noise, float(np.nanmax(logs))
-            if noise is begun:
-                break
+    odds = {share: float(log_odds(share)) for share in (found.share, 0.0)}
+    start = odds[found.share] + weighed(found.share, [before])[0].log_evidence
+    best, most, sensors = before, start, range(len(before.white))
+    for share in odds:
+        noise, there = before, -np.inf
+        for together in [sensors, *([k] for k in sensors if len(sensors) > 1)]:
+            every = [n for n in _others(noise, together) if scales.allows(n)]
+            modes = weighed(share, every) if every else []
+            logs = np.nan_to_num([odds[share] + m.log_evidence for m in modes], nan=-np.inf)
+            if len(logs) and logs.max() > there:
+                likely = int(np.argmax(logs))
+                noise, there = every[likely].scaled(modes[likely].noise), float(logs[likely])
+        if there > most:
+            best, most = noise, there
     return best, most - start
 
 
-def _with(noise: Noise, sensor: int, size: float, correlation: float) -> Noise:
-    """Return the noise with that of one sensor of another size and correlation."""
+def _others(noise: Noise, sensors: Sequence[int]) -> Iterator[Noise]:
+    """Yield noises of another correlation of some sensors; of one, those of other sizes as well."""
+    for correlation in WHITE:
+        yield _with(noise, sensors, 1.0, correlation)
+    if len(sensors) == 1 < len(noise.white):
+        for size in SIZES:
+            yield _with(noise, sensors, size, float(noise.correlation[sensors[0]]))
+
+
+def _with(noise: Noise, sensors: Sequence[int], size: float, correlation: float) -> Noise:
+    """Return the noise with that of some sensors of another size and correlation.
+
+    The size is that between neighbouring samples, which is told best.
+    """
     white, coloured, rho = noise.white.copy(), noise.coloured.copy(), noise.correlation.copy()
-    whole = size * (white[sensor] + coloured[sensor])
-    share = WHITE if correlation else 1.0
-    white[sensor], coloured[sensor] = share * whole, (1.0 - share) * whole
-    rho[sensor] = correlation
+    at, share = list(sensors), WHITE[correlation]
+    alone = share + (1.0 - share) * (1.0 - correlation) / (1.0 + correlation)
+    whole = size / alone * noise.between_neighbours[at]
+    white[at], coloured[at], rho[at] = share * whole, (1.0 - share) * whole, correlation
     return Noise(white, coloured, rho)

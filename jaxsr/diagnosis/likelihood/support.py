@@ -14,6 +14,8 @@ from jaxsr.models import Model
 
 MOST = 120
 """Candidates up to which all become columns: a table's cost grows with their number."""
+LEAST = 1e-9
+"""Power of a column beside what re-calibration does of it, below which it is rounding."""
 SITES = 3
 """Equations at which memories are offered where candidates are more than that: those with the
 largest residual forces."""
@@ -63,21 +65,23 @@ def _removed(
 ) -> float:
     """Return the power that the best coefficient of a candidate removes from all equations."""
     names = candidate.names(set(model.symbols), "__0")
-    best = 0.0
+    residual, best = course.motion.residual, 0.0
+    pull = sum(y @ course.reach[s] / course.size[s] for s, y in residual.items())
     for spec in candidate.parameters:
         if not spec.coefficient:
             continue
-        along, size = 0.0, 1e-300
+        along, size, shared = 0.0, 1e-300, np.zeros_like(pull)
         for state, template in candidate.terms:
             if state not in course.motion.residual:
                 continue
-            basis = course.motion.basis[state]
-            column = course.motion.integrate(
-                _slope(model, candidate, names, spec, template, signals)
-            )
-            column = (column - basis @ (basis.T @ column)) / course.size[state]
+            slope = _slope(model, candidate, names, spec, template, signals)
+            column = course.motion.integrate(slope) / course.size[state]
             along += float(column @ course.motion.residual[state]) / course.size[state]
             size += float(column @ column)
+            shared += column @ course.reach[state]
+        along, size = along - float(shared @ pull), size - float(shared @ shared)
+        if size < LEAST * float(shared @ shared):  # re-calibration is all that it does
+            continue
         best = max(best, along**2 / size)
     return best if np.isfinite(best) else 0.0
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.estimate import (
-    PRESENT,
     Belief,
     Estimate,
     Scales,
     grams,
+    log_odds,
     sizes_about,
 )
 from jaxsr.diagnosis.likelihood.evidence import Prior
@@ -95,7 +95,7 @@ def width_step(
     for share, mode in zip(shares, modes, strict=True):
         # What one constant more costs, all widths have to pay.
         cost = np.log(mode.deviation[0] / BROAD) if mode.deviation[0] > 0.0 else np.nan
-        log = mode.log_evidence - cost + np.log(PRESENT) * (share > 0.0)
+        log = mode.log_evidence - cost + float(log_odds(share))
         steps.append(WidthStep(float(mode.change[0]), float(log - found.log_evidence)))
     likely = [s for s in steps if np.isfinite(s.gain)]
     return max(likely, key=lambda s: s.gain, default=None)

@@ -10,12 +10,15 @@ import numpy as np
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.criteria import independent_residuals
+from jaxsr.diagnosis.locating.driven import driven_lines, floor_of
 from jaxsr.diagnosis.locating.responses import Responses, surely
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
-from jaxsr.diagnosis.mechanisms.motion import MOST_OF_IT, Line, driven_lines, floor_of
+from jaxsr.diagnosis.mechanisms.motion import Line
 from jaxsr.diagnosis.mechanisms.periodic import harmonic, ripple, swing
 from jaxsr.diagnosis.mechanisms.site import Site
 
+MOST_OF_IT = 0.3
+"""Share of the residual's power that makes a broad peak a line as well."""
 PROMINENT = 10.0
 """Gain over the median of the neighbouring frequencies."""
 PERIODS = 150

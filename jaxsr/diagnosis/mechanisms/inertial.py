@@ -30,7 +30,7 @@ def inertial(site: Site) -> Iterator[Candidate]:
         "A constant force or offset acts along {site}.",
         terms=((v, "+ {F0}"),),
     )
-    if site.turning:
+    if site.may_turn:
         yield Candidate(
             "gravity",
             "inertial",

@@ -6,23 +6,14 @@ The inner constants of mechanisms (frequencies, periods, places in time) are see
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from jaxsr._deadline import ask
 
-PROMINENT = 20.0
-"""Power of a spectral line over the median of its neighbours. The largest of 1000 lines of white
-noise reaches ln(1000)/ln(2) = 10."""
-NEIGHBOURS = 61
-"""Points of the grid, four to a resolved line, over which the median is taken."""
-MOST_OF_IT = 0.3
-"""Share of the residual's power that makes a broad peak a line as well."""
 MOST_FREQUENCIES = 1500
-HARMONICS = 7
 Columns = Callable[[float], np.ndarray]
 """A constant to signals of shape (samples, columns)."""
 
@@ -70,8 +61,6 @@ class Motion:
         State to what re-calibration leaves of its equation, shape (its rows,).
     basis : mapping
         State to orthonormal columns that re-calibration can reproduce, shape (its rows, columns).
-    inputs : mapping
-        Input to its weak rows, shape (rows,).
     """
 
     signals: Mapping[str, np.ndarray]
@@ -82,7 +71,6 @@ class Motion:
     spacing: float
     residual: Mapping[str, np.ndarray]
     basis: Mapping[str, np.ndarray]
-    inputs: Mapping[str, np.ndarray] = field(default_factory=dict)
     rows: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def of(self, state: str, rows: np.ndarray) -> np.ndarray:
@@ -109,15 +97,17 @@ class Motion:
         return np.where(seen, (a.T @ y) ** 2 / np.where(seen, size, 1.0), 0.0) / (y @ y + 1e-300)
 
     def lines(self, state: str, pair: Columns, grid: np.ndarray, most: int = 2) -> list[Line]:
-        """Return the prominent peaks over a grid of constants, the highest first."""
+        """Return the peaks over a grid of constants, the highest first."""
         if grid.size < 8 or state not in self.residual:
             return []
         power = np.array([self.share(state, pair(c))[0] for c in grid])
-        return self._peaks(state, pair, grid, power, most, PROMINENT / 2.0, MOST_OF_IT)
+        return self._peaks(state, pair, grid, power, most)
 
     def frequencies(self, state: str, most: int = 2) -> list[Line]:
-        """Return the spectral lines of a residual that no input brings, in rad/s.
+        """Return the highest peaks of a residual's spectrum, in rad/s.
 
+        Whether they are more than noise, or brought by an input, the evidence tells: in a short
+        recording no line stands out from its neighbours.
         The strongest line of another residual counts as well, where it is none of these: what
         pushes one coordinate shows in the equations of those that it moves.
         """
@@ -147,14 +137,12 @@ class Motion:
         # From two periods in the record on: a slower one is a drift.
         grid = np.linspace(4.0 * np.pi / span, top, _count(span * top / np.pi))
         power = np.abs(np.exp(-1j * np.outer(grid, centre)) @ (y - y.mean())) ** 2
-        driven = driven_lines(grid, span, centre, [self.of(state, u) for u in self.inputs.values()])
-        power = np.where(driven, floor_of(power), power)
         t = self.signals["t"]
 
         def pair(w: float) -> np.ndarray:
             return np.stack([np.sin(w * t), np.cos(w * t)], axis=1)
 
-        return self._peaks(state, pair, grid, power, most, PROMINENT)
+        return self._peaks(state, pair, grid, power, most)
 
     def _peaks(
         self,
@@ -163,14 +151,8 @@ class Motion:
         grid: np.ndarray,
         power: np.ndarray,
         most: int,
-        prominent: float,
-        enough: float = np.inf,
     ) -> list[Line]:
         inner = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
-        # What re-calibration leaves is coloured: a line stands out from its neighbours.
-        floor = floor_of(power)
-        least = prominent * np.maximum(floor[inner], 1e-12 * power.max())
-        inner = inner[(power[inner] > least) | (power[inner] > enough)]
         found = []
         for i in inner[np.argsort(-power[inner])][:most]:
             near = np.linspace(grid[i - 1], grid[i + 1], 9)
@@ -179,32 +161,6 @@ class Motion:
             share, (a, b) = fits[best][0], fits[best][1][:2]
             found.append(Line(float(near[best]), float(np.arctan2(b, a)), share))
         return [line for line in found if line.share > 0.01]
-
-
-def driven_lines(
-    grid: np.ndarray, span: float, time: np.ndarray, inputs: Iterable[np.ndarray]
-) -> np.ndarray:
-    """Return where on a grid of frequencies an input has a line; for a pure tone, its harmonics.
-
-    A nonlinearity turns one tone into its harmonics, and errors of the weak view leave a little
-    of every tone.
-    """
-    mask, width = np.zeros(grid.size, bool), 3.0 * np.pi / span
-    for u in inputs:
-        power = np.abs(np.exp(-1j * np.outer(grid, time)) @ (u - u.mean())) ** 2
-        top = power.max(initial=0.0)
-        lines = np.flatnonzero((power > PROMINENT * floor_of(power)) & (power > 1e-2 * top))
-        near = np.abs(grid - grid[np.argmax(power)]) < width
-        pure = power[near].sum() > 0.8 * power.sum() > 0.0
-        for tone in grid[lines]:
-            for k in range(1, HARMONICS + 1 if pure else 2):
-                mask |= np.abs(grid - k * tone) < width
-    return mask
-
-
-def floor_of(power: np.ndarray) -> np.ndarray:
-    """Median of the neighbours on the grid."""
-    return median_filter(power, min(NEIGHBOURS, power.size), mode="nearest")
 
 
 def _count(wanted: float) -> int:

@@ -82,16 +82,13 @@ def _shape(name: str, unit: str | None, line: Line) -> tuple[ParameterSpec, Para
 
 
 def _pushes(site: Site) -> list[Line] | tuple[Line, ...]:
-    """Frequencies of a push in time: only those of a spectral line that no input brings.
-
-    Without a line, a sine of free frequency and phase fits slow drifts and single events.
-    """
+    """Frequencies of a push in time: those of spectral peaks."""
     return _GENERIC if site.motion is None else site.motion.frequencies(site.state)
 
 
 def _ripples(site: Site) -> list[Line] | tuple[Line, ...]:
     """Wave numbers along a turning coordinate or a drive, where poles, teeth and screws repeat."""
-    if not (site.turning or site.driven):
+    if not (site.may_turn or site.driven):
         return ()
     path = site.signal(site.position)
     if site.motion is None or path is None:

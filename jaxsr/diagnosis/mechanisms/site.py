@@ -65,6 +65,11 @@ class Site:
     motion: Motion | None = None
 
     @property
+    def may_turn(self) -> bool:
+        """Whether the position is an angle, or has no unit that says that it is none."""
+        return self.turning or (self.position is not None and self.position not in self.model.units)
+
+    @property
     def name(self) -> str:
         """Name in a diagnosis."""
         return f"equation:{self.state}"

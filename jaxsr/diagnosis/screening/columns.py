@@ -75,7 +75,6 @@ def motion_of(columns: WeakColumns, system: WeakSystem) -> Motion:
         residual=residual,
         basis=basis,
         rows=rows_of,
-        inputs={u: grid.integrate(signals[u]) for u in model.inputs},
     )
 
 
