@@ -11,7 +11,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxsr._deadline import OutOfTime, limited
 from jaxsr.diagnosis.contest.arena import Arena, build_arena
 from jaxsr.diagnosis.contest.blocks import column_sizes
 from jaxsr.diagnosis.contest.converters import converters_in, correlated
@@ -163,12 +162,7 @@ def _told(
     for chunk in every:
         if stop():
             return
-        try:
-            with limited(stop):
-                items = prepared_chunk(whole, chunk)
-        except OutOfTime:
-            return
-        place = own.arena(items)
+        place = own.arena(prepared_chunk(whole, chunk))
         entry = enter(place, own.members, own.theta, None, stop, ITERATIONS)
         yield chunk, _of(place, entry, own, parts)
 
