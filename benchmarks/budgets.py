@@ -7,7 +7,8 @@ Chains of masses, springs and dampers, sampled 1,000 to 1,000,000 times; `discov
 equations, `diagnose` what a model without the dry friction of the last mass has left out. Every
 case is a process of its own, as a user starts it; the stages that it tells of on its standard
 error say where its time goes. A budget holds where the whole command, start and report included,
-takes at most 1.1 times as long. Results: ``results/budgets.json``, written anew after every case.
+takes at most 1.1 times as long. Results: ``results/budgets.json``, written after every case; rows
+of other cases stay, each with the commit that it was measured on.
 --clock processor: budgets and times are of processor time (`jaxsr._clock`), so that the table can
 be made beside other work, and the loads are one.
 --quick: small cases at one budget, no file, on processor time; fails where a command does or takes
@@ -19,19 +20,20 @@ from __future__ import annotations
 import argparse
 import contextlib
 import itertools
+import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.chains import write_case
-from benchmarks.provenance import write
+from benchmarks.provenance import RESULTS, engine, write
 
 BUDGETS = (5.0, 20.0, 60.0)
 SAMPLES = (1_000, 10_000, 100_000, 1_000_000)
@@ -129,6 +131,19 @@ def run(case: Case, folder: Path) -> Outcome:
     )
 
 
+def kept(measured: Sequence[Case]) -> list[tuple[Case, Outcome, str]]:
+    """Return the rows of the result that are of other cases, with their commits."""
+    path = RESULTS / "budgets.json"
+    rows = json.loads(path.read_text(encoding="utf-8"))["cases"] if path.is_file() else []
+    found = []
+    for row in rows:
+        case = Case(**{name: row[name] for name in Case.__dataclass_fields__})
+        out = Outcome(**{name: row[name] for name in Outcome.__dataclass_fields__})
+        if case not in measured:
+            found.append((case, out, row.get("engine", "")))
+    return found
+
+
 def _kind(text: str) -> str:
     """Return a stage without the names in it: "equation of v3" is one with "equation of v1"."""
     words = text.strip().split(" of ")
@@ -202,19 +217,21 @@ def summary(rows: Sequence[tuple[Case, Outcome]]) -> dict[str, object]:
 def measured(cases: Sequence[Case], keep: bool) -> list[tuple[Case, Outcome]]:
     """Run cases one after the other, and print each as it ends."""
     rows: list[tuple[Case, Outcome]] = []
+    commit = engine()
     for case in cases:
         with tempfile.TemporaryDirectory() as folder, busy(case.load):
             rows.append((case, run(case, Path(folder))))
         lines = table(rows).splitlines()
         print("\n".join(lines if len(rows) == 1 else lines[-1:]), flush=True)
         if keep:
+            own = [(c, o, commit) for c, o in rows]
+            every = sorted(kept([c for c, _ in rows]) + own, key=lambda row: astuple(row[0]))
             body = {
                 "held_at": HOLDS,
-                "summary": summary(rows),
-                "cases": [{**asdict(c), **asdict(o)} for c, o in rows],
+                "summary": summary([(c, o) for c, o, _ in every]),
+                "cases": [{**asdict(c), **asdict(o), "engine": e} for c, o, e in every],
             }
-            title = f"{case.clock} time against the budget, chains of masses"
-            write("budgets", title, [0], body)
+            write("budgets", "time against the budget, chains of masses", [0], body)
     return rows
 
 

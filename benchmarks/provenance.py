@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import jaxsr
 from jaxsr._files import atomic_write_text, dump_json
 
+ROOT = Path(__file__).resolve().parents[1]
 RESULTS = Path(__file__).parent / "results"
 _PACKAGES = ("jax", "numpy", "scipy", "sympy", "pyoperon", "pysindy")
 
@@ -30,6 +32,13 @@ def versions() -> dict[str, str]:
 def machine() -> str:
     """Return processor, system and number of cores in a line."""
     return f"{platform.machine()}, {platform.system()}, {os.cpu_count()} cores"
+
+
+def engine() -> str:
+    """Return the commit of the code that runs, or "" where there is none."""
+    words = ["git", "-C", str(ROOT), "log", "-1", "--format=%h", "--", "jaxsr"]
+    done = subprocess.run(words, capture_output=True, text=True)
+    return done.stdout.strip()
 
 
 def origin_of(seed: int) -> dict[str, Any]:

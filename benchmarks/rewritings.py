@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.model_writings import DATASETS, WAYS, rewriting
-from benchmarks.provenance import RESULTS, write
+from benchmarks.provenance import RESULTS, engine, write
 from jaxsr.datasets import fetch
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -168,13 +168,6 @@ def kept(budget: float, engine: str) -> dict[str, dict[str, Any]]:
     if (document.get("engine"), document.get("budget")) != (engine, budget):
         return {}
     return document["runs"]
-
-
-def engine() -> str:
-    """Return the commit of the code that runs, or "" where there is none."""
-    words = ["git", "-C", str(ROOT), "log", "-1", "--format=%h", "--", "jaxsr"]
-    done = subprocess.run(words, capture_output=True, text=True)
-    return done.stdout.strip()
 
 
 def main() -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import os
 import shutil
 import tempfile
@@ -82,12 +83,21 @@ def locked(folder: Path) -> Iterator[None]:
                 os.close(held)
 
 
-def sweep(folder: Path) -> None:
-    """Remove from `folder` the unfinished files of processes that are dead."""
+def sweep(folder: Path) -> float:
+    """Remove from `folder` the unfinished files of processes that are dead.
+
+    Returns
+    -------
+    float
+        When the oldest of them was last written, in seconds since the epoch; infinity if there
+        were none.
+    """
+    oldest = math.inf
     with contextlib.suppress(OSError):
         for name in os.listdir(folder):
             if name.startswith(PREFIX) and folder / name not in _mine:
-                _remove_if_dead(folder / name)
+                oldest = min(oldest, _remove_if_dead(folder / name))
+    return oldest
 
 
 def abandon() -> bool:
@@ -196,18 +206,20 @@ def _is_same(held: int, path: Path) -> bool:
     return os.path.samestat(os.fstat(held), there)
 
 
-def _remove_if_dead(path: Path) -> None:
+def _remove_if_dead(path: Path) -> float:
+    """Remove the unfinished files of a dead process; return their time, infinity if it lives."""
     held = _open(path)
     try:
-        if held is not None and _lock(held):
+        written = path.lstat().st_mtime
+        if (held is not None and _lock(held)) or time.time() - written > _ABANDONED:
             _remove(path)
-        elif time.time() - path.lstat().st_mtime > _ABANDONED:
-            _remove(path)
+            return written
     except OSError:  # it is alive, or gone already
-        return
+        pass
     finally:
         if held is not None:
             os.close(held)
+    return math.inf
 
 
 def _remove(path: Path) -> None:

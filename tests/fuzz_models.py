@@ -1,13 +1,25 @@
-"""Hostile model files: seeded mutations of valid ones, wrong types at every key, and bombs."""
+"""Hostile model files: seeded mutations of valid ones, wrong types at every key, and bombs.
+
+``python tests/fuzz_models.py FIRST LAST`` reads the files of these seeds one after the other in
+one process and prints a JSON line for each that is not as it should be, then one of totals.
+"""
 
 from __future__ import annotations
 
 import copy
+import json
+import resource
+import signal
+import sys
+import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from hostile_values import EXPRESSIONS, KEYS, NUMBERS, OTHERS, RAW, UNITS, Raw
+from hostile_values import EXPRESSIONS, KEYS, LONG, NUMBERS, OTHERS, RAW, UNITS, Raw
+
+SECONDS = 2.0
 
 EVERYTHING: dict[str, Any] = {
     "model": {
@@ -258,3 +270,60 @@ def wrong_types() -> Iterator[tuple[tuple, str]]:
                 holder = holder[key]
             holder[path[-1]] = value
             yield path, toml(document)
+
+
+@contextmanager
+def at_most(seconds: float) -> Iterator[None]:
+    """Fail what takes more processor time, and end what would never end."""
+
+    def end(*_: Any) -> None:
+        raise TimeoutError(f"no end after {5 * seconds} s")
+
+    old = signal.signal(signal.SIGVTALRM, end)
+    signal.setitimer(signal.ITIMER_VIRTUAL, 5 * seconds)
+    began = time.process_time()
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        signal.signal(signal.SIGVTALRM, old)
+    assert time.process_time() - began < seconds
+
+
+def outcome(text: str) -> str:
+    """Read a file and demand what every file must give; return the error's message."""
+    from jaxsr._result import InputError
+    from jaxsr.models import model_text, parse_model
+
+    with at_most(SECONDS):
+        try:
+            model = parse_model(text, "m.toml")
+        except InputError as error:
+            message = str(error)
+            assert message.startswith("m.toml") and message.isprintable(), message
+            assert len(message) < 500 and LONG[:81] not in message, message
+            assert error.what
+            return message
+    assert parse_model(model_text(model), "m.toml") == model
+    return ""
+
+
+def main(first: int, last: int) -> None:
+    """Read the files of these seeds and report."""
+    import jaxsr.models  # noqa: F401  (what loads it is not the first file's time)
+
+    worst = 0.0
+    for seed in range(first, last):
+        began = time.process_time()
+        try:
+            outcome(hostile(seed))
+        except Exception as error:
+            wrong = f"{type(error).__name__}: {str(error)[:200]}"
+            print(json.dumps({"case": seed, "wrong": wrong}), flush=True)
+        worst = max(worst, time.process_time() - began)
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    print(json.dumps({"seconds": worst, "megabytes": most}))
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]))

@@ -99,3 +99,9 @@ def test_a_sensor_without_any_error_changes_nothing() -> None:
     beside = [fitted(y, columns) for columns in (known, both)]
     assert np.all(beside[1].residual[1] == 0.0)
     assert likelihood_ratio(*beside) == pytest.approx(likelihood_ratio(*alone), rel=1e-6)
+
+
+def test_where_nothing_was_followed_nothing_is_told_apart() -> None:
+    """Time may end before any reading was followed: every residual is then absent."""
+    none = np.zeros((2, SAMPLES, SEGMENTS))
+    assert likelihood_ratio(fitted(none, waves(0.3)), fitted(none, waves(0.3))) == 0.0

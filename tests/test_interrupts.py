@@ -88,7 +88,7 @@ def started(
     return subprocess.Popen(
         [sys.executable, "-c", program, *argv],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": str(ROOT), "JAXSR_CLOCK": "wall"},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

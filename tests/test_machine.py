@@ -1,5 +1,6 @@
 """The scheduled register machine: what it computes, what it shares, how often it is compiled."""
 
+import os
 import subprocess
 import sys
 
@@ -308,6 +309,33 @@ def test_code_that_is_no_expression_is_refused():
     several = type(batch)(broken, batch.operand, batch.constants, NAMES)
     with pytest.raises(ValueError, match="several"):
         Engine(several).columns(np.zeros((3, 4)))
+
+
+_COMPILES = """
+import os, signal, sys
+from jaxsr.evaluation import keep_compiled
+folder = keep_compiled(sys.argv[1])
+for name in sys.argv[3:]:
+    (folder / name).write_bytes(b"half of it")
+if sys.argv[2] == "killed":
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_run_compiled_is_not_believed(tmp_path):
+    """An entry whose writing was cut off would warn, and be compiled, in all runs to come."""
+
+    def left(*words):
+        subprocess.run([sys.executable, "-c", _COMPILES, str(tmp_path), *words], check=False)
+        return sorted(path.name for path in tmp_path.iterdir())
+
+    before, after = "jit_f-0123-cache", "jit_g-4567-cache"
+    assert left("whole", before) == [before]
+    os.utime(tmp_path / before, (1e9, 1e9))
+    assert len(left("killed", after)) == 3  # with the mark of the dead run
+    assert left("whole") == [before]
+    assert left("whole", after) == [before, after]
+    assert left("whole") == [before, after]
 
 
 _PROCESS = """

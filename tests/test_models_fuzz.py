@@ -2,56 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
-import signal
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
-from fuzz_models import VALID, hostile, toml, wrong_types
-from hostile_values import LONG
+from fuzz_models import VALID, hostile, outcome, toml, wrong_types
 
-from jaxsr._result import InputError
-from jaxsr.models import model_text, parse_model
+SCRIPT = Path(__file__).with_name("fuzz_models.py")
 
-SECONDS = 2.0
 COUNT = int(os.environ.get("JAXSR_FUZZ", "4000"))
 """Files of the long run; 20,000 take some minutes."""
-
-
-@contextmanager
-def at_most(seconds: float) -> Iterator[None]:
-    """Fail what takes more processor time, and end what would never end."""
-
-    def end(*_: Any) -> None:
-        raise TimeoutError(f"no end after {5 * seconds} s")
-
-    old = signal.signal(signal.SIGVTALRM, end)
-    signal.setitimer(signal.ITIMER_VIRTUAL, 5 * seconds)
-    began = time.process_time()
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
-        signal.signal(signal.SIGVTALRM, old)
-    assert time.process_time() - began < seconds
-
-
-def outcome(text: str) -> str:
-    """Read a file and demand what every file must give; return the error's message."""
-    with at_most(SECONDS):
-        try:
-            model = parse_model(text, "m.toml")
-        except InputError as error:
-            message = str(error)
-            assert message.startswith("m.toml") and message.isprintable(), message
-            assert len(message) < 500 and LONG[:81] not in message, message
-            assert error.what
-            return message
-    assert parse_model(model_text(model), "m.toml") == model
-    return ""
 
 
 def run(seeds: range) -> int:
@@ -83,6 +46,14 @@ def test_every_wrong_type_at_every_key() -> None:
             error.add_note(f"at {path}")
             raise
     assert refused > 500
+
+
+def test_the_script_tells_what_is_wrong_and_what_it_cost() -> None:
+    done = subprocess.run(
+        [sys.executable, str(SCRIPT), "0", "20"], capture_output=True, text=True, check=True
+    )
+    *wrong, totals = map(json.loads, done.stdout.splitlines())
+    assert wrong == [] and 0.0 < totals["seconds"] < 10.0 and 0.0 < totals["megabytes"] < 500.0
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 import os
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +84,24 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     assert path.read_text() == "old"
     with pytest.raises(InputError):
         write_csv(recording, tmp_path / "missing" / "x.csv", time="time")
+    assert os.listdir(tmp_path) == ["x.csv"]
+
+
+KILLED = """
+import os, signal, sys
+import numpy as np
+from jaxsr.recordings import Recording, write_csv
+os.replace = lambda *paths: os.kill(os.getpid(), signal.SIGKILL)
+write_csv(Recording("x", np.arange(3.0), {"q": np.ones(3)}), sys.argv[1])
+"""
+
+
+def test_a_killed_write_leaves_no_litter_after_the_next(tmp_path):
+    path = tmp_path / "x.csv"
+    path.write_text("old")
+    subprocess.run([sys.executable, "-c", KILLED, str(path)], check=False)
+    assert path.read_text() == "old" and len(os.listdir(tmp_path)) == 2
+    write_csv(Recording("x", TIME, {"q": Q}), path)
     assert os.listdir(tmp_path) == ["x.csv"]
 
 

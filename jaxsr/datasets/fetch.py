@@ -8,7 +8,6 @@ import importlib.resources
 import logging
 import os
 import shutil
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import pooch
 
 from jaxsr._files import atomic_write_text
 from jaxsr._result import InputError
+from jaxsr._staging import staging_folder, sweep
 from jaxsr.datasets import (
     bam_xl330,
     cascaded_tanks,
@@ -223,8 +223,8 @@ def _write(
     """Build all files in a folder beside the target, then move each into place."""
     target.mkdir(parents=True, exist_ok=True)
     parent = target.resolve().parent
-    with tempfile.TemporaryDirectory(dir=parent, prefix=f".{target.name}-") as scratch:
-        built = Path(scratch)
+    sweep(parent)
+    with staging_folder(parent) as built:
         for file_name, table in tables.items():
             table.to_csv(built / file_name, index=False, lineterminator="\n")
         texts = {**_packaged_models(dataset), **further}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from pathlib import Path
 
 import pandas as pd
 
 from jaxsr._result import InputError
+from jaxsr._staging import placing, staging_file, sweep
 from jaxsr.recordings.recording import Recording
 
 
@@ -33,19 +33,15 @@ def write_csv(recording: Recording, path: str | os.PathLike[str], time: str = "t
         raise InputError(f"a channel is named '{time}' like the time column", recording.name)
     # repr of a float64 is the shortest text that reads back to the same number
     table = pd.DataFrame({time: recording.time, **recording.channels})
-    temporary = None
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "w", newline="", encoding="utf-8") as stream:
-            table.to_csv(stream, index=False, lineterminator="\n")
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-        temporary = None
+        sweep(path.parent)
+        with staging_file(path.parent) as temporary:
+            table.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8")
+            os.chmod(temporary, 0o666 & ~_umask())
+            with placing():
+                os.replace(temporary, path)
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}", str(path)) from error
-    finally:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
 
 
 def _umask() -> int:

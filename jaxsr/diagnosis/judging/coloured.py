@@ -21,6 +21,8 @@ def likelihood_ratio(null: Fit, chosen: Fit) -> float:
     Ljung, System Identification (1999), section 7.4 (maximum likelihood, coloured noise).
     """
     seen = chosen.residual != 0.0
+    if not seen.any():  # no reading was followed before time ended: nothing tells them apart
+        return 0.0
     noise = [Autoregression.of(r, s) for r, s in zip(chosen.residual, seen, strict=True)]
 
     def whitened(a: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr._staging import staging_folder, sweep
 from jaxsr.models.formats.attributes import Attributes
 from jaxsr.models.formats.callback import Callback, callback_text
 from jaxsr.models.formats.moved_files import edited_files
@@ -80,11 +81,13 @@ def _from_urdf(
     plant: Plant, given: Model, explained: Model, findings: Sequence[Finding], folder: Path
 ) -> WrittenBack:
     """Write damping and friction into the URDF too, and everything into the MJCF made of it."""
-    with tempfile.TemporaryDirectory() as home:
-        path = Path(home) / plant.path.name
+    temporary = Path(tempfile.gettempdir())
+    sweep(temporary)
+    with staging_folder(temporary) as home:
+        path = home / plant.path.name
         path.write_text(plant.mjcf, encoding="utf-8")
         as_mjcf = replace(plant, path=path, mjcf="")
-        back = write_back(as_mjcf, given, explained, findings, Path(home))
+        back = write_back(as_mjcf, given, explained, findings, home)
         (path.parent / XML).write_text(back.files[XML], encoding="utf-8")
         m = mujoco().MjModel.from_xml_path(str(path.parent / XML))
     changed = {}
