@@ -169,7 +169,7 @@ def test_a_search_that_time_ends_amid_a_step_has_not_looked_at_everything(
 def test_a_latent_force_as_large_as_the_net_force_is_improbable_beforehand() -> None:
     none, small, net, twice = log_odds(np.array([0.0, 1e-6, 1.0, 2.0]))
     assert none == 0.0
-    assert np.exp(small) == pytest.approx(1.0 / 28.0, rel=1e-5)
+    assert np.exp(small) == pytest.approx(1.0 / 7.0, rel=1e-5)
     assert np.exp(net - small) == pytest.approx(0.05, rel=1e-5)
     assert net - twice == pytest.approx(small - net, rel=1e-5)
     assert not sizes_about(0.0, np.zeros(1)).any()
@@ -193,7 +193,7 @@ def test_what_would_lead_is_followed_until_it_rests_or_gains_no_more(
     monkeypatch: pytest.MonkeyPatch, passes: list[tuple[float, bool]], kept: float
 ) -> None:
     """What rests has less evidence than was promised, and stands; what is behind is left."""
-    candidate = SimpleNamespace(label="drag@v", physical=None)
+    candidate = SimpleNamespace(label="drag@v", physical=None, tried=1)
     every = SimpleNamespace(candidates=(candidate, candidate))
     work: Any = SimpleNamespace(super_model=every, stop=lambda: False)
     null, made = found(10.0, True), iter(passes)
@@ -217,7 +217,9 @@ def test_of_two_estimates_alike_the_one_at_rest_stands() -> None:
 
 def test_what_there_was_no_time_for_was_not_asked_about(monkeypatch: pytest.MonkeyPatch) -> None:
     labels = ("drag@v", "spring@v", "lag@u")
-    every = SimpleNamespace(candidates=[SimpleNamespace(label=x, physical=None) for x in labels])
+    every = SimpleNamespace(
+        candidates=[SimpleNamespace(label=x, physical=None, tried=1) for x in labels]
+    )
     over = iter([False, False, True, True])  # asked once a proposal
     work: Any = SimpleNamespace(super_model=every, stop=lambda: next(over), prepared=(), rows=())
     null, table = found(10.0, True), None

@@ -23,7 +23,7 @@ def known(members: tuple[int, ...], log: float, share: float, settled: bool) -> 
 
 
 def leader(*found: Hypothesis) -> tuple[int, ...]:
-    candidates = [SimpleNamespace(physical=None, label=str(i)) for i in range(3)]
+    candidates = [SimpleNamespace(physical=None, label=str(i), tried=1) for i in range(3)]
     work: Any = SimpleNamespace(super_model=SimpleNamespace(candidates=candidates))
     return State(work, {h.members: h for h in found}).leader.members
 

@@ -40,4 +40,8 @@ def test_a_push_of_three_periods_is_offered() -> None:
     short = Motion(
         {"t": time}, ("run",), np.array([0, 180]), lambda x: x, time, 0.015, {"v": push}, none
     )
-    assert short.frequencies("v")[0].value == pytest.approx(FREQUENCY, rel=0.05)
+    line = short.frequencies("v")[0]
+    assert line.value == pytest.approx(FREQUENCY, rel=0.05)
+    # from two periods in the record to a half at the spacing, in ranges from w/1.5 to 1.5 w
+    low, top = 4.0 * np.pi / 2.7, np.pi / 0.03
+    assert line.among == np.ceil(np.log(top / low) / np.log(2.25))

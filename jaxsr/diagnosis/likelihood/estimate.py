@@ -27,10 +27,11 @@ BEHIND, CATCHING = 12.0, 0.25
 what is missing that a step has to gain where that much is missing."""
 LOUDEST = 4.0
 """Variance of a sensor's noise in that which neighbouring samples tell: more is not its noise."""
-PRESENT, BEYOND = 1.0 / 28.0, 0.05
-"""Prior odds of a small latent force of one size and one time against none, as seven sizes and four
-times share even odds, and what is left of them at the size of the net force: they fall
-exponentially (Simpson et al. 2017, Stat. Sci. 32, section 3.3)."""
+PRESENT, BEYOND = 1.0 / 7.0, 0.05
+"""Prior odds of a small latent force of one size against none, as seven sizes share even odds, and
+what is left of them at the size of the net force: they fall exponentially (Simpson et al. 2017,
+Stat. Sci. 32, section 3.3). The times that it may take are not paid for: what is likeliest among
+them stands for several."""
 ROOM = 2e7
 """Numbers of innovations and their derivatives that are held at once."""
 WORSE, FIRM = 1.0, 4

@@ -61,7 +61,15 @@ class State:
         """Log of evidence times prior odds: every mechanism is one of all that were offered."""
         if not believable(self.work, found) or self._owing(found):
             return -np.inf
-        return found.log_evidence - len(found.members) * np.log(self.offered)
+        return found.log_evidence - self.price(found.members)
+
+    def price(self, members: Members) -> float:
+        """Log prior odds against a set: of each member, and of the place where it was looked for.
+
+        A push or a frequency was picked among many before its constants were believed nearby.
+        """
+        tried = (self.work.super_model.candidates[i].tried for i in members)
+        return float(len(members) * np.log(self.offered) + sum(map(np.log, tried)))
 
     def _owing(self, found: Hypothesis) -> bool:
         """Whether an estimate did not come to rest where one with no more members left nothing.
@@ -77,7 +85,7 @@ class State:
     def needed(self, known: dict[Members, Hypothesis | None], members: Members) -> float:
         """Log evidence that would make a set the most probable of those known."""
         most = max(self.log_posterior(h) for h in known.values() if h is not None)
-        return most + len(members) * np.log(self.offered)
+        return most + self.price(members)
 
     @property
     def offered(self) -> int:
@@ -159,6 +167,7 @@ def step(state: State, table: Table) -> State:
     plain, others = _additions(state, here, leader)
     proposed = [(*leader.members, i) for i in (*plain[:TRIED], *others)]
     proposed += pairs(every, here, leader.members, PAIRED, PROMISING + size)
+    forced = np.inf
     while proposed:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
         known, due = _estimated(state, table, leader, proposed)
@@ -166,6 +175,10 @@ def step(state: State, table: Table) -> State:
         if work.stop():
             return state
         if leader.share == 0.0 or state.leader.share < leader.share:
+            break
+        if forced == np.inf:
+            forced = odds_of_force(work, leader)
+        if forced < PROMISING:
             break
         # None accounts for any of the force that is missing: others are asked as well.
         plain = plain[TRIED:]
@@ -205,6 +218,14 @@ def _estimated(
             found = further
         known[members] = better(before, found)
     return known, tuple(due)
+
+
+def odds_of_force(work: Workspace, found: Hypothesis) -> float:
+    """Return the log odds of the latent force beside a set, against the set without any."""
+    table = tabled(work, found.theta, found.path, found.noise, found.decay)
+    calm = replace(table, scales=replace(table.scales, shares=np.zeros(1)))
+    alone = hypothesis(work, calm, found.members, found)
+    return np.inf if alone is None else found.log_evidence - alone.log_evidence
 
 
 def better(before: Hypothesis | None, after: Hypothesis | None) -> Hypothesis | None:

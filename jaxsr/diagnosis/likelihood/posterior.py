@@ -10,8 +10,8 @@ from scipy.special import expit
 
 from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.evidence import Mode, Prior
-from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
-from jaxsr.diagnosis.likelihood.loop import MOST_MEMBERS, State, search
+from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.loop import MOST_MEMBERS, State, odds_of_force, search
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.table import tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
@@ -188,7 +188,7 @@ def posterior_along(
         return None
     found = Posterior.of(state)
     if found.leader.share and found.finished:
-        found = replace(found, something_else=_something_else(work, found.leader))
+        found = replace(found, something_else=float(expit(odds_of_force(work, found.leader))))
     if found.leader.members:
         return found
     return replace(found, wrong=wrong_values(state.work, null))
@@ -209,11 +209,3 @@ def _asked(state: State) -> frozenset[str]:
         due = frozenset().union(*map(labels, state.due))
         return labels(range(len(every))) - (due - labels(leader))
     return frozenset().union(*(labels(m) for m, h in state.known.items() if h is not None))
-
-
-def _something_else(work: Workspace, leader: Hypothesis) -> float:
-    """Return the probability of the latent force beside a set, against the set without any."""
-    table = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
-    calm = replace(table, scales=replace(table.scales, shares=np.zeros(1)))
-    alone = hypothesis(work, calm, leader.members, leader)
-    return 1.0 if alone is None else float(expit(leader.log_evidence - alone.log_evidence))

@@ -14,6 +14,8 @@ import numpy as np
 from jaxsr._deadline import ask
 
 MOST_FREQUENCIES = 1500
+WITHIN = 1.5
+"""Factor within which a constant is estimated about its line."""
 Columns = Callable[[float], np.ndarray]
 """A constant to signals of shape (samples, columns)."""
 
@@ -30,11 +32,14 @@ class Line:
         atan2(b, a).
     share : float
         Share of the residual's power that the pair removes.
+    among : int
+        Ranges as wide as that within which it is estimated, among which it was picked.
     """
 
     value: float
     phase: float
     share: float
+    among: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +125,7 @@ class Motion:
             return own
         pair = np.stack([np.sin(best.value * t), np.cos(best.value * t)], axis=1)
         share, (a, b) = self.share(state, pair)
-        return [*own, Line(best.value, float(np.arctan2(b, a)), share)]
+        return [*own, Line(best.value, float(np.arctan2(b, a)), share, best.among)]
 
     @functools.cached_property
     def _spectra(self) -> dict[str, list[Line]]:
@@ -152,6 +157,7 @@ class Motion:
         power: np.ndarray,
         most: int,
     ) -> list[Line]:
+        among = max(int(np.ceil(np.log(grid[-1] / grid[0]) / np.log(WITHIN**2))), 1)
         inner = np.flatnonzero((power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])) + 1
         found = []
         for i in inner[np.argsort(-power[inner])][:most]:
@@ -159,7 +165,7 @@ class Motion:
             fits = [self.share(state, pair(c)) for c in near]
             best = int(np.argmax([share for share, _ in fits]))
             share, (a, b) = fits[best][0], fits[best][1][:2]
-            found.append(Line(float(near[best]), float(np.arctan2(b, a)), share))
+            found.append(Line(float(near[best]), float(np.arctan2(b, a)), share, among))
         return [line for line in found if line.share > 0.01]
 
 

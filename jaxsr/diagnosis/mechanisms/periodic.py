@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.dissipative import wave_numbers
-from jaxsr.diagnosis.mechanisms.motion import Line
+from jaxsr.diagnosis.mechanisms.motion import WITHIN, Line
 from jaxsr.diagnosis.mechanisms.site import Site, inverse_unit
 
 _GENERIC = (Line(1.0, 0.25 * np.pi, 1.0),)
@@ -19,13 +19,13 @@ _PHASE = 10.0
 def periodic(site: Site) -> Iterator[Candidate]:
     """Yield forces in time, along the path, and a spring whose stiffness swings."""
     for line in _pushes(site):
-        yield harmonic(site, line)
+        yield harmonic(site, line, line.among)
     if site.position is None:
         return
     for line in _ripples(site):
-        yield ripple(site, line)
+        yield ripple(site, line, line.among)
     for line in _swings(site):
-        yield swing(site, line)
+        yield swing(site, line, line.among)
 
 
 def harmonic(site: Site, line: Line, tried: int = 1) -> Candidate:
@@ -76,7 +76,7 @@ def swing(site: Site, line: Line, tried: int = 1) -> Candidate:
 def _shape(name: str, unit: str | None, line: Line) -> tuple[ParameterSpec, ParameterSpec]:
     """Wave number or frequency, within a third of the line, and the phase."""
     return (
-        ParameterSpec(name, unit, line.value / 1.5, 1.5 * line.value, line.value, False),
+        ParameterSpec(name, unit, line.value / WITHIN, WITHIN * line.value, line.value, False),
         ParameterSpec("phi", "rad", -_PHASE, _PHASE, line.phase, False),
     )
 
