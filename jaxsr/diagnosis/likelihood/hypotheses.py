@@ -200,7 +200,9 @@ class _Begun:
             fine = replace(follow, width=width) if self.sharp else follow
             after = at_its_mode(problem, self.sharp, at_mode.theta, at_mode.path, fine, anew)
             if after is not None and after[1].log_evidence > at_mode.log_evidence:
-                return after[1], after[2], anew
+                # About a path that is at rest beside one noise, time that ends is no doubt.
+                rests = after[1].settled or (at_mode.settled and follow.stop())
+                return replace(after[1], settled=rests), after[2], anew
         return at_mode, width, scales
 
     def told(self, found: Estimate, width: float, scales: Scales) -> Hypothesis:
