@@ -116,7 +116,10 @@ def _edited(
     plain: Recording,
 ) -> tuple[dict[str, float], dict[str, float], Recording]:
     """Draw constants of an edit until its motion stays within bounds, and record it."""
-    numbers = [i for i, c in enumerate(before.candidates) if c.label == label]
+    alike = [(i, {s.name for s in c.parameters}) for i, c in enumerate(before.candidates)]
+    alike = [(i, names) for i, names in alike if before.candidates[i].label == label]
+    # Another law of that name (presliding is a hysteresis) is not the one that is drawn.
+    numbers = [i for i, names in alike if names == alike[0][1]]
     reach = np.array([np.ptp(plain.channels["y"])] * 2) * np.array([3.0, 30.0])
     for _ in range(DRAWS):
         number = int(rng.choice(numbers))
