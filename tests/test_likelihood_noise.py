@@ -128,3 +128,21 @@ def test_a_bias_that_wanders_within_the_noise_is_no_fault_of_a_sensor(tmp_path: 
         each = zip(found.hypotheses, found.probabilities, strict=True)
         claimed += sum(p for h, p in each if not h.members) < 0.05
     assert claimed <= 1
+
+
+def test_a_memory_whose_steps_run_away_has_no_evidence(tmp_path: Path) -> None:
+    """Presliding far stiffer than the samples: its derivatives are no numbers, and were zero."""
+    file = tmp_path / "spring.toml"
+    file.write_text(SPRING)
+    model = jaxsr.Simulator.from_file(file).model
+    course = followed(model, prepare(model, swings(tmp_path, 1)))
+    assert course is not None
+    super_model = SuperModel.build(model, offered(model, course, ()))
+    work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise)
+    state, table = begun(work, course.null)
+    null = state.known[()]
+    every = enumerate(super_model.candidates)
+    stiff = [i for i, c in every if c.mechanism == "hysteresis" and c.parameters[1].neutral > 1e3]
+    assert null is not None and stiff
+    for found in (hypothesis(work, table, (i,), null) for i in stiff):
+        assert found is None or found.log_evidence < null.log_evidence

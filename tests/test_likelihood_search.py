@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -222,11 +222,11 @@ def test_what_there_was_no_time_for_was_not_asked_about(monkeypatch: pytest.Monk
     )
     over = iter([False, False, True, True])  # asked once a proposal
     work: Any = SimpleNamespace(super_model=every, stop=lambda: next(over), prepared=(), rows=())
-    null, table = found(10.0, True), None
+    null, table = found(10.0, True), cast(Any, None)
     state = loop.State(work, {(): null})
     monkeypatch.setattr(loop, "hypothesis", lambda w, t, m, *_: found(0.0, True, members=m))
     monkeypatch.setattr(loop, "believable", lambda *_: True)
-    known, due = loop._estimated(state, table, null, [(0,), (1,), (2,)])  # type: ignore[arg-type]
+    known, due = loop._estimated(state, table, null, [(0,), (1,), (2,)])
     assert set(known) == {(), (0,), (1,)} and due == ((2,),)
     told = Posterior.of(replace(state, known=known, due=due))
     assert not told.timely and not told.finished
