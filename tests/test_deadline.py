@@ -151,3 +151,34 @@ def test_a_signal_that_is_smoothed_evenly_keeps_its_course():
 def test_of_nothing_nothing_is_carried_and_nothing_overflows():
     assert np.zeros(0)[_every(0, 500)].size == 0
     assert _finite(np.zeros((0, 0, 5, 2))).shape == (0, 0, 5, 2)
+
+
+HIDDEN = """
+[model]
+states = ["q", "v", "z"]
+inputs = ["u"]
+outputs = ["y"]
+[equations]
+q = "v"
+v = "u - 4.0*q - v + z"
+z = "(u - z)/0.1"
+[readings]
+y = "q"
+"""
+
+
+def test_following_a_hidden_state_asks_for_its_time() -> None:
+    """A step a sample over a long recording; only after so many is time asked again."""
+    time = 0.01 * np.arange(300)
+    recording = Recording("a", time, {"y": np.sin(time), "u": np.cos(time)})
+    model, asked = parse_model(HIDDEN), []
+
+    def later() -> bool:
+        asked.append(1)
+        return len(asked) > 2
+
+    with pytest.raises(OutOfTime), limited(later):
+        Prepared.build(model, recording)
+    assert len(asked) == 3
+    with limited(lambda: False):
+        assert np.ptp(Prepared.build(model, recording).states.values[:, 2]) > 0.1

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxsr._deadline import ask
 from jaxsr.models.field import Field, Point
 from jaxsr.models.inputs import stage_inputs
 from jaxsr.models.model import Model
@@ -14,6 +15,8 @@ from jaxsr.models.states import StateEstimate
 
 LARGEST = 1e6
 """Size, in units of the first guess, from which a course is no longer taken for one."""
+ASKED = 64
+"""Samples after which it is asked whether there is time for more."""
 
 
 def with_hidden(
@@ -49,6 +52,8 @@ def with_hidden(
     stages = [[table[s][:, 0] for table in tables] for s in range(3)]
     with np.errstate(all="ignore"):
         for k in range(time.size - 1):
+            if k % ASKED == 0:
+                ask()
             x = _stepped(field, list(values[k]), time[k], time[k + 1] - time[k], stages, k)
             moved = np.array([x[i] for i in hidden])
             if not np.isfinite(moved).all() or np.abs(moved).max() > limit:

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from jaxsr._deadline import OutOfTime, limited
 from jaxsr.diagnosis.contest.arena import Arena, build_arena
 from jaxsr.diagnosis.contest.blocks import column_sizes
 from jaxsr.diagnosis.contest.converters import converters_in, correlated
@@ -162,7 +163,12 @@ def _told(
     for chunk in every:
         if stop():
             return
-        place = own.arena(prepared_chunk(whole, chunk))
+        try:
+            with limited(stop):
+                items = prepared_chunk(whole, chunk)
+        except OutOfTime:
+            return
+        place = own.arena(items)
         entry = enter(place, own.members, own.theta, None, stop, ITERATIONS)
         yield chunk, _of(place, entry, own, parts)
 
