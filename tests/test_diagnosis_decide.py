@@ -87,6 +87,14 @@ def test_an_effect_above_the_threshold_is_detected():
         assert detect_in_noise(worse, entry(left, 3, (0,)), 30).detected
 
 
+@pytest.mark.parametrize("escaped", [np.inf, np.nan])
+def test_what_escapes_is_no_detection_and_no_warning(escaped: float) -> None:
+    calm = entry(np.random.default_rng(3).normal(size=ROWS * SEGMENTS), 2, ())
+    gone = replace(calm, fit=replace(calm.fit, cost=escaped), members=(0,))
+    assert not detect_in_noise(calm, gone, 30).detected
+    assert not detect_in_noise(gone, gone, 30).detected
+
+
 def super_model(mechanisms: int) -> Any:
     names = [
         SimpleNamespace(label=f"m{k}", mechanism="drag", sharp=False, tried=1, passing=False)

@@ -78,16 +78,21 @@ def _enough(case: Case) -> tuple[Prepared, ...]:
     return thinned(case.simulator.model, [p.recording for p in case.prepared], MOST)[0]
 
 
-def borne_out(found: Settled) -> bool:
-    """Whether free runs bear a decision out, so that nothing else has to be there.
+def borne_out(found: Settled, forced: bool) -> bool:
+    """Whether free runs bear a decision out.
 
-    They do not where the set follows the recordings no better than re-calibration, or leaves more
-    than the sensors' noise, which the evidence takes for noise.
+    They do not where the set follows the recordings worse than re-calibration, or leaves more than
+    the sensors' noise, which the evidence takes for noise. Where the evidence has a force beside
+    the set, `forced`, that is what free runs gather of it: the set stands then as long as it
+    explains more of the mismatch than it leaves, so that no other cause has a larger share.
     """
-    (arena, _, chosen, detection), *_ = found
-    if chosen.members and not detection.detected:
+    (arena, entries, chosen, _), *_ = found
+    null = next(e for e in entries if not e.members)
+    if not chosen.fit.cost <= null.fit.cost:
         return False
-    return residual_to_noise(arena, chosen) <= ABOVE_NOISE
+    if residual_to_noise(arena, chosen) <= ABOVE_NOISE:
+        return True
+    return forced and 2.0 * chosen.fit.cost < null.fit.cost
 
 
 def above_noise(found: Settled) -> bool:

@@ -37,7 +37,8 @@ def detect_in_noise(null: Entry, chosen: Entry, candidates: float) -> Detection:
     stand out from noise that is slow itself. The smaller of the two counts.
     """
     more = max(chosen.constants - null.constants, 1)
-    ratio = np.log((null.fit.cost + 1e-300) / (chosen.fit.cost + 1e-300))
+    before, after = np.log(np.clip([null.fit.cost, chosen.fit.cost], 1e-300, 1e300))
+    ratio = before - after  # what escapes follows nothing
     statistic = independent_residuals(chosen) * ratio
     if null.fit.usable and chosen.fit.usable:
         statistic = min(statistic, likelihood_ratio(null.fit, chosen.fit))

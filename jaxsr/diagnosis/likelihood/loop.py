@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 
 import numpy as np
 
@@ -239,6 +240,10 @@ def better(before: Hypothesis | None, after: Hypothesis | None) -> Hypothesis | 
 def _additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int], list[int]]:
     """Candidates by what they promise beside a set, the best first, and others that are due.
 
+    A latent force bends the path to the readings: what would take its place may promise nothing
+    along such a path. Beside one, candidates are also ranked by what they promise without it, and
+    the two rankings take turns.
+
     Those with states of their own have turns of their own: at the first values of their inner
     constants they promise less than they keep.
     """
@@ -246,19 +251,24 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int
     base = list(table.base)
     for i in leader.members:
         base += [k for k in table.own.get(i, ()) if k not in base]
-    before = table.best(base)
-    promised = []
+    calm = replace(table, grams=table.grams[:1])  # that of no latent force
+    before = table.best(base), calm.best(base)
+    promised, instead = [], []
     for i, columns in table.own.items():
         further = [k for k in columns if k not in base]
         if i in leader.members or not further:
             continue
         if exclusive(state.work.super_model, (*leader.members, i)):
             continue
-        gain = table.best([*base, *further]) - before - np.log(state.offered)
+        gain = table.best([*base, *further]) - before[0] - np.log(state.offered)
         if gain > PROMISING or not leader.members:
             promised.append((gain, i))
+        if leader.share:
+            instead.append((calm.best([*base, *further]) - before[1], i))
+    ranked = sorted(promised, reverse=True), sorted(instead, reverse=True)
+    turns = [i for pair in zip_longest(*ranked) for _, i in filter(None, pair)]
     best: dict[str, int] = {}  # variants of a mechanism differ by their start alone
-    for _, i in sorted(promised, reverse=True):
+    for i in turns:
         best.setdefault(candidates[i].label, i)
     plain = [i for i in best.values() if not candidates[i].states]
     memories = [i for i in best.values() if candidates[i].states][:MEMORIES]

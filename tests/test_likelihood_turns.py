@@ -1,0 +1,86 @@
+"""What is tried beside a latent force, and when free runs bear a decision out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from jaxsr._result import StoppedBy
+from jaxsr.diagnosis import settled
+from jaxsr.diagnosis.judging.detection import Detection
+from jaxsr.diagnosis.likelihood import loop
+
+PLAIN = 12
+"""Candidates; the last is what the force stands for."""
+
+
+@dataclass(frozen=True)
+class Promises:
+    """Log evidence by size of the latent force, and what each column adds to it."""
+
+    grams: list[tuple[float, Mapping[int, float]]]
+    base: tuple[int, ...] = ()
+    own: Mapping[int, tuple[int, ...]] = field(
+        default_factory=lambda: {i: (i,) for i in range(PLAIN)}
+    )
+
+    def best(self, columns: Sequence[int]) -> float:
+        return max(log + sum(adds.get(k, 0.0) for k in columns) for log, adds in self.grams)
+
+
+def additions(share: float) -> list[int]:
+    """What is tried about re-calibration, in turn."""
+    candidates = [
+        SimpleNamespace(label=str(i), states=(), mechanism="law", site=str(i)) for i in range(PLAIN)
+    ]
+    state: Any = SimpleNamespace(
+        work=SimpleNamespace(super_model=SimpleNamespace(candidates=candidates)), offered=PLAIN
+    )
+    with_force = 0.0, {i: PLAIN - 1.0 - i for i in range(PLAIN)}
+    without = -1e4, {PLAIN - 1: 500.0, 0: 100.0}
+    table: Any = Promises([without, with_force])
+    leader: Any = SimpleNamespace(members=(), share=share)
+    return loop._additions(state, table, leader)[0]
+
+
+def test_what_a_latent_force_stands_for_is_tried_though_it_promises_nothing_beside_it() -> None:
+    turns = additions(0.1)
+    assert turns[0] == 0 and turns[1] == PLAIN - 1
+    assert sorted(turns) == list(range(PLAIN))
+
+
+def test_where_there_is_no_force_candidates_come_by_their_promise() -> None:
+    assert additions(0.0) == list(range(PLAIN))
+
+
+def decision(left: float) -> settled.Settled:
+    """A decision whose set leaves a share of what re-calibration leaves."""
+    null: Any = SimpleNamespace(members=(), fit=SimpleNamespace(cost=1.0))
+    chosen: Any = SimpleNamespace(members=(0,), fit=SimpleNamespace(cost=left))
+    arena: Any = None
+    test = Detection(False, 0.0, 1.0, 0.0, 1e-3)
+    return (arena, [null, chosen], chosen, test), 1.0, StoppedBy.CONVERGED
+
+
+@pytest.mark.parametrize(
+    ("left", "ratio", "forced", "stands"),
+    [
+        (0.9, 1.0, False, True),
+        (1.1, 1.0, False, False),
+        (np.inf, 1.0, False, False),
+        (np.nan, 1.0, False, False),
+        (0.3, 7.0, False, False),
+        (0.3, 7.0, True, True),
+        (0.6, 7.0, True, False),
+    ],
+)
+def test_a_decision_stands_on_noise_or_beside_a_force_on_most_of_the_mismatch(
+    monkeypatch: pytest.MonkeyPatch, left: float, ratio: float, forced: bool, stands: bool
+) -> None:
+    monkeypatch.setattr(settled, "residual_to_noise", lambda *_: ratio)
+    assert settled.borne_out(decision(left), forced) == stands
