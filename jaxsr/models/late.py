@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jaxsr.expressions.slopes import evaluate_with_slopes
-from jaxsr.models.delays import delay_of, smoothly_interpolated
+from jaxsr.models.delays import cubic, delay_of, smoothly_interpolated
 from jaxsr.models.directions import Directions
 from jaxsr.models.segments import Segments
 from jaxsr.models.simulator import Simulator
@@ -22,6 +22,7 @@ def late_readings(
     values: Sequence[Array],
     to: Directions,
     read: tuple[Array, Array],
+    live: bool = False,
 ) -> tuple[Array, Array]:
     """Shift readings by their delays and clocks.
 
@@ -30,6 +31,9 @@ def late_readings(
     read : tuple of ndarray
         Readings, shape (outputs, samples, segments), and their derivatives, shape (directions,
         outputs, samples, segments).
+    live : bool
+        Whether a sensor may have been live before a segment begins; else it shows its first value
+        until its delay has passed.
     """
     model, (y, by) = simulator.model, read
     time = segments.time
@@ -52,10 +56,46 @@ def late_readings(
             at = at * scale
         both = np.concatenate([y[None, k], by[:, k]])
         found, slopes_in_time = smoothly_interpolated(time, both, at)
+        if live:
+            _continue_backwards(segments, k, both, at, (found, slopes_in_time))
         y[k], by[:, k] = found[0], found[1:]
         for c, rate in at_rates.items():
             by[c, k] += slopes_in_time[0] * rate
     return y, by
+
+
+def _continue_backwards(
+    segments: Segments, output: int, values: Array, at: Array, held: tuple[Array, Array]
+) -> None:
+    """Continue values to times before a segment, where that is nearer to the recorded readings.
+
+    A recording begins while its sensors are live, or with them: its readings say which. The values
+    go on along the cubic through four of their own, as far apart as the times lie before the first.
+
+    Parameters
+    ----------
+    values : ndarray, shape (1 + directions, samples, segments)
+        Readings of a path, and their derivatives.
+    at : ndarray, shape (samples, segments)
+    held : tuple of ndarray
+        The values at these times and their slopes, changed in place.
+    """
+    found, slopes = held
+    for s in range(at.shape[1]):
+        time = segments.time[: int(segments.count[s]), s]
+        before = at[: time.size, s] < time[0]
+        reach = int(np.searchsorted(time, 2.0 * time[0] - at[: time.size, s].min()))
+        nodes = min(reach, (time.size - 1) // 3) * np.arange(4)
+        if not before.any() or not nodes[-1]:
+            continue
+        weights = cubic([time[i] for i in nodes], at[: time.size, s][before])
+        picked = [values[:, i, s, None] for i in nodes]
+        on = np.sum([w * y for (w, _), y in zip(weights, picked, strict=True)], axis=0)
+        rates = np.sum([w * y for (_, w), y in zip(weights, picked, strict=True)], axis=0)
+        rows = np.flatnonzero(before)
+        seen = segments.outputs[output, rows, s]
+        if np.nansum((seen - on[0]) ** 2) < np.nansum((seen - found[0, rows, s]) ** 2):
+            found[:, rows, s], slopes[:, rows, s] = on, rates
 
 
 def _clock(simulator: Simulator, output: str, env: dict, by: set[str]) -> tuple[Array, dict]:

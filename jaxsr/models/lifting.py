@@ -161,9 +161,12 @@ def one_step_and_readings(
     path: Array,
     active: Sequence[int],
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return what `one_step` and, with delays and clocks, `readings_along` do of one path."""
+    """Return what `one_step` and, with delays and clocks, `readings_along` do of one path.
+
+    A sensor may have been live before a segment begins.
+    """
     ground = _Ground.of(simulator, stepping, segments, theta, active)
-    return ground.step(path), ground.read(path, late=True)
+    return ground.step(path), ground.read(path, late=True, live=True)
 
 
 def carried_errors(
@@ -305,7 +308,7 @@ class _Ground:
         )
         return np.stack(ends), slopes
 
-    def read(self, path: Array, late: bool) -> tuple[Array, Array]:
+    def read(self, path: Array, late: bool, live: bool = False) -> tuple[Array, Array]:
         """Return readings of a path and their derivatives in all directions."""
         values, rows = self.field.readings(self.at(path))
         y, none, place = np.stack(values), np.zeros(path.shape[1:]), self.to.columns
@@ -313,7 +316,7 @@ class _Ground:
         by = np.array([[row.get(name, 0.0) + none for row in rows] for name in names])
         if late:
             own = self.field.simulator, self.segments, self.values, self.to
-            y, by = late_readings(*own, (y, by))
+            y, by = late_readings(*own, (y, by), live)
         return y, by.swapaxes(0, 1)
 
     def newton(
