@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -121,6 +122,32 @@ def test_wrong_values_are_freed_one_after_the_other() -> None:
     assert claim(found([Weighed(()), Weighed((0,), -3.0)], [0.9, 0.1], wrong=sure)) is (
         Verdict.PARAMETER
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """An estimate of which only intervals count."""
+
+    arena: Any
+    entry: Estimated
+    half: np.ndarray
+    told: np.ndarray
+
+
+def test_constants_without_a_trace_in_free_runs_have_the_interval_of_the_evidence() -> None:
+    candidate = SimpleNamespace(label="overflow@equation:h")
+    model = SimpleNamespace(parameters={"a": 0, "ko__0": 0, "xo__0": 0})
+    names = ({"ko": "ko__0", "xo": "xo__0"},)
+    arena = SimpleNamespace(
+        super_model=SimpleNamespace(model=model, candidates=(candidate,), names=names)
+    )
+    half = np.array([0.2, 0.0, 0.3])
+    estimate = Refined(arena, Estimated((0,)), half, np.array([0.1, 0.0, 0.3]))
+    known = {("overflow@equation:h", "ko"): 2.0, ("overflow@equation:h", "xo"): 5.0}
+    found = Weights({}, known).told_of(cast("Any", estimate))
+    assert found.half.tolist() == pytest.approx([0.2, 3.92, 0.3])
+    assert found.told.tolist() == pytest.approx([0.1, 3.92, 0.3])
+    assert half[1] == 0.0
 
 
 def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis import settled
+from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.detection import Detection
 from jaxsr.diagnosis.likelihood import loop
 
@@ -60,8 +61,11 @@ def test_where_there_is_no_force_candidates_come_by_their_promise() -> None:
 
 def decision(left: float) -> settled.Settled:
     """A decision whose set leaves a share of what re-calibration leaves."""
-    null: Any = SimpleNamespace(members=(), fit=SimpleNamespace(cost=1.0))
-    chosen: Any = SimpleNamespace(members=(0,), fit=SimpleNamespace(cost=left))
+    residual = np.ones((1, 50, 2))
+    null, chosen = (
+        Entry(members, cast(Any, SimpleNamespace(cost=cost, residual=residual)), np.ones(1))
+        for members, cost in (((), 1.0), ((0,), left))
+    )
     arena: Any = None
     test = Detection(False, 0.0, 1.0, 0.0, 1e-3)
     return (arena, [null, chosen], chosen, test), 1.0, StoppedBy.CONVERGED
@@ -71,7 +75,8 @@ def decision(left: float) -> settled.Settled:
     ("left", "ratio", "forced", "stands"),
     [
         (0.9, 1.0, False, True),
-        (1.1, 1.0, False, False),
+        (1.019, 1.0, False, True),  # of a hundred readings: less than a unit of log likelihood
+        (1.03, 1.0, False, False),
         (np.inf, 1.0, False, False),
         (np.nan, 1.0, False, False),
         (0.3, 7.0, False, False),

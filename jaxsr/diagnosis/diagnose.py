@@ -21,7 +21,7 @@ from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.explaining.document import assemble
 from jaxsr.diagnosis.explaining.judge import Ingredients
-from jaxsr.diagnosis.explanations import explanations, unnamed, weights_of
+from jaxsr.diagnosis.explanations import deviations_of, explanations, unnamed, weights_of
 from jaxsr.diagnosis.failures import Failures, unsimulable
 from jaxsr.diagnosis.hurried import decided_in_time
 from jaxsr.diagnosis.input_noise import idle_noise, quieted
@@ -223,7 +223,8 @@ def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Cl
     told = explanations(found, case.simulator.model, above_noise(decision))
     claim = claimed(told, unnamed(told), costs)
     decision = answered(decision, claim, case.simulator.model.free_parameters)
-    return decision, weights_of(told), claim
+    weights = replace(weights_of(told), deviations=deviations_of(found))
+    return decision, weights, claim
 
 
 def decided_among_few(case: Case, reading: float, rng: np.random.Generator) -> Decided:

@@ -27,6 +27,17 @@ def weights_of(told: Sequence[Explanation]) -> Weights:
     return Weights(mass)
 
 
+def deviations_of(found: Posterior) -> dict[tuple[str, str], float]:
+    """Return posterior deviations of the leader's constants, by label and by their own names."""
+    leader = found.leader
+    return {
+        (found.candidates[i].label, own): leader.constants[full][1]
+        for i in leader.members
+        for own, full in leader.names[i].items()
+        if full in leader.constants
+    }
+
+
 def explanations(found: Posterior, model: Model, above_noise: bool = True) -> list[Explanation]:
     """Return what was weighed as answers.
 

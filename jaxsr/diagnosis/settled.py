@@ -88,7 +88,7 @@ def borne_out(found: Settled, forced: bool) -> bool:
     """
     (arena, entries, chosen, _), *_ = found
     null = next(e for e in entries if not e.members)
-    if not chosen.fit.cost <= null.fit.cost:
+    if not chosen.follows_as_well_as(null):
         return False
     if residual_to_noise(arena, chosen) <= ABOVE_NOISE:
         return True

@@ -58,6 +58,11 @@ class Entry:
         """Geometric mean over the blocks."""
         return float(np.exp(np.mean(np.log(self.errors + 1e-300))))
 
+    def follows_as_well_as(self, other: Entry) -> bool:
+        """Whether it follows the recordings no worse, within one unit of log likelihood."""
+        count = max(np.count_nonzero(other.fit.residual), 1)
+        return bool(self.fit.cost <= other.fit.cost * np.exp(2.0 / count))
+
     def lost(self) -> Entry:
         """Return the entry as one that could not be simulated."""
         return replace(

@@ -27,7 +27,7 @@ def rescaled(
         return arena, [e.scaled(float(factor[0])) for e in entries]
     again = []
     for e in entries:
-        if e.fit.usable and e.fit.cost <= entries[0].fit.cost:
+        if e.fit.usable and e.follows_as_well_as(entries[0]):
             again.append(enter(arena, e.members, e.fit.theta, e.fit.path, stop, near=True))
         else:  # what does worse than re-calibration is not worth another estimate
             again.append(e.lost())

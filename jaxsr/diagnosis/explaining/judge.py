@@ -180,6 +180,8 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
     if smaller is not None:
         parts = replace(parts, chosen=smaller)
         best = completed(parts, refine(ground, smaller))
+    if parts.weights is not None:
+        best = parts.weights.told_of(best)
     rows, rivals, order = _rows(parts, parts.chosen, best)
     rows, rounding, edits = _with_sensors(parts, best, rows, _given(parts).fit.cost)
     verdict = _verdict(parts, order, rivals)

@@ -1,13 +1,19 @@
-"""Probabilities of sets of mechanisms that the evidence of the recordings gives."""
+"""What the evidence tells of sets of mechanisms: their probabilities, and of their constants."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.alternatives import Alternative
+from jaxsr.diagnosis.judging.refine import Estimate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+
+NORMAL = 1.96
+"""Deviations of half a 95 % interval."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,9 +23,12 @@ class Weights:
     Attributes
     ----------
     of : dict of frozenset of str to float
+    deviations : mapping of (str, str) to float
+        Posterior deviations of the leading set's constants, by label and by their own names.
     """
 
     of: dict[frozenset[str], float]
+    deviations: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     def share(self, super_model: SuperModel, entry: Entry) -> float:
         """Return the probability of one set."""
@@ -51,3 +60,19 @@ class Weights:
             probability = self.of.get(labels, 0.0)
             mass.setdefault(candidates[other].label, Alternative(other, probability, entry))
         return self.of_label(own), sorted(mass.values(), key=lambda a: -a.probability)
+
+    def told_of(self, estimate: Estimate) -> Estimate:
+        """Return an estimate with intervals of constants that leave no trace in its free runs.
+
+        These may have been told where signals that come late are not judged, at the ends of
+        recordings.
+        """
+        half, super_model = estimate.half.copy(), estimate.arena.super_model
+        order = list(super_model.model.parameters)
+        for i in estimate.entry.members:
+            for own, full in super_model.names[i].items():
+                k, known = order.index(full), (super_model.candidates[i].label, own)
+                if half[k] == 0.0 and known in self.deviations:
+                    half[k] = NORMAL * self.deviations[known]
+        told = np.where(estimate.half == 0.0, half, estimate.told)
+        return replace(estimate, half=half, told=told)
