@@ -59,7 +59,7 @@ def test_where_there_is_no_force_candidates_come_by_their_promise() -> None:
     assert additions(0.0) == list(range(PLAIN))
 
 
-def decision(left: float) -> settled.Settled:
+def decision(left: float, detected: bool) -> settled.Settled:
     """A decision whose set leaves a share of what re-calibration leaves."""
     residual = np.ones((1, 50, 2))
     null, chosen = (
@@ -67,25 +67,31 @@ def decision(left: float) -> settled.Settled:
         for members, cost in (((), 1.0), ((0,), left))
     )
     arena: Any = None
-    test = Detection(False, 0.0, 1.0, 0.0, 1e-3)
+    test = Detection(detected, 0.0, 1.0, 0.0, 1e-3)
     return (arena, [null, chosen], chosen, test), 1.0, StoppedBy.CONVERGED
 
 
 @pytest.mark.parametrize(
-    ("left", "ratio", "forced", "stands"),
+    ("left", "ratio", "detected", "forced", "stands"),
     [
-        (0.9, 1.0, False, True),
-        (1.019, 1.0, False, True),  # of a hundred readings: less than a unit of log likelihood
-        (1.03, 1.0, False, False),
-        (np.inf, 1.0, False, False),
-        (np.nan, 1.0, False, False),
-        (0.3, 7.0, False, False),
-        (0.3, 7.0, True, True),
-        (0.6, 7.0, True, False),
+        (0.9, 1.0, False, False, True),
+        (1.019, 1.0, False, False, True),  # of a hundred readings: under a unit of log likelihood
+        (1.03, 1.0, True, False, False),
+        (np.inf, 1.0, False, False, False),
+        (np.nan, 1.0, False, False, False),
+        (0.3, 7.0, True, False, False),
+        (0.3, 7.0, True, True, True),
+        (0.3, 7.0, False, True, False),
+        (0.6, 7.0, True, True, False),
     ],
 )
 def test_a_decision_stands_on_noise_or_beside_a_force_on_most_of_the_mismatch(
-    monkeypatch: pytest.MonkeyPatch, left: float, ratio: float, forced: bool, stands: bool
+    monkeypatch: pytest.MonkeyPatch,
+    left: float,
+    ratio: float,
+    detected: bool,
+    forced: bool,
+    stands: bool,
 ) -> None:
     monkeypatch.setattr(settled, "residual_to_noise", lambda *_: ratio)
-    assert settled.borne_out(decision(left), forced) == stands
+    assert settled.borne_out(decision(left, detected), forced) == stands

@@ -218,7 +218,8 @@ def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Cl
     decision = case.failures.attempt(
         "estimating what the evidence says", lambda: decided_by_evidence(case, found), None
     )
-    if decision is None or not borne_out(decision, found.leader.share > 0.0):
+    forced = found.leader.share > 0.0 and found.leader.settled
+    if decision is None or not borne_out(decision, forced):
         return None
     told = explanations(found, case.simulator.model, above_noise(decision))
     claim = claimed(told, unnamed(told), costs)

@@ -83,16 +83,17 @@ def borne_out(found: Settled, forced: bool) -> bool:
 
     They do not where the set follows the recordings worse than re-calibration, or leaves more than
     the sensors' noise, which the evidence takes for noise. Where the evidence has a force beside
-    the set, `forced`, that is what free runs gather of it: the set stands then as long as it
-    explains more of the mismatch than it leaves, so that no other cause has a larger share.
+    the set, `forced`, that is what free runs gather of it: the set stands then as long as they
+    detect it and it explains more of the mismatch than it leaves, so that no other cause has a
+    larger share.
     """
-    (arena, entries, chosen, _), *_ = found
+    (arena, entries, chosen, detection), *_ = found
     null = next(e for e in entries if not e.members)
     if not chosen.follows_as_well_as(null):
         return False
     if residual_to_noise(arena, chosen) <= ABOVE_NOISE:
         return True
-    return forced and 2.0 * chosen.fit.cost < null.fit.cost
+    return forced and detection.detected and 2.0 * chosen.fit.cost < null.fit.cost
 
 
 def above_noise(found: Settled) -> bool:

@@ -125,6 +125,8 @@ def begun(work: Workspace, near: Hypothesis | None = None) -> tuple[State, Table
 def search(work: Workspace, near: Hypothesis | None = None) -> State:
     """Grow the leading set until nothing that was offered adds to it, or time is over.
 
+    Where the largest set that is weighed leads, more is missing than can be told: the search ends.
+
     Parameters
     ----------
     near : Hypothesis, optional
@@ -134,6 +136,8 @@ def search(work: Workspace, near: Hypothesis | None = None) -> State:
     if state.known[()] is None:
         return state
     while not work.stop() and state.leader.members not in state.grown:
+        if len(state.leader.members) == MOST_MEMBERS:
+            return replace(state, grown=state.grown | {state.leader.members})
         state = step(state, table)
     return state
 
