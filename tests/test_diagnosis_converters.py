@@ -179,3 +179,13 @@ def test_a_rounded_reading_is_a_model_that_reads_in_steps() -> None:
     reading = rounded.model.term(rounded.model.readings["y"])
     y = evaluate(reading, {"q": x, "step": 0.25}, "numpy")
     np.testing.assert_allclose(y, 0.25 * np.floor(2.0 * x / 0.25 + 0.5))
+
+
+def test_the_correlation_of_a_residual_does_not_depend_on_its_size():
+    """What escaped is of any size, up to none that is a number."""
+    rng = np.random.default_rng(4)
+    slow = np.convolve(rng.normal(size=1010), np.ones(10), mode="valid")[None, :, None]
+    usual = correlation_length(slow)
+    assert 5.0 < usual < 15.0
+    assert correlation_length(1e200 * slow) == pytest.approx(usual)
+    assert correlation_length(0.0 * slow) == correlation_length(np.full_like(slow, np.inf)) == 1.0

@@ -116,10 +116,14 @@ def gain(worse: np.ndarray, better: np.ndarray) -> tuple[float, float, float]:
 
 def correlation_length(residual: np.ndarray) -> float:
     """Return how many neighbouring samples carry one independent residual."""
-    total, power = 0.0, 0.0
+    total = 0.0
     lags = min(residual.shape[1] - 1, 400)
     r = residual.transpose(0, 2, 1).reshape(-1, residual.shape[1])
-    power = float(np.mean(r**2)) + 1e-300
+    size = float(np.abs(r).max(initial=0.0))
+    if not 0.0 < size < np.inf:
+        return 1.0
+    r = r / size  # what escaped has squares that are no numbers
+    power = float(np.mean(r**2))
     for lag in range(1, lags):
         rho = float(np.mean(r[:, :-lag] * r[:, lag:])) / power
         if rho < 0.05:
