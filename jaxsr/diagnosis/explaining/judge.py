@@ -270,7 +270,8 @@ def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate
     """Whether the explained model beats re-calibration in free run, the measure of the report.
 
     By `MATTERS`, over the headline's horizon or over whole recordings: short runs begin at noisy
-    readings, which can hide what a model gains, and long ones of an unstable system tell nothing.
+    readings, which can hide what a model gains, and long ones of an unstable system, which follow
+    no better than a constant, tell nothing.
     """
 
     def better(horizon: float | None) -> bool:
@@ -278,7 +279,7 @@ def _simulates_better(parts: Ingredients, recalibrated: Estimate, best: Estimate
             e.lean.free_run(parts.case.prepared, e.theta, horizon).nrmse
             for e in (recalibrated, best)
         )
-        return after < before * (1.0 - MATTERS)
+        return after < min(before * (1.0 - MATTERS), CONSTANT)
 
     whole = parts.headline == parts.horizons[-1]
     return (not whole and better(parts.headline)) or better(None)
