@@ -246,7 +246,7 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int
 
     A latent force bends the path to the readings: what would take its place may promise nothing
     along such a path. Beside one, candidates are also ranked by what they promise without it, and
-    the two rankings take turns.
+    the first of both rankings take turns.
 
     Those with states of their own have turns of their own: at the first values of their inner
     constants they promise less than they keep.
@@ -269,7 +269,7 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int
             promised.append((gain, i))
         if leader.share:
             instead.append((calm.best([*base, *further]) - before[1], i))
-    ranked = sorted(promised, reverse=True), sorted(instead, reverse=True)
+    ranked = sorted(promised, reverse=True), sorted(instead, reverse=True)[:TRIED]
     turns = [i for pair in zip_longest(*ranked) for _, i in filter(None, pair)]
     best: dict[str, int] = {}  # variants of a mechanism differ by their start alone
     for i in turns:
