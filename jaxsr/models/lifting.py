@@ -161,10 +161,7 @@ def one_step_and_readings(
     path: Array,
     active: Sequence[int],
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return what `one_step` and, with delays and clocks, `readings_along` do of one path.
-
-    A sensor may have been live before a segment begins.
-    """
+    """Return what `one_step` and `readings_along` do of a path; sensors may be live before it."""
     ground = _Ground.of(simulator, stepping, segments, theta, active)
     return ground.step(path), ground.read(path, late=True, live=True)
 
