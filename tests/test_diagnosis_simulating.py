@@ -15,7 +15,10 @@ SHORT = 2.0
 
 def estimate(errors: Mapping[float | None, float]) -> Any:
     """An estimate of which only free-run errors by horizon count; None is the whole length."""
-    run = lambda prepared, theta, horizon: SimpleNamespace(nrmse=errors[horizon])  # noqa: E731
+
+    def run(prepared: object, theta: object, horizon: float | None) -> Any:
+        return SimpleNamespace(nrmse=errors[horizon])
+
     return SimpleNamespace(theta=None, lean=SimpleNamespace(free_run=run))
 
 

@@ -209,7 +209,11 @@ def test_time_that_ends_leaves_an_estimate_spread_over_the_recording(monkeypatch
     monkeypatch.setattr(judging_whole, "MOST", 8_000)
     _, estimate, whole = searched()
     entered: list[int] = []
-    counted = lambda *given: entered.append(1) or enter(*given)  # noqa: E731
+
+    def counted(*given):
+        entered.append(1)
+        return enter(*given)
+
     monkeypatch.setattr(judging_whole, "enter", counted)
     found = over_all(whole, estimate, lambda: len(entered) == 2)
     assert 0.0 <= found.share < 0.5

@@ -14,6 +14,8 @@ from jaxsr.diagnosis.contest.reduced import resolved
 from jaxsr.diagnosis.contest.tangent import Tangent
 from jaxsr.models.least_squares import Fit
 
+NORMAL = 1.96
+"""Deviations of half a 95 % interval."""
 RANK = 1e-10
 """Eigenvalue, relative to the largest, below which a direction of parameters leaves no trace."""
 LEAST_LEFT = 1e-3
@@ -168,7 +170,7 @@ def half_widths_of(covariance: np.ndarray, blocks: int) -> np.ndarray:
 
 def untold(arena: Arena, result: Fit) -> np.ndarray:
     """Half the 95 % interval along the directions that no data tell about."""
-    return 1.96 * np.sqrt(np.maximum(np.diag(unseen(arena, result).covariance), 0.0))
+    return NORMAL * np.sqrt(np.maximum(np.diag(unseen(arena, result).covariance), 0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from jaxsr._deadline import OutOfTime
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.uncertainty import half_widths
+from jaxsr.diagnosis.contest.uncertainty import NORMAL, half_widths
 from jaxsr.diagnosis.mechanisms.motion import Motion
 from jaxsr.diagnosis.setup import motion_of_case
 from jaxsr.models import Model
@@ -162,7 +162,7 @@ def halves(parts: Ingredients) -> list[tuple[str, float, float, float]]:
         if not entry.fit.usable:
             return []
         found.append(entry.fit)
-    error = half_widths(arena, chosen.fit) / 1.96
+    error = half_widths(arena, chosen.fit) / NORMAL
     names, rows = list(arena.super_model.model.parameters), []
     for k, j in enumerate(chosen.fit.active):
         first, second = (float(f.theta[j]) for f in found)

@@ -8,12 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.contest.uncertainty import NORMAL
 from jaxsr.diagnosis.judging.alternatives import Alternative
 from jaxsr.diagnosis.judging.refine import Estimate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-
-NORMAL = 1.96
-"""Deviations of half a 95 % interval."""
 
 
 @dataclass(frozen=True, eq=False)

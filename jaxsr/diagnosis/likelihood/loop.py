@@ -252,6 +252,26 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int
     constants they promise less than they keep.
     """
     candidates = state.work.super_model.candidates
+    promised, instead = _promises(state, table, leader)
+    ranked = sorted(promised, reverse=True), sorted(instead, reverse=True)
+    turns = [i for pair in zip_longest(*ranked) for _, i in filter(None, pair)]
+    best: dict[str, int] = {}  # variants of a mechanism differ by their start alone
+    for i in turns:
+        best.setdefault(candidates[i].label, i)
+    plain = [i for i in best.values() if not candidates[i].states]
+    first, due = plain[:TRIED], {candidates[i].label for _, i in promised}
+    plain = first + [i for i in plain[TRIED:] if candidates[i].label in due]
+    memories = [i for i in best.values() if candidates[i].states][:MEMORIES]
+    # Readings that stand still at a limit ask for one: its column is nothing along such readings.
+    clipped = [i for i in table.own if candidates[i].mechanism == "clipping"]
+    others = (i for i in (*memories, *clipped) if i not in (*leader.members, *first))
+    return plain, list(dict.fromkeys(others))
+
+
+def _promises(
+    state: State, table: Table, leader: Hypothesis
+) -> tuple[list[tuple[float, int]], list[tuple[float, int]]]:
+    """Return what additions promise beside a set, and what without its latent force, if any."""
     base = list(table.base)
     for i in leader.members:
         base += [k for k in table.own.get(i, ()) if k not in base]
@@ -269,16 +289,4 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int
             promised.append((gain, i))
         if leader.share:
             instead.append((calm.best([*base, *further]) - before[1], i))
-    ranked = sorted(promised, reverse=True), sorted(instead, reverse=True)
-    turns = [i for pair in zip_longest(*ranked) for _, i in filter(None, pair)]
-    best: dict[str, int] = {}  # variants of a mechanism differ by their start alone
-    for i in turns:
-        best.setdefault(candidates[i].label, i)
-    plain = [i for i in best.values() if not candidates[i].states]
-    first, due = plain[:TRIED], {candidates[i].label for _, i in promised}
-    plain = first + [i for i in plain[TRIED:] if candidates[i].label in due]
-    memories = [i for i in best.values() if candidates[i].states][:MEMORIES]
-    # Readings that stand still at a limit ask for one: its column is nothing along such readings.
-    clipped = [i for i in table.own if candidates[i].mechanism == "clipping"]
-    others = (i for i in (*memories, *clipped) if i not in (*leader.members, *first))
-    return plain, list(dict.fromkeys(others))
+    return promised, instead
