@@ -17,6 +17,9 @@ from jaxsr._progress import Budget, Progress, progress_on
 
 RUN: ContextVar[Run] = ContextVar("run")
 """The run that a command is part of."""
+WRITING, MOST_WRITING = 0.5, 0.2
+"""Seconds that a report with the first figure of a process takes, and the largest share of a
+budget that is kept for it."""
 
 
 def command_budget(seconds: float | None) -> Budget:
@@ -30,6 +33,11 @@ def command_budget(seconds: float | None) -> Budget:
     run = RUN.get()
     began = 0.0 if _clock.processor() else run.began
     return Budget(math.inf if seconds is None else float(seconds), began, run.asked)
+
+
+def before_writing(budget: Budget) -> Budget:
+    """Return the budget of what is found, which ends before that of the command by its report."""
+    return budget.keeping(min(WRITING, MOST_WRITING * budget.seconds))
 
 
 @contextlib.contextmanager

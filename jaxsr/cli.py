@@ -32,7 +32,7 @@ from jaxsr._batch_command import batch
 from jaxsr._datasets_app import datasets_app
 from jaxsr._demo_command import demo
 from jaxsr._export_command import export
-from jaxsr._job import RUN, command_budget, loaded, save, session, verdict_line
+from jaxsr._job import RUN, before_writing, command_budget, loaded, save, session, verdict_line
 from jaxsr._monitor_command import monitor
 from jaxsr._output import close_stdout, print_line
 from jaxsr._process import INTERRUPTED, listen, listening, say
@@ -201,6 +201,7 @@ def diagnose(
     folder = results_folder(out, roles, written)
     named = split_names(states, "--states")
     limit = command_budget(budget)
+    searching = before_writing(limit)
     costs = {} if false_claim_cost is None else {"false_claim_cost": false_claim_cost}
 
     def job(command: str) -> None:
@@ -212,7 +213,12 @@ def diagnose(
                 from jaxsr.models import model_text
 
                 learned = loaded(jaxsr.learn_simulator)(
-                    simulated or [], data, states=named, seed=seed, budget=limit, progress=progress
+                    simulated or [],
+                    data,
+                    states=named,
+                    seed=seed,
+                    budget=searching,
+                    progress=progress,
                 )
                 simulator = learned.simulator
                 learnt = {"more": {"learned.toml": model_text(simulator.model)}}
@@ -230,7 +236,7 @@ def diagnose(
                 data,
                 held_out=held_out or [],
                 seed=seed,
-                budget=limit,
+                budget=searching,
                 progress=progress,
                 command=command,
                 **costs,

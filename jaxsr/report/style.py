@@ -16,6 +16,7 @@ from PIL import Image
 
 from jaxsr._progress import Budget
 from jaxsr.report.formatting import shorten
+from jaxsr.report.tick_labels import plainly_numbered
 
 # Okabe and Ito's palette, told apart by colour-blind readers; the same colours stand in style.css.
 MEASURED = "#1f2328"
@@ -43,7 +44,7 @@ SETTINGS: dict[Any, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.formatter.limits": (-3, 4),
-    "axes.formatter.use_mathtext": True,
+    "axes.formatter.use_mathtext": False,
     "grid.color": "#eaeef2",
     "grid.linewidth": 0.8,
     "xtick.color": "#57606a",
@@ -118,6 +119,8 @@ def draw(size: tuple[float, float], paint: Callable[[Figure], None]) -> bytes:
         figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
         canvas = FigureCanvasAgg(figure)
         paint(figure)
+        for axes in figure.axes:
+            plainly_numbered(axes)
         canvas.draw()  # once: `savefig` goes through all artists twice
         pixels = Image.fromarray(np.asarray(canvas.buffer_rgba()))
     image = pixels.convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)

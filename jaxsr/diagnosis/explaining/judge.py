@@ -176,8 +176,7 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
             judged = replace(judged, findings=rows, rivals=rivals, leader=leader)
         return judged
     best = completed(parts, refine(ground, parts.chosen))
-    smaller = _without_idle(parts, best)
-    if smaller is not None:
+    while (smaller := _without_idle(parts, best)) is not None:
         parts = replace(parts, chosen=smaller)
         best = completed(parts, refine(ground, smaller))
     if parts.weights is not None:
@@ -204,24 +203,31 @@ def _nearest(parts: Ingredients, entries: Sequence[Entry]) -> Entry:
 
 
 def _without_idle(parts: Ingredients, best: Estimate) -> Entry | None:
-    """Return the set without wrong values whose intervals hold what was given.
+    """Return the set without the member that matters least, if that may as well be absent.
 
-    None where there are none, where nothing would be left, and where that set was not estimated.
+    None where every member matters, where nothing would be left, and where that set was not
+    estimated.
     """
-    super_model, members = parts.arena.super_model, parts.chosen.members
-    given = neutral_values(super_model)
-
-    def idle(number: int) -> bool:
-        name = super_model.candidates[number].fixed_parameter
-        if name is None:
-            return False
-        place = best.positions[name]
-        return abs(float(best.theta[place]) - given[place]) <= float(best.told[place])
-
-    rest = tuple(i for i in members if not idle(i))
-    if not rest or rest == members:
+    least = max(parts.chosen.members, key=lambda number: _doubt(parts, best, number))
+    rest = tuple(i for i in parts.chosen.members if i != least)
+    if not rest or _doubt(parts, best, least) < 1.0:
         return None
     return next((e for e in parts.entries if e.members == rest), None)
+
+
+def _doubt(parts: Ingredients, best: Estimate, number: int) -> float:
+    """Return how much of the intervals of a member's coefficients lies on the way to no effect.
+
+    From 1 on, all of them hold the value at which the mechanism does nothing. Where the evidence
+    decided, it has told so of mechanisms, and wrong values alone are asked here.
+    """
+    super_model = parts.arena.super_model
+    if parts.weights is not None and super_model.candidates[number].fixed_parameter is None:
+        return 0.0
+    places = super_model.index(number, coefficients_only=True)
+    effect = np.abs(best.theta[places] - neutral_values(super_model)[places])
+    shares = [t / e if e > 0.0 else np.inf for t, e in zip(best.told[places], effect, strict=True)]
+    return float(min(shares, default=0.0))
 
 
 def _rows(
