@@ -22,6 +22,7 @@ from jaxsr.diagnosis.explaining.explain import (
     rounding_rows,
     where,
 )
+from jaxsr.diagnosis.explaining.idle import without_given, without_minor
 from jaxsr.diagnosis.explaining.recalibrating import completed, not_worse
 from jaxsr.diagnosis.explaining.rectifying import rectified_rows
 from jaxsr.diagnosis.explaining.value_findings import REFINING, moved_values, told_values
@@ -175,10 +176,7 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
             rows, rivals, _ = _rows(parts, leader, refine(ground, leader, thorough=False))
             judged = replace(judged, findings=rows, rivals=rivals, leader=leader)
         return judged
-    best = completed(parts, refine(ground, parts.chosen))
-    while (smaller := _without_idle(parts, best)) is not None:
-        parts = replace(parts, chosen=smaller)
-        best = completed(parts, refine(ground, smaller))
+    parts, best = _without_idle(parts, ground)
     if parts.weights is not None:
         best = parts.weights.told_of(best)
     rows, rivals, order = _rows(parts, parts.chosen, best)
@@ -202,32 +200,17 @@ def _nearest(parts: Ingredients, entries: Sequence[Entry]) -> Entry:
     return max(entries, key=lambda e: weights.share(super_model, e))
 
 
-def _without_idle(parts: Ingredients, best: Estimate) -> Entry | None:
-    """Return the set without the member that matters least, if that may as well be absent.
-
-    None where every member matters, where nothing would be left, and where that set was not
-    estimated.
-    """
-    least = max(parts.chosen.members, key=lambda number: _doubt(parts, best, number))
-    rest = tuple(i for i in parts.chosen.members if i != least)
-    if not rest or _doubt(parts, best, least) < 1.0:
-        return None
-    return next((e for e in parts.entries if e.members == rest), None)
-
-
-def _doubt(parts: Ingredients, best: Estimate, number: int) -> float:
-    """Return how much of the intervals of a member's coefficients lies on the way to no effect.
-
-    From 1 on, all of them hold the value at which the mechanism does nothing. Where the evidence
-    decided, it has told so of mechanisms, and wrong values alone are asked here.
-    """
-    super_model = parts.arena.super_model
-    if parts.weights is not None and super_model.candidates[number].fixed_parameter is None:
-        return 0.0
-    places = super_model.index(number, coefficients_only=True)
-    effect = np.abs(best.theta[places] - neutral_values(super_model)[places])
-    shares = [t / e if e > 0.0 else np.inf for t, e in zip(best.told[places], effect, strict=True)]
-    return float(min(shares, default=0.0))
+def _without_idle(parts: Ingredients, ground: Ground) -> tuple[Ingredients, Estimate]:
+    """Return the chosen set, refined, without members that are no findings beside the others."""
+    known = parts.arena, parts.entries
+    if parts.weights is None:  # what the evidence says of mechanisms stands
+        while (smaller := without_minor(parts.chosen, *known)) is not None:
+            parts = replace(parts, chosen=smaller)
+    best = completed(parts, refine(ground, parts.chosen))
+    while (smaller := without_given(parts.chosen, *known, best)) is not None:
+        parts = replace(parts, chosen=smaller)
+        best = completed(parts, refine(ground, smaller))
+    return parts, best
 
 
 def _rows(

@@ -31,7 +31,12 @@ def model_limited(arena: Arena, entry: Entry) -> bool:
 
 
 def residual_to_noise(arena: Arena, entry: Entry) -> float:
-    """Largest ratio, over the outputs, of rms residual to sensor noise.
+    """Largest ratio, over the outputs, of rms residual to sensor noise."""
+    return max(ratios_to_noise(arena, entry))
+
+
+def ratios_to_noise(arena: Arena, entry: Entry) -> list[float]:
+    """Ratio of rms residual to sensor noise, of every output.
 
     The differences that tell the noise see its spectrum at the highest frequencies alone, which
     for noise of lag-one correlation rho is (1 - rho)/(1 + rho) of white noise as strong. A
@@ -41,15 +46,16 @@ def residual_to_noise(arena: Arena, entry: Entry) -> float:
     for k, scale in enumerate(arena.problem.scale):
         residual = entry.fit.residual[k] * scale
         if not np.abs(residual).max(initial=0.0) < LARGEST:
-            return np.inf
+            ratios.append(np.inf)
+            continue
         count = max(np.count_nonzero(residual), 1)
         rms = np.sqrt(np.sum(residual**2) / count)
         rho = colour(residual)
         ratio = rms / max(_noise(arena, k), 1e-300)
         # More than such noise can leave is a misfit, whatever its correlation.
         coloured = ratio * np.sqrt((1.0 - rho) / (1.0 + rho))
-        ratios.append(coloured if coloured < NOISE_ALONE else ratio)
-    return float(max(ratios))
+        ratios.append(float(coloured if coloured < NOISE_ALONE else ratio))
+    return ratios
 
 
 def in_noise(arena: Arena) -> Arena:
