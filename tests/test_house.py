@@ -18,6 +18,7 @@ LAYERS = {
     "_staging": 0,
     "_clock": 0,
     "_deadline": 0,
+    "_machine_code": 0,
     "_files": 0,
     "_progress": 0,
     "_interval": 0,

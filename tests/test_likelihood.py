@@ -89,9 +89,9 @@ def dense(
 def engine(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Take compiled recursions, or NumPy with readings taken in one by one or at once."""
     if name == "compiled":
-        assert recursions.compiled() is not None
+        assert kalman.compiled(recursions.filtered) is not None
         return
-    monkeypatch.setattr(kalman, "compiled", lambda: None)
+    monkeypatch.setattr(kalman, "compiled", lambda function: None)
     monkeypatch.setattr(kalman, "FEW", 2 if name == "one by one" else 0)
 
 
@@ -187,7 +187,7 @@ def test_compiled_recursions_are_those_of_numpy(
     system = System.of(local, latent, [noise] * 2, np.ones(states))
     one = System.of(local, latent[1:], [noise], np.ones(states))
     found, path = whitened(system), smoothed(one, states)
-    monkeypatch.setattr(kalman, "compiled", lambda: None)
+    monkeypatch.setattr(kalman, "compiled", lambda function: None)
     wanted = whitened(system)
     np.testing.assert_allclose(found.rows, wanted.rows, atol=1e-9)
     np.testing.assert_allclose(found.log_determinant, wanted.log_determinant, rtol=1e-12)
@@ -199,7 +199,7 @@ def test_lost_digits_are_no_answer_compiled_or_not(monkeypatch: pytest.MonkeyPat
     system = System.of(local, [latent], [noise.scaled(0.0)], 0.0 * start)
     system = replace(system, noise=system.noise - 1.0, process=0.0 * system.process)
     assert np.isnan(whitened(system).log_determinant).all()
-    monkeypatch.setattr(kalman, "compiled", lambda: None)
+    monkeypatch.setattr(kalman, "compiled", lambda function: None)
     assert np.isnan(whitened(system).log_determinant).all()
 
 

@@ -1,4 +1,4 @@
-"""Derivatives carried from sample to sample, one by one and in pieces."""
+"""Derivatives carried from sample to sample, as machine code and by NumPy."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from jaxsr.models import sensitivity
 from jaxsr.models.sensitivity import condensed
 
 
-@pytest.mark.parametrize("steps", [64, 65, 99, 1000])
+@pytest.mark.parametrize("steps", [1, 64, 1000])
 @pytest.mark.parametrize("size", [0.97, 1.02])
-def test_pieces_side_by_side_give_what_single_steps_give(steps, size, monkeypatch):
+def test_machine_code_gives_what_numpy_gives(steps, size, monkeypatch):
     """Motions that fade and that grow, with parameters and defects."""
     rng = np.random.default_rng(steps)
     slopes = 0.1 * rng.normal(size=(3, 5, steps, 4))
     slopes[:, :3] = size * np.linalg.qr(rng.normal(size=(3, 3)))[0][:, :, None, None]
     defects = rng.normal(size=(3, steps, 4))
     found = condensed(slopes, defects)
-    monkeypatch.setattr(sensitivity, "LITTLE", 0)
+    monkeypatch.setattr(sensitivity, "compiled", lambda function: None)
     single = condensed(slopes, defects)
     for a, b in zip(found, single, strict=True):
         assert a.shape == b.shape
@@ -31,5 +31,5 @@ def test_what_is_not_finite_stays_where_it_is(monkeypatch):
     defects[0, 70] = np.nan
     _, shift = condensed(slopes, defects)
     assert np.isfinite(shift[0, :71]).all() and np.isnan(shift[0, 71:]).all()
-    monkeypatch.setattr(sensitivity, "LITTLE", 0)
+    monkeypatch.setattr(sensitivity, "compiled", lambda function: None)
     np.testing.assert_allclose(shift, condensed(slopes, defects)[1], rtol=1e-12)

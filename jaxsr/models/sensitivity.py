@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from jaxsr._deadline import ask
+from jaxsr._machine_code import compiled
+from jaxsr.models.carrying import carry
 from jaxsr.models.corners import Corners
 from jaxsr.models.directions import Directions, Stages, in_a_column
 from jaxsr.models.field import Field, Point
@@ -20,9 +22,8 @@ from jaxsr.models.switching import Crossings
 from jaxsr.models.transitions import Taken, transition
 
 Array = Any
-LITTLE, LONG = 400, 64
-"""Numbers carried from sample to sample below which a step costs its call, and samples from which
-it is worth it to carry pieces of a segment side by side."""
+LONG = 512
+"""Samples that derivatives are carried over between two looks at the clock."""
 
 
 def advanced(
@@ -102,43 +103,21 @@ def condensed(slopes: Array, defects: Array) -> tuple[Array, Array]:
     shift : ndarray, shape (states, samples, segments)
     """
     n, count, steps, segments = slopes.shape
-    by = np.ascontiguousarray(slopes.transpose(2, 3, 0, 1))
-    left = defects.transpose(1, 2, 0)
+    by, left = np.ascontiguousarray(slopes.transpose(2, 3, 0, 1)), defects.transpose(1, 2, 0)
     carried = np.zeros((steps + 1, segments, n, count + 1))
     carried[0, :, :, :n] = np.eye(n)
-    if steps >= LONG and segments * n * (count + 1) <= LITTLE:
-        _in_pieces(by, left, carried)
-        return carried[..., :count], carried[..., count].transpose(2, 0, 1)
-    for k in range(steps):
-        if k % LONG == 0:
-            ask()
-        np.matmul(by[k, :, :, :n], carried[k], out=carried[k + 1])
-        carried[k + 1, :, :, n:count] += by[k, :, :, n:]
-        carried[k + 1, :, :, count] += left[k]
+    filled = compiled(carry) or _carry
+    for first in range(0, steps, LONG):
+        ask()
+        here = slice(first, min(first + LONG, steps))
+        filled(by[here], left[here], carried[here.start : here.stop + 1])
     return carried[..., :count], carried[..., count].transpose(2, 0, 1)
 
 
-def _in_pieces(by: Array, left: Array, carried: Array) -> None:
-    """Carry along pieces of the segments side by side, then from piece to piece.
-
-    The steps x -> A x + b of a piece make one such step: as many calls as twice the root of the
-    number of samples, for twice the arithmetic.
-    """
-    steps, segments, n, count = by.shape
-    length = max(int(np.sqrt(steps)), 1)
-    pieces = -(-steps // length)
-    own = np.zeros((pieces * length, segments, n, count + 1))
-    own[:steps, ..., :count], own[:steps, ..., count] = by, left
-    own = own.reshape(pieces, length, segments, n, count + 1)
-    for k in range(1, length):
-        moved = own[:, k, ..., :n] @ own[:, k - 1]
-        moved[..., n:] += own[:, k, ..., n:]
-        own[:, k] = moved
-    start = np.empty((pieces, segments, n, count + 1))
-    start[0] = carried[0]
-    for p in range(pieces - 1):
-        start[p + 1] = own[p, -1, ..., :n] @ start[p]
-        start[p + 1, ..., n:] += own[p, -1, ..., n:]
-    whole = own[..., :n] @ start[:, None]
-    whole[..., n:] += own[..., n:]
-    carried[1:] = whole.reshape(pieces * length, segments, n, count + 1)[:steps]
+def _carry(by: Array, left: Array, carried: Array) -> None:
+    """Do what `carry` does, a sample of all segments at once."""
+    n, count = by.shape[2:]
+    for k in range(len(by)):
+        np.matmul(by[k, :, :, :n], carried[k], out=carried[k + 1])
+        carried[k + 1, :, :, n:count] += by[k, :, :, n:]
+        carried[k + 1, :, :, count] += left[k]

@@ -22,7 +22,7 @@ from jaxsr.diagnosis.explaining.explain import (
     rounding_rows,
     where,
 )
-from jaxsr.diagnosis.explaining.idle import without_given, without_minor
+from jaxsr.diagnosis.explaining.parsimony import simpler, without_given, worth_their_constants
 from jaxsr.diagnosis.explaining.recalibrating import completed, not_worse
 from jaxsr.diagnosis.explaining.rectifying import rectified_rows
 from jaxsr.diagnosis.explaining.value_findings import REFINING, moved_values, told_values
@@ -176,7 +176,7 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
             rows, rivals, _ = _rows(parts, leader, refine(ground, leader, thorough=False))
             judged = replace(judged, findings=rows, rivals=rivals, leader=leader)
         return judged
-    parts, best = _without_idle(parts, ground)
+    parts, best = _simplest(parts, ground)
     if parts.weights is not None:
         best = parts.weights.told_of(best)
     rows, rivals, order = _rows(parts, parts.chosen, best)
@@ -200,16 +200,18 @@ def _nearest(parts: Ingredients, entries: Sequence[Entry]) -> Entry:
     return max(entries, key=lambda e: weights.share(super_model, e))
 
 
-def _without_idle(parts: Ingredients, ground: Ground) -> tuple[Ingredients, Estimate]:
-    """Return the chosen set, refined, without members that are no findings beside the others."""
-    known = parts.arena, parts.entries
+def _simplest(parts: Ingredients, ground: Ground) -> tuple[Ingredients, Estimate]:
+    """Return the chosen set, no richer than what it leaves allows, and refined."""
+    arena = parts.arena
     if parts.weights is None:  # what the evidence says of mechanisms stands
-        while (smaller := without_minor(parts.chosen, *known)) is not None:
-            parts = replace(parts, chosen=smaller)
+        while (fewer := simpler(parts.chosen, arena, parts.entries)) is not None:
+            parts = replace(parts, chosen=fewer)
+        rivals = worth_their_constants(parts.chosen, arena, parts.entries)
+        parts = replace(parts, entries=rivals)
     best = completed(parts, refine(ground, parts.chosen))
-    while (smaller := without_given(parts.chosen, *known, best)) is not None:
-        parts = replace(parts, chosen=smaller)
-        best = completed(parts, refine(ground, smaller))
+    while (fewer := without_given(parts.chosen, arena, parts.entries, best)) is not None:
+        parts = replace(parts, chosen=fewer)
+        best = completed(parts, refine(ground, fewer))
     return parts, best
 
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr._machine_code import compiled
 from jaxsr.diagnosis.likelihood.local import LocalModel
-from jaxsr.diagnosis.likelihood.recursions import compiled
+from jaxsr.diagnosis.likelihood.recursions import filtered, returned
 
 FEW = 2
 """Readings up to which one after the other is faster than all at once."""
@@ -194,15 +195,15 @@ def whitened(system: System) -> Whitened:
     ----------
     Harvey, Forecasting, Structural Time Series Models and the Kalman Filter (1989), 3.4.
     """
-    recursions = compiled()
-    if recursions is None:
+    recursion = compiled(filtered)
+    if recursion is None:
         return _stepped(system)
     times, pieces, outputs, width = system.measured.shape
     choices = len(system.start)
     rows = np.zeros((choices * pieces, times * outputs, width))
     determinants = np.zeros((choices, pieces))
     by_lane = rows.reshape(choices, pieces, times, outputs, width)
-    recursions.filtered(*system.plain, by_lane, determinants)
+    recursion(*system.plain, by_lane, determinants)
     return Whitened(rows, determinants.reshape(-1), int(system.seen.sum()))
 
 
@@ -313,13 +314,13 @@ def smoothed(system: System, states: int) -> np.ndarray:
     ----------
     Durbin and Koopman, Time Series Analysis by State Space Methods (2012), 4.4 and 6.4.
     """
-    recursions = compiled()
-    if recursions is None:
+    recursion = compiled(returned)
+    if recursion is None:
         return _returned(system, states)
     times, pieces = system.measured.shape[:2]
     result = np.zeros((states, times, pieces))
     *shared, decay, start, process, noise = system.plain
-    recursions.returned(*shared, decay[0], start[0], process[0], noise[0], result)
+    recursion(*shared, decay[0], start[0], process[0], noise[0], result)
     return result
 
 

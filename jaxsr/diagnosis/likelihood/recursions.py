@@ -6,39 +6,9 @@ matrices of a few rows cost NumPy its calls, not its arithmetic.
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
-from typing import NamedTuple
-
 import numpy as np
 
 Array = np.ndarray
-
-
-class Recursions(NamedTuple):
-    """Compiled recursions: `filtered` and `returned`."""
-
-    filtered: Callable[..., None]
-    returned: Callable[..., None]
-
-
-@functools.lru_cache(maxsize=1)
-def compiled() -> Recursions | None:
-    """Return the recursions as machine code, None where Numba is not installed.
-
-    Compiled once an installation: Numba keeps what it made beside this file, or in the user's
-    cache.
-    """
-    try:
-        from numba import njit
-    except ImportError:
-        return None
-    try:
-        compiling = njit(cache=True, error_model="numpy")
-        return Recursions(compiling(filtered), compiling(returned))
-    except RuntimeError:  # no folder to keep it in
-        compiling = njit(error_model="numpy")
-        return Recursions(compiling(filtered), compiling(returned))
 
 
 def filtered(

@@ -1,4 +1,8 @@
-"""Members of a set that are no findings beside its others."""
+"""Sets no richer than what they leave allows.
+
+Where free runs leave more than the sensors' noise, something acts that nobody named. What explains
+less than that may imitate it: it is no finding, and no rival of a simpler law.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +16,8 @@ from jaxsr.diagnosis.judging.noise_ratio import ratios_to_noise
 from jaxsr.diagnosis.judging.refine import Estimate
 
 
-def without_minor(chosen: Entry, arena: Arena, entries: Sequence[Entry]) -> Entry | None:
-    """Return a set of mechanisms without the one that explains least, if more is left than that.
-
-    Something that nobody named has a larger share then, which the mechanism may imitate.
+def simpler(chosen: Entry, arena: Arena, entries: Sequence[Entry]) -> Entry | None:
+    """Return the best set with fewer constants beside which a set explains less than it leaves.
 
     Parameters
     ----------
@@ -28,15 +30,32 @@ def without_minor(chosen: Entry, arena: Arena, entries: Sequence[Entry]) -> Entr
     Returns
     -------
     Entry or None
-        None where every mechanism explains more, where nothing would be left, and where that set
-        was not estimated.
+        With one member left out, or another in its place; never re-calibration.
     """
-    candidates = arena.super_model.candidates
-    laws = [i for i in chosen.members if candidates[i].fixed_parameter is None]
-    smaller = {i: without for i in laws if (without := _without(chosen, i, entries)) is not None}
-    doubts = {i: left_for_gained(arena, chosen, without) for i, without in smaller.items()}
-    least = max(doubts, key=doubts.__getitem__, default=None)
-    return smaller[least] if least is not None and doubts[least] >= 1.0 else None
+
+    def near(entry: Entry) -> bool:
+        own, others = set(chosen.members), set(entry.members)
+        return bool(others) and len(own - others) == 1 and len(others - own) <= 1
+
+    fewer = [e for e in entries if e.constants < chosen.constants and e.fit.usable and near(e)]
+    enough = [e for e in fewer if left_for_gained(arena, chosen, e) >= 1.0]
+    return min(enough, key=lambda e: e.fit.cost, default=None)
+
+
+def worth_their_constants(chosen: Entry, arena: Arena, entries: Sequence[Entry]) -> list[Entry]:
+    """Return the sets without those richer than the chosen one that explain less than they leave.
+
+    Parameters
+    ----------
+    chosen : Entry
+    arena : Arena
+    entries : sequence of Entry
+    """
+    return [
+        e
+        for e in entries
+        if e.constants <= chosen.constants or left_for_gained(arena, e, chosen) < 1.0
+    ]
 
 
 def without_given(
@@ -51,15 +70,11 @@ def without_given(
         name = candidates[number].fixed_parameter
         if name is not None:
             place = best.positions[name]
-            without = _without(chosen, number, entries)
+            rest = {*chosen.members} - {number}
+            without = next((e for e in entries if rest and {*e.members} == rest), None)
             if without and abs(best.theta[place] - given[place]) <= best.told[place]:
                 return without
     return None
-
-
-def _without(chosen: Entry, number: int, entries: Sequence[Entry]) -> Entry | None:
-    rest = {*chosen.members} - {number}
-    return next((e for e in entries if rest and {*e.members} == rest), None)
 
 
 def left_for_gained(arena: Arena, whole: Entry, rest: Entry) -> float:
