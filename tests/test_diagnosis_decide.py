@@ -14,10 +14,15 @@ from jaxsr._progress import as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.judging.alternatives import likelier_without
+from jaxsr.diagnosis.judging.alternatives import (
+    alternatives,
+    likelier_without,
+    without_doubtful,
+)
 from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, detect, detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import NOISE_ALONE, colour, residual_to_noise
+from jaxsr.diagnosis.verdict import Costs
 from jaxsr.models import parse_model
 from jaxsr.models.least_squares import Fit
 
@@ -120,6 +125,39 @@ def test_a_mechanism_that_blocks_held_back_do_not_speak_for_is_not_believed(
     chosen = replace(entry(noise, 3, members), errors=null.errors * (1.0 - gains))
     known = super_model(2), chosen, [null, chosen]
     assert likelier_without(*known, np.random.default_rng(0)) is without
+
+
+def among(gain: float) -> tuple[Any, list[Any]]:
+    """Return what is known of two mechanisms: together, each alone and none.
+
+    Beside the first, which explains most, the second explains a share `gain` of every block.
+    """
+    noise = np.random.default_rng(4).normal(size=ROWS * SEGMENTS)
+    null = entry(noise, 2, ())
+    left = {(): 1.0, (1,): 0.9, (0,): 0.1, (0, 1): 0.1 * (1.0 - gain)}
+    every = [
+        replace(entry(noise, 2 + len(m), m), errors=null.errors * size) for m, size in left.items()
+    ]
+    return super_model(2), every
+
+
+@pytest.mark.parametrize("gain", [0.002, 0.01, 0.03, 0.1])
+def test_a_member_that_may_as_well_be_absent_is_left_out(gain: float) -> None:
+    known, entries = among(gain)
+    rng = np.random.default_rng
+    acts, _ = alternatives(known, entries[-1], 1, entries, rng(0))
+    chosen = without_doubtful(known, entries[-1], entries, Costs().allow, rng(0))
+    assert chosen.members == ((0, 1) if acts > 20.0 * (1.0 - acts) else (0,))
+    assert without_doubtful(known, entries[-1], entries, lambda p: True, rng(0)) is entries[-1]
+
+
+def test_small_gains_are_doubtful_and_large_ones_are_not() -> None:
+    found = []
+    for gain in (0.002, 0.1):
+        known, entries = among(gain)
+        rng = np.random.default_rng(0)
+        found.append(without_doubtful(known, entries[-1], entries, Costs().allow, rng).members)
+    assert found == [(0,), (0, 1)]
 
 
 def test_the_best_of_many_useless_mechanisms_is_not_taken():

@@ -25,7 +25,11 @@ from jaxsr.diagnosis.explanations import deviations_of, explanations, unnamed, w
 from jaxsr.diagnosis.failures import Failures, unsimulable
 from jaxsr.diagnosis.hurried import decided_in_time
 from jaxsr.diagnosis.input_noise import idle_noise, quieted
-from jaxsr.diagnosis.judging.alternatives import likelier_with, likelier_without
+from jaxsr.diagnosis.judging.alternatives import (
+    likelier_with,
+    likelier_without,
+    without_doubtful,
+)
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
@@ -170,9 +174,7 @@ def diagnose(
         raise unsimulable(simulator, prepared)
     null = next(e for e in good if not e.members)
     if claim is None:
-        chosen = likelier_with(arena.super_model, chosen, good, np.random.default_rng(seed))
-        if likelier_without(arena.super_model, chosen, good, np.random.default_rng(seed)):
-            chosen = null
+        chosen = _believed(decision, costs, null, seed)
     ingredients = Ingredients(
         case=case,
         arena=in_steps_of(arena, chosen),
@@ -192,6 +194,15 @@ def diagnose(
         claim=claim,
     )
     return assemble(ingredients)
+
+
+def _believed(decision: Decision, costs: Costs, null: Entry, seed: int) -> Entry:
+    """Return what is named of a set that free runs chose."""
+    arena, good, chosen, _ = decision
+    every = arena.super_model
+    chosen = likelier_with(every, chosen, good, np.random.default_rng(seed))
+    chosen = without_doubtful(every, chosen, good, costs.allow, np.random.default_rng(seed))
+    return null if likelier_without(every, chosen, good, np.random.default_rng(seed)) else chosen
 
 
 def _decided(

@@ -201,7 +201,7 @@ def _nearest(parts: Ingredients, entries: Sequence[Entry]) -> Entry:
 
 
 def _simplest(parts: Ingredients, ground: Ground) -> tuple[Ingredients, Estimate]:
-    """Return the chosen set, no richer than what it leaves allows, and refined."""
+    """Return the chosen set with names no richer than what it leaves allows, refined."""
     arena = parts.arena
     if parts.weights is None:  # what the evidence says of mechanisms stands
         while (fewer := simpler(parts.chosen, arena, parts.entries)) is not None:

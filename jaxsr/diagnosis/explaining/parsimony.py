@@ -1,7 +1,7 @@
-"""Sets no richer than what they leave allows.
+"""Names no richer than what a set leaves allows.
 
-Where free runs leave more than the sensors' noise, something acts that nobody named. What explains
-less than that may imitate it: it is no finding, and no rival of a simpler law.
+Where free runs leave more than the sensors' noise, something acts that nobody named. What a law
+with more constants explains beyond a simpler one may imitate it, if it is less than that.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from jaxsr.diagnosis.judging.refine import Estimate
 
 
 def simpler(chosen: Entry, arena: Arena, entries: Sequence[Entry]) -> Entry | None:
-    """Return the best set with fewer constants beside which a set explains less than it leaves.
+    """Return the best set with a law of fewer constants in the place of one member.
 
     Parameters
     ----------
@@ -30,14 +30,18 @@ def simpler(chosen: Entry, arena: Arena, entries: Sequence[Entry]) -> Entry | No
     Returns
     -------
     Entry or None
-        With one member left out, or another in its place; never re-calibration.
+        None where none explains as much but for less than `chosen` leaves.
     """
+    every = arena.super_model.candidates
 
-    def near(entry: Entry) -> bool:
-        own, others = set(chosen.members), set(entry.members)
-        return bool(others) and len(own - others) == 1 and len(others - own) <= 1
+    def alike(entry: Entry) -> bool:
+        places = [
+            [(every[i].site, every[i].verdict) for i in {*a.members} - {*b.members}]
+            for a, b in ((chosen, entry), (entry, chosen))
+        ]
+        return len(places[0]) == 1 and places[0] == places[1]
 
-    fewer = [e for e in entries if e.constants < chosen.constants and e.fit.usable and near(e)]
+    fewer = [e for e in entries if e.constants < chosen.constants and e.fit.usable and alike(e)]
     enough = [e for e in fewer if left_for_gained(arena, chosen, e) >= 1.0]
     return min(enough, key=lambda e: e.fit.cost, default=None)
 

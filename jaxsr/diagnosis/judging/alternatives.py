@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -87,6 +87,32 @@ def likelier_without(
         return False
     probability, others = alternatives(super_model, chosen, chosen.members[0], entries, rng)
     return 1.0 - probability - sum(a.probability for a in others) > LIKELIER
+
+
+def without_doubtful(
+    super_model: SuperModel,
+    chosen: Entry,
+    entries: Sequence[Entry],
+    allow: Callable[[float], bool],
+    rng: np.random.Generator,
+) -> Entry:
+    """Return a set without members in whose place there may as well be nothing.
+
+    Beside others a mechanism is claimed where the probability that it, or another in its place,
+    acts is one that `allow` takes.
+    """
+    known = {frozenset(e.members): e for e in entries}
+    while len(chosen.members) > 1:
+        acts = {}
+        for number in chosen.members:
+            probability, others = alternatives(super_model, chosen, number, entries, rng)
+            acts[number] = probability + sum(a.probability for a in others)
+        least = min(acts, key=acts.__getitem__)
+        rest = known.get(frozenset(chosen.members) - {least})
+        if rest is None or allow(acts[least]):
+            break
+        chosen = rest
+    return chosen
 
 
 def likelier_with(
