@@ -322,22 +322,32 @@ def _explained(form: Form, folder: Path, here: bool = False) -> list[str]:
 
 
 def _runs_here(form: Form, simulator: Path, recording: Path) -> list[str]:
-    import jaxsr
     from jaxsr._result import InputError
-    from jaxsr.models.simulation import simulate_to_csv
 
     try:
-        read = jaxsr.Simulator.from_file(str(simulator))
-        model = read.model
-        record = jaxsr.read_recording(
-            recording, time=model.columns.get(model.time), sample_time=model.sample_time
-        )
-        table = simulate_to_csv(read, record)
+        return _finite(_simulated(simulator, recording), form)
     except InputError as error:
-        return [] if form.wild else [f"explained: does not run: {str(error)[:160]}"]
+        problem = f"explained: does not run: {str(error)[:160]}"
     except Exception as error:
         return [f"explained: {crash(''.join(traceback.format_exception(error)))}"]
-    return _finite(table, form)
+    try:
+        _simulated(recording.parent / form.simulator, recording)
+    except InputError:  # a law may have no simulation over the whole recording with any values
+        return []
+    return [] if form.wild else [problem]
+
+
+def _simulated(simulator: Path, recording: Path) -> pd.DataFrame:
+    """Simulate in this process with the inputs of a recording."""
+    import jaxsr
+    from jaxsr.models.simulation import simulate_to_csv
+
+    read = jaxsr.Simulator.from_file(str(simulator))
+    model = read.model
+    record = jaxsr.read_recording(
+        recording, time=model.columns.get(model.time), sample_time=model.sample_time
+    )
+    return simulate_to_csv(read, record)
 
 
 def _finite(table: pd.DataFrame, form: Form) -> list[str]:
