@@ -35,14 +35,11 @@ from jaxsr.diagnosis.likelihood.paths import path_over
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
-from jaxsr.diagnosis.thinning import thinned
+from jaxsr.diagnosis.thinning import for_evidence
 from jaxsr.diagnosis.verdict import Claim
-from jaxsr.models.segments import Prepared
 
 WEIGHING = 0.75
 """Share of the time left that the posterior may take."""
-MOST = 12_000
-"""Samples times states that the posterior is asked about."""
 RIVALS, TOLD = 4, 1e-3
 """Sets beside the leading one that the report compares it with, and from which probability on; the
 first of them whatever it has."""
@@ -58,6 +55,7 @@ def weighed(case: Case) -> Posterior | None:
     if case.search.exhausted:
         return None
     patience = case.search.share(WEIGHING)
+    told = case.prepared if case.quiet else for_evidence(model, case.prepared)
     case.progress.stage("weighing mechanisms by the evidence of the recordings")
 
     def stop() -> bool:
@@ -65,17 +63,9 @@ def weighed(case: Case) -> Posterior | None:
 
     return case.failures.attempt(
         "weighing mechanisms",
-        lambda: posterior(model, _enough(case), case.screened, stop),
+        lambda: posterior(model, told, case.screened, stop),
         None,
     )
-
-
-def _enough(case: Case) -> tuple[Prepared, ...]:
-    """Return the recordings, long ones thinned: evidence of much less data decides as well."""
-    samples = sum(p.time.size for p in case.prepared) * len(case.simulator.model.states)
-    if samples <= MOST or case.quiet:
-        return case.prepared
-    return thinned(case.simulator.model, [p.recording for p in case.prepared], MOST)[0]
 
 
 def borne_out(found: Settled, forced: bool) -> bool:

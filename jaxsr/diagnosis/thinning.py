@@ -22,6 +22,8 @@ from jaxsr.views.half_width import choose_half_widths, sampled_alike
 
 MOST, PER_SECOND = 60_000, 1000
 """Samples times states that a search works on: in all, and for each second of the time budget."""
+WEIGHED = 12_000
+"""Samples times states that an evidence is asked about: of much less data it decides as well."""
 MOST_RECORDINGS = 40
 """Recordings that a search works on; thinned, there are at most `STRETCHES[1]` pieces."""
 STRETCH, LEAST = 1500, 4000
@@ -157,6 +159,13 @@ def thinned(
     prepared = [prepared[k] for k in sorted(prepared)]
     searched = sum(p.time.size for p in prepared)
     return tuple(prepared), Whole(model, tuple(recordings), factor, searched)
+
+
+def for_evidence(model: Model, prepared: Sequence[Prepared]) -> tuple[Prepared, ...]:
+    """Return recordings, or pieces of long ones."""
+    if sum(p.time.size for p in prepared) * len(model.states) <= WEIGHED:
+        return tuple(prepared)
+    return thinned(model, [p.recording for p in prepared], WEIGHED)[0]
 
 
 def _stretches(recordings: Sequence[Recording], share: float) -> list[tuple[Recording, bool]]:

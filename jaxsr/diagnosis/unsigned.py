@@ -18,6 +18,7 @@ from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.rectified import Rectified, signed
 from jaxsr.diagnosis.setup import prepare, state_scale
+from jaxsr.diagnosis.thinning import for_evidence
 from jaxsr.models import Model, Simulator
 from jaxsr.models.segments import Prepared
 from jaxsr.models.unfolding import absolute
@@ -55,6 +56,7 @@ def rectified_sensors(
     if simulator.function is not None or model.events:
         return ()
     found: tuple[Rectified, ...] = ()
+    prepared = for_evidence(model, prepared)
     recordings = [p.recording for p in prepared]
     before: float | None = None
     for k, output in enumerate(model.outputs):
