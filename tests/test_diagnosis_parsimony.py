@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxsr.diagnosis.explaining import parsimony
-from jaxsr.diagnosis.explaining.parsimony import simpler, without_given, worth_their_constants
+from jaxsr.diagnosis.judging import parsimony
+from jaxsr.diagnosis.judging.parsimony import simpler, without_given, worth_their_constants
 
 GIVEN = {"J": 0.02, "Fc": 0.0, "kt": 0.0}
 FRICTION, VALUE, DRIFT = 0, 1, 2

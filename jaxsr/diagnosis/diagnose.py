@@ -25,17 +25,13 @@ from jaxsr.diagnosis.explanations import deviations_of, explanations, unnamed, w
 from jaxsr.diagnosis.failures import Failures, unsimulable
 from jaxsr.diagnosis.hurried import decided_in_time
 from jaxsr.diagnosis.input_noise import idle_noise, quieted
-from jaxsr.diagnosis.judging.alternatives import (
-    likelier_with,
-    likelier_without,
-    without_doubtful,
-)
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
 from jaxsr.diagnosis.laws.renaming import with_names
 from jaxsr.diagnosis.rectified import signed
 from jaxsr.diagnosis.result import Diagnosis
+from jaxsr.diagnosis.search.believed import believed
 from jaxsr.diagnosis.search.choice import (
     Decision,
     choose,
@@ -169,12 +165,12 @@ def diagnose(
             (decision, headline, grown), weights, claim = _decided(case, costs, reading, rng)
     except OutOfTime:
         (decision, headline, grown), weights, claim = decided_in_time(case), None, None
-    arena, good, chosen, detection = decision
-    if not any(e.fit.usable for e in good):
+    if not any(e.fit.usable for e in decision[1]):
         raise unsimulable(simulator, prepared)
-    null = next(e for e in good if not e.members)
     if claim is None:
-        chosen = _believed(decision, costs, null, seed)
+        decision = believed(case, decision, costs.allow, seed)
+    arena, good, chosen, detection = decision
+    null = next(e for e in good if not e.members)
     ingredients = Ingredients(
         case=case,
         arena=in_steps_of(arena, chosen),
@@ -194,15 +190,6 @@ def diagnose(
         claim=claim,
     )
     return assemble(ingredients)
-
-
-def _believed(decision: Decision, costs: Costs, null: Entry, seed: int) -> Entry:
-    """Return what is named of a set that free runs chose."""
-    arena, good, chosen, _ = decision
-    every = arena.super_model
-    chosen = likelier_with(every, chosen, good, np.random.default_rng(seed))
-    chosen = without_doubtful(every, chosen, good, costs.allow, np.random.default_rng(seed))
-    return null if likelier_without(every, chosen, good, np.random.default_rng(seed)) else chosen
 
 
 def _decided(

@@ -22,7 +22,6 @@ from jaxsr.diagnosis.explaining.explain import (
     rounding_rows,
     where,
 )
-from jaxsr.diagnosis.explaining.parsimony import simpler, without_given, worth_their_constants
 from jaxsr.diagnosis.explaining.recalibrating import completed, not_worse
 from jaxsr.diagnosis.explaining.rectifying import rectified_rows
 from jaxsr.diagnosis.explaining.value_findings import REFINING, moved_values, told_values
@@ -32,6 +31,7 @@ from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
 from jaxsr.diagnosis.judging.equivalence import equivalent
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, model_limited, residual_to_noise
+from jaxsr.diagnosis.judging.parsimony import without_given, worth_their_constants
 from jaxsr.diagnosis.judging.refine import Estimate, Ground, plain, refine
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.open_mass import OpenMass, Proposal, open_mass
@@ -176,7 +176,7 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
             rows, rivals, _ = _rows(parts, leader, refine(ground, leader, thorough=False))
             judged = replace(judged, findings=rows, rivals=rivals, leader=leader)
         return judged
-    parts, best = _simplest(parts, ground)
+    parts, best = _worthy(parts, ground)
     if parts.weights is not None:
         best = parts.weights.told_of(best)
     rows, rivals, order = _rows(parts, parts.chosen, best)
@@ -200,16 +200,13 @@ def _nearest(parts: Ingredients, entries: Sequence[Entry]) -> Entry:
     return max(entries, key=lambda e: weights.share(super_model, e))
 
 
-def _simplest(parts: Ingredients, ground: Ground) -> tuple[Ingredients, Estimate]:
-    """Return the chosen set with names no richer than what it leaves allows, refined."""
-    arena = parts.arena
+def _worthy(parts: Ingredients, ground: Ground) -> tuple[Ingredients, Estimate]:
+    """Return the chosen set, refined, and what it is compared with."""
     if parts.weights is None:  # what the evidence says of mechanisms stands
-        while (fewer := simpler(parts.chosen, arena, parts.entries)) is not None:
-            parts = replace(parts, chosen=fewer)
-        rivals = worth_their_constants(parts.chosen, arena, parts.entries)
+        rivals = worth_their_constants(parts.chosen, parts.arena, parts.entries)
         parts = replace(parts, entries=rivals)
     best = completed(parts, refine(ground, parts.chosen))
-    while (fewer := without_given(parts.chosen, arena, parts.entries, best)) is not None:
+    while (fewer := without_given(parts.chosen, parts.arena, parts.entries, best)) is not None:
         parts = replace(parts, chosen=fewer)
         best = completed(parts, refine(ground, fewer))
     return parts, best
