@@ -54,6 +54,7 @@ def test_oscillator_follows_its_closed_form() -> None:
     assert np.abs(x - wanted).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_truth_that_is_too_stiff_is_given_up() -> None:
     world = World.of(SYSTEMS["oscillator"], {"m1": 1.0, "c1": 1e9, "k1": 70.0})
     with pytest.raises(FloatingPointError, match="too stiff at sample 0"):

@@ -242,6 +242,7 @@ def test_descent_through_the_ridge_solve_lowers_every_loss(method, iterations):
     assert descent_shapes(limits) == shapes
 
 
+@pytest.mark.slow
 def test_gradient_of_a_descent_is_that_of_the_loss():
     rng = np.random.default_rng(9)
     a = rng.normal(size=(60, len(T)))

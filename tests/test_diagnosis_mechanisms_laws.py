@@ -278,6 +278,7 @@ def test_a_push_in_time_is_believed_where_there_is_one():
     assert abs(values["A"]) == pytest.approx(1.0, rel=0.15)
 
 
+@pytest.mark.slow
 def test_harmonics_of_a_periodic_input_are_no_push():
     """Dry friction under a sine has lines at odd multiples of the input's frequency."""
     item = recording(lambda q, v, t: -2.0 * np.tanh(v / 1e-3), frequency=4.0)

@@ -105,6 +105,7 @@ def test_constants_have_the_units_of_the_site() -> None:
     assert units["coulomb_friction"] == "N*m" and units["viscous_damping"] == SITE.per("w")
 
 
+@pytest.mark.slow
 def test_what_the_data_cannot_tell_is_the_shorter_one() -> None:
     """A slope at standstill that no sample shows, and one that the data tell."""
     law = "-0.3*tanh(w/0.02)"

@@ -9,6 +9,7 @@ from benchmarks.generality.plan import Ticket
 from benchmarks.generality.running import made
 
 
+@pytest.mark.slow
 def test_friction_of_a_cart_whose_pendulum_falls_over_is_no_doubt(tmp_path: Path) -> None:
     ticket = Ticket("cart_pendulum-000-rates-friction", "cart_pendulum", "rates", "friction")
     name = made(ticket, 5, tmp_path)

@@ -136,6 +136,7 @@ def test_the_gain_foreseen_is_the_gain_of_the_estimate():
     assert found.theta[at["A"]] ** 2 == pytest.approx(0.3**2, rel=0.05)
 
 
+@pytest.mark.slow
 def test_noise_alone_shows_no_wave():
     """A proposal needs chi-squared 16 + 2 log(frequencies): once in 2,900 grids by chance."""
     for seed in range(10):

@@ -86,6 +86,7 @@ def test_modes_and_their_visits_are_stated_on_that_clock_too() -> None:
     assert to_numpy(moved.modes[0].guard)(instants).tolist() == [False, True]
 
 
+@pytest.mark.slow
 def test_a_million_seconds_later_the_law_is_the_same() -> None:
     laws = []
     for origin in (0.0, 1e6):

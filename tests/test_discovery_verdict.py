@@ -206,6 +206,7 @@ def check_stated(found, folder):
     return document
 
 
+@pytest.mark.slow
 def test_terms_without_width_are_not_counted_twice(tmp_path, monkeypatch):
     """Intervals may lose their width; a term is given because it was known, not because of that."""
     real = find.coefficient_ci95

@@ -86,6 +86,7 @@ def test_a_model_of_ten_masses_offers_what_its_residual_forces_speak_for() -> No
     assert {f"constant_force@equation:v{i}" for i in range(10)} <= labels
 
 
+@pytest.mark.slow
 def test_a_damper_at_one_mass_is_offered_beside_one_damping_of_all() -> None:
     """What the shared constant does to one equation it does to all: it can not stand for that."""
     sensors = tuple(f"y{i}" for i in range(10))

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import jaxsr
 from jaxsr.diagnosis.likelihood.course import followed
@@ -116,6 +117,7 @@ def swings(folder: Path, seed: int) -> list[Path]:
     return paths
 
 
+@pytest.mark.slow
 def test_a_bias_that_wanders_within_the_noise_is_no_fault_of_a_sensor(tmp_path: Path) -> None:
     """At most one claim of twelve: more have a probability below 0.03 if each is wrong at 2 %."""
     file = tmp_path / "spring.toml"

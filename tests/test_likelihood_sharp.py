@@ -39,7 +39,8 @@ def searched(dry: Dry, noise: float) -> State:
     return search(offered(dry, noise))
 
 
-@pytest.mark.parametrize("noise", [1e-6, pytest.param(1e-4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [1e-6, 1e-4])
 def test_coulomb_friction_is_named_alone_and_no_force_is_left(noise: float) -> None:
     state = searched(Dry(2.0 / MASS, 2.0 / MASS), noise)
     every, leader = state.work.super_model, state.leader

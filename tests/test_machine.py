@@ -322,6 +322,7 @@ if sys.argv[2] == "killed":
 """
 
 
+@pytest.mark.slow
 def test_what_a_killed_run_compiled_is_not_believed(tmp_path):
     """An entry whose writing was cut off would warn, and be compiled, in all runs to come."""
 

@@ -101,6 +101,7 @@ def test_normal_running_raises_no_alarm_and_a_softer_spring_does(watch: jaxsr.Mo
     assert alarms[0].stretch.time[-1] >= alarms[0].time
 
 
+@pytest.mark.slow
 def test_ratios_are_1_at_most_in_normal_running_however_little_of_it_was_learnt() -> None:
     """What is not there at all is told by a bound alone, and a step from it may go too far."""
     learnt = MOUNT.runs(np.random.default_rng([37, 0]), 3, 2000)[1]

@@ -40,7 +40,9 @@ def test_a_rate_is_recognised(seed: int, noise: float) -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 5))]
+)
 def test_an_impostor_is_not_a_rate(seed: int, noise: float) -> None:
     names = ("x", "v", "w")
     assert recognised(_glide(seed, noise, gain=1.05), "x", names) is None  # in another unit

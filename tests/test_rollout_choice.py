@@ -195,6 +195,7 @@ BENT = (
 """Sets of terms that a search found of the recording below, all bent to what smoothing left."""
 
 
+@pytest.mark.slow
 def test_a_displacement_is_not_a_drive_that_is_smoothed_but_follows_from_its_rate() -> None:
     """Duffing's oscillator, 5 % noise: no term may explain the error of a smoothed neighbour."""
     rng = np.random.default_rng([0, 7, 50_000])

@@ -82,6 +82,7 @@ def _discovered(budget: Budget, do: Callable[[], None] = lambda: None) -> jaxsr.
     )
 
 
+@pytest.mark.slow
 def test_time_that_runs_out_in_the_roll_outs_alone_is_told(clock: Clock) -> None:
     def late() -> None:
         clock.now += 100.0

@@ -198,6 +198,7 @@ def test_without_a_gpu_nothing_is_invented() -> None:
     assert facts["measured"] is False and "points" not in facts
 
 
+@pytest.mark.slow
 def test_the_path_of_the_gpu_on_cpu_devices() -> None:
     cpu = jax.local_devices(backend="cpu")[0]
     facts = throughput_gpu.compare(cpu, cpu, 20, [100, 200], 3)
