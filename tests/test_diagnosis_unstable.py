@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from benchmarks.generality.engines import by_diagnosis
 from benchmarks.generality.plan import Ticket
 from benchmarks.generality.running import made
