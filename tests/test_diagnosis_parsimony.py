@@ -10,6 +10,7 @@ import pytest
 
 from jaxsr.diagnosis.judging import parsimony
 from jaxsr.diagnosis.judging.parsimony import simpler, without_given, worth_their_constants
+from jaxsr.diagnosis.search import believed
 
 GIVEN = {"J": 0.02, "Fc": 0.0, "kt": 0.0}
 FRICTION, VALUE, DRIFT = 0, 1, 2
@@ -55,7 +56,8 @@ def test_what_was_not_estimated_or_would_leave_nothing_is_not_taken() -> None:
 
 def estimated(members: tuple[int, ...], residual: np.ndarray, constants: int = 0) -> Any:
     """Return a set that leaves so much in two sensors; a constant a member unless told."""
-    fit = SimpleNamespace(residual=residual, usable=True, cost=float(np.sum(residual**2)))
+    cost = float(np.sum(residual**2))
+    fit = SimpleNamespace(residual=residual, usable=True, cost=cost, theta=None, path=None)
     return SimpleNamespace(members=members, constants=constants or len(members), fit=fit)
 
 
@@ -105,3 +107,20 @@ def test_nothing_and_laws_of_other_places_take_no_place() -> None:
     assert simpler(plain, place, [null, plain]) is None
     place.super_model.candidates[FRICTION].site = "output:y"
     assert simpler(richer, place, [null, plain, richer]) is None
+
+
+@pytest.mark.parametrize("more", [1.0, 12.0])
+@pytest.mark.parametrize("time", [True, False])
+def test_the_law_inside_a_richer_one_is_estimated_before_that_is_named(
+    more: float, time: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    null, plain, richer = sets(np.random.default_rng(2), 4.0, (more, more))
+    monkeypatch.setattr(believed, "enter", lambda *_, **__: plain)
+    monkeypatch.setattr(
+        believed,
+        "simplified",
+        lambda _, members, theta: [((FRICTION,), theta)] * (DRIFT in members),
+    )
+    entries, chosen = believed.plainest(arena(), richer, [null, richer], lambda: not time)
+    assert chosen is (plain if time and more < 4.0 else richer)
+    assert entries == ([null, richer, plain] if time else [null, richer])
