@@ -16,32 +16,23 @@ from jaxsr.diagnosis.judging.noise_ratio import ratios_to_noise
 from jaxsr.diagnosis.judging.refine import Estimate
 
 
-def simpler(chosen: Entry, arena: Arena, entries: Sequence[Entry]) -> Entry | None:
-    """Return the best set with a law of fewer constants in the place of one member.
+def simpler(chosen: Entry, arena: Arena, inside: Sequence[Entry]) -> Entry | None:
+    """Return the best set with the law inside a richer one in the place of that.
 
     Parameters
     ----------
     chosen : Entry
         The set, as free runs chose it.
     arena : Arena
-    entries : sequence of Entry
-        Every set that was estimated.
+    inside : sequence of Entry
+        The sets with one of its laws in a simpler form.
 
     Returns
     -------
     Entry or None
-        None where none explains as much but for less than `chosen` leaves.
+        None where each explains as much less as `chosen` leaves.
     """
-    every = arena.super_model.candidates
-
-    def alike(entry: Entry) -> bool:
-        places = [
-            [(every[i].site, every[i].verdict) for i in {*a.members} - {*b.members}]
-            for a, b in ((chosen, entry), (entry, chosen))
-        ]
-        return len(places[0]) == 1 and places[0] == places[1]
-
-    fewer = [e for e in entries if e.constants < chosen.constants and e.fit.usable and alike(e)]
+    fewer = [e for e in inside if e.constants < chosen.constants and e.fit.usable]
     enough = [e for e in fewer if left_for_gained(arena, chosen, e) >= 1.0]
     return min(enough, key=lambda e: e.fit.cost, default=None)
 

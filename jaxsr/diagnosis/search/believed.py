@@ -55,17 +55,18 @@ def believed(case: Case, decision: Decision, allow: Callable[[float], bool], see
 def plainest(
     arena: Arena, chosen: Entry, entries: Sequence[Entry], stop: Callable[[], bool]
 ) -> tuple[list[Entry], Entry]:
-    """Put simpler laws in the places of richer ones as long as what is left allows no richer.
+    """Put the laws inside richer ones in their places as long as what is left allows no richer.
 
-    The law inside a member is estimated from where that ended, if it was not yet.
+    They are estimated from where those ended, if they were not yet.
     """
     entries = list(entries)
     while True:
-        known = {e.members for e in entries}
-        for members, start in simplified(arena.super_model, chosen.members, chosen.fit.theta):
-            if members not in known and not stop():
-                entries.append(enter(arena, members, start, chosen.fit.path, stop, near=True))
-        fewer = simpler(chosen, arena, entries)
+        forms = dict(simplified(arena.super_model, chosen.members, chosen.fit.theta))
+        for members in sorted(forms.keys() - {e.members for e in entries}):
+            if not stop():
+                path = chosen.fit.path
+                entries.append(enter(arena, members, forms[members], path, stop, near=True))
+        fewer = simpler(chosen, arena, [e for e in entries if e.members in forms])
         if fewer is None:
             return entries, chosen
         chosen = fewer
