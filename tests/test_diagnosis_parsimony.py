@@ -19,10 +19,7 @@ SAMPLES = 4000
 
 def arena() -> Any:
     """Return an arena of friction Fc, a wrong value of J and a drift kt, two sensors with noise."""
-    candidates = [
-        SimpleNamespace(fixed_parameter=n, site="equation:w", verdict="structure")
-        for n in (None, "J", None)
-    ]
+    candidates = [SimpleNamespace(fixed_parameter=n) for n in (None, "J", None)]
     parameters = {n: SimpleNamespace(value=v) for n, v in GIVEN.items()}
     model = SimpleNamespace(parameters=parameters)
     return SimpleNamespace(super_model=SimpleNamespace(candidates=candidates, model=model))

@@ -73,24 +73,24 @@ def without_given(
 
 
 def left_for_gained(arena: Arena, whole: Entry, rest: Entry) -> float:
-    r"""Return what a set leaves above the noise, for what a member of it explains.
+    r"""Return what a set leaves above the noise, for what it explains beyond another.
 
     .. math:: \min_k \frac{\lVert r_k \rVert^2 (1 - 1/\rho_k^2)}
         {\lVert r'_k \rVert^2 - \lVert r_k \rVert^2}
 
-    with the residuals :math:`r_k` of output k and without the member :math:`r'_k`, and the ratio
-    :math:`\rho_k` of the first to the sensor's noise; over the outputs that the member explains.
+    with the residuals :math:`r_k` of output k and those of the other set :math:`r'_k`, and the ratio
+    :math:`\rho_k` of the first to the sensor's noise; over the outputs where it explains more.
 
     Parameters
     ----------
     arena : Arena
     whole, rest : Entry
-        The set with the member and without it.
+        The set, and the one with fewer constants.
 
     Returns
     -------
     float
-        Infinite where it explains none.
+        Infinite where it explains no more in any output.
     """
     ratios = ratios_to_noise(arena, whole)
     shares = [np.inf]
