@@ -78,7 +78,7 @@ def left_for_gained(arena: Arena, whole: Entry, rest: Entry) -> float:
     .. math:: \min_k \frac{\lVert r_k \rVert^2 (1 - 1/\rho_k^2)}
         {\lVert r'_k \rVert^2 - \lVert r_k \rVert^2}
 
-    with the residuals :math:`r_k` of output k and those of the other set :math:`r'_k`, and the ratio
+    with the residuals :math:`r_k` of output k, those of the other set :math:`r'_k`, and the ratio
     :math:`\rho_k` of the first to the sensor's noise; over the outputs where it explains more.
 
     Parameters
