@@ -23,7 +23,7 @@ MAX_LEVELS = 250  # of operators: a flat sum nests to the left, and walks are re
 MAX_POWER = 1e6
 _REMEMBERED = 4096  # names and numbers whose terms are kept; one population repeats them
 _IDENTIFIER = re.compile(r"[A-Za-z_]\w*", re.ASCII)
-_NUMBER = r"(?:[0-9][0-9_]*\.?[0-9_]*|\.[0-9][0-9_]*)(?:[eE][+-]?[0-9]+)?"
+_NUMBER = r"(?:[0-9][0-9_]*(?:\.[0-9_]*)?|\.[0-9][0-9_]*)(?:[eE][+-]?[0-9]+)?"
 # Any other character is a token of its own, so that nothing is passed over but white space.
 _TOKENS = re.compile(rf"[^\W\d]\w*|{_NUMBER}|\*\*|//|:=|[<>=!]=|\S")
 _END = ""

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 MAX_LENGTH = 120
 MAX_EXPONENT = 9.0
 _MAX_NESTING = 10
-_TOKEN = re.compile(r"\*\*|[*/^()+-]|[0-9]+\.?[0-9]*|\.[0-9]+|[A-Za-zµμΩΩ°%_]+")
+_TOKEN = re.compile(r"\*\*|[*/^()+-]|[0-9]+(?:\.[0-9]*)?|\.[0-9]+|[A-Za-zµμΩΩ°%_]+")
 _SUPERSCRIPT = re.compile("[⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 _PLAIN = str.maketrans("⁺⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "+-0123456789")
 _TIMES = str.maketrans("·⋅×", "***")

@@ -32,7 +32,9 @@ _STEMS = frozenset(
     "time_elapsed timeelapsed elapsedtime clock epoch unix unixtime unix_time epoch_time "
     "time_since_start date datetime date_time datum date/time".split()
 )
-_SUFFIX = re.compile(r"^(.*?)[\s_\-,./:]*[\[({<]\s*([^\])}>]*?)\s*[\])}>]$|^(.+?)[\s_\-,./]+(\S+)$")
+_OPENING, _CLOSING = "[({<", "])}>"
+_BETWEEN = " \t_-,./"
+"""Signs that part a name from the unit behind it."""
 
 _BASES = (
     "m g s A K mol cd rad sr Hz N Pa J W C V F Ω Ohm ohm S Wb T H °C lm lx bar l L t eV Wh Ah "
@@ -78,10 +80,7 @@ def time_unit(name: str) -> str | None:
     """Return the unit that a name states: "ms" of ``time_ms``, ``t [ms]`` and ``Time, ms``."""
     if name.strip().lower() in ("milliseconds", "millis", "microseconds", "micros", "nanoseconds"):
         return _UNIT_OF[name.strip().lower()]
-    match = _SUFFIX.match(name.strip())
-    if match is None:
-        return None
-    unit = (match.group(2) or match.group(4) or "").strip()
+    _, unit = _stem_and_unit(name.strip())
     # MS and NS might be mega- and nanosiemens; seconds are written small or as a whole word
     return _UNIT_OF.get(unit) or (_UNIT_OF.get(unit.lower()) if len(unit) > 2 else None)
 
@@ -96,8 +95,22 @@ def is_time_name(name: str) -> bool:
     plain = re.sub(r"\s+", "_", name.strip().lower())
     if plain in _STEMS or plain in ("milliseconds", "millis", "microseconds", "micros"):
         return True
-    match = _SUFFIX.match(name.strip())
-    if match is None or time_unit(name) is None:
+    if time_unit(name) is None:
         return False
-    stem = re.sub(r"\s+", "_", (match.group(1) or match.group(3) or "").strip().lower())
-    return stem in _STEMS
+    stem, _ = _stem_and_unit(name.strip())
+    return re.sub(r"\s+", "_", stem.lower()) in _STEMS
+
+
+def _stem_and_unit(name: str) -> tuple[str, str]:
+    """Part ``t [ms]``, ``t_ms`` and ``Time, ms`` before the unit; empty where there is none."""
+    if name and name[-1] in _CLOSING:
+        body = name[:-1]
+        behind = max(body.rfind(sign) for sign in _CLOSING) + 1
+        opened = [body.find(sign, behind) for sign in _OPENING if sign in body[behind:]]
+        if opened:
+            return body[: min(opened)].rstrip(_BETWEEN + ":"), body[min(opened) + 1 :].strip()
+    words = name.rsplit(maxsplit=1)
+    if len(words) == 2:
+        return words[0].rstrip(_BETWEEN), words[1].lstrip(_BETWEEN)
+    begins = min((at for sign in _BETWEEN if (at := name.find(sign, 1)) > 0), default=len(name))
+    return name[:begins], name[begins:].lstrip(_BETWEEN)
