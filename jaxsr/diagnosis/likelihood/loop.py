@@ -177,8 +177,8 @@ def step(state: State, table: Table) -> State:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
         known, due = _estimated(state, table, leader, proposed)
         state = replace(state, known=known, due=due)
-        if work.stop():
-            return state
+        if work.stop() or _completes(work, leader, state.leader):
+            return state  # the rest was not looked at
         if leader.share == 0.0 or state.leader.share < leader.share:
             break
         if forced == np.inf:
@@ -200,7 +200,9 @@ def _estimated(
 ) -> tuple[dict[Members, Hypothesis | None], tuple[Members, ...]]:
     """Return what is known once proposals about a leader are estimated, or estimated `again`.
 
-    Those for which there was no time are returned as well.
+    Those for which there was no time are returned as well. Additions end with one that leads and
+    leaves nothing, where the leader left something: what may stand in its place is told about its
+    own path.
     """
     known, due = dict(state.known), []
     for members in proposed:
@@ -222,7 +224,16 @@ def _estimated(
                 break
             found = further
         known[members] = better(before, found)
+        if not again and found is not None and found.log_evidence > needed:
+            if _completes(state.work, leader, found):
+                break
     return known, tuple(due)
+
+
+def _completes(work: Workspace, leader: Hypothesis, found: Hypothesis) -> bool:
+    """Whether a set leaves nothing where the one that led before left something."""
+    whole = found.settled and found.share == 0.0 and believable(work, found)
+    return whole and leader.share > 0.0
 
 
 def odds_of_force(work: Workspace, found: Hypothesis) -> float:
