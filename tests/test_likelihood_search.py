@@ -175,10 +175,12 @@ def test_a_latent_force_as_large_as_the_net_force_is_improbable_beforehand() -> 
     assert not sizes_about(0.0, np.zeros(1)).any()
 
 
-def found(log: float, settled: bool, members: tuple[int, ...] = ()) -> Hypothesis:
+def found(
+    log: float, settled: bool, members: tuple[int, ...] = (), share: float = 0.0
+) -> Hypothesis:
     """An estimate of some log evidence, and nothing else."""
     nothing, noise = np.zeros(0), Noise(np.ones(1), np.zeros(1), np.zeros(1))
-    return Hypothesis(members, log, 0.0, {}, {}, nothing, nothing, settled, noise, 0.0)
+    return Hypothesis(members, log, share, {}, {}, nothing, nothing, settled, noise, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -204,6 +206,32 @@ def test_what_would_lead_is_followed_until_it_rests_or_gains_no_more(
     assert not due
     estimate = known[(0,)]
     assert estimate is not None and estimate.log_evidence == kept
+
+
+@pytest.mark.parametrize(
+    ("settled", "share", "asked"), [(True, 0.0, 2), (True, 0.1, 3), (False, 0.0, 3)]
+)
+def test_additions_end_with_one_that_leads_and_leaves_nothing(
+    monkeypatch: pytest.MonkeyPatch, settled: bool, share: float, asked: int
+) -> None:
+    """What may stand in its place is asked about its own path; rivals are all estimated."""
+    every = SimpleNamespace(
+        candidates=[SimpleNamespace(label=f"{i}@v", physical=None, tried=1) for i in range(3)]
+    )
+    work: Any = SimpleNamespace(super_model=every, stop=lambda: False)
+    null, table = found(10.0, True, share=0.2), cast(Any, None)
+    logs = {(0,): 5.0, (1,): 50.0, (2,): 20.0}
+    monkeypatch.setattr(
+        loop,
+        "hypothesis",
+        lambda w, t, m, *_: found(logs[m], settled, m, share if m != (0,) else 0.2),
+    )
+    monkeypatch.setattr(loop, "believable", lambda *_: True)
+    state = loop.State(work, {(): null})
+    known, due = loop._estimated(state, table, null, list(logs))
+    assert len(known) == 1 + asked and not due
+    known, _ = loop._estimated(state, table, null, list(logs), again=True)
+    assert len(known) == 4
 
 
 def test_of_two_estimates_alike_the_one_at_rest_stands() -> None:

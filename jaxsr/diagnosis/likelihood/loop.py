@@ -232,8 +232,9 @@ def _estimated(
 
 def _completes(work: Workspace, leader: Hypothesis, found: Hypothesis) -> bool:
     """Whether a set leaves nothing where the one that led before left something."""
-    whole = found.settled and found.share == 0.0 and believable(work, found)
-    return whole and leader.share > 0.0
+    if leader.share == 0.0 or found.share > 0.0 or not found.settled:
+        return False
+    return believable(work, found)
 
 
 def odds_of_force(work: Workspace, found: Hypothesis) -> float:
