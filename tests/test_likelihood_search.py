@@ -216,21 +216,24 @@ def test_additions_end_with_one_that_leads_and_leaves_nothing(
 ) -> None:
     """What may stand in its place is asked about its own path; rivals are all estimated."""
     every = SimpleNamespace(
-        candidates=[SimpleNamespace(label=f"{i}@v", physical=None, tried=1) for i in range(3)]
+        candidates=[SimpleNamespace(label=f"{i}@v", physical=None, tried=1) for i in range(4)]
     )
     work: Any = SimpleNamespace(super_model=every, stop=lambda: False)
-    null, table = found(10.0, True, share=0.2), cast(Any, None)
-    logs = {(0,): 5.0, (1,): 50.0, (2,): 20.0}
-    monkeypatch.setattr(
-        loop,
-        "hypothesis",
-        lambda w, t, m, *_: found(logs[m], settled, m, share if m != (0,) else 0.2),
-    )
+    leader, table = found(10.0, True, (3,), share=0.2), cast(Any, None)
+    logs = {(0, 3): 5.0, (1, 3): 50.0, (2, 3): 20.0}
+
+    def estimate(w: Any, t: Any, m: tuple[int, ...], *_: Any) -> Hypothesis:
+        return found(logs[m], settled, m, share if logs[m] > 10.0 else 0.2)
+
+    monkeypatch.setattr(loop, "hypothesis", estimate)
     monkeypatch.setattr(loop, "believable", lambda *_: True)
-    state = loop.State(work, {(): null})
-    known, due = loop._estimated(state, table, null, list(logs))
+    state = loop.State(work, {(3,): leader})
+    known, due = loop._estimated(state, table, leader, list(logs))
     assert len(known) == 1 + asked and not due
-    known, _ = loop._estimated(state, table, null, list(logs), again=True)
+    known, _ = loop._estimated(state, table, leader, list(logs), again=True)
+    assert len(known) == 4
+    null = found(10.0, True, share=0.2)  # beside re-calibration all are asked
+    known, _ = loop._estimated(loop.State(work, {(): null}), table, null, list(logs))
     assert len(known) == 4
 
 

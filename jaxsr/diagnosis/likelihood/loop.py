@@ -231,8 +231,12 @@ def _estimated(
 
 
 def _completes(work: Workspace, leader: Hypothesis, found: Hypothesis) -> bool:
-    """Whether a set leaves nothing where the one that led before left something."""
-    if leader.share == 0.0 or found.share > 0.0 or not found.settled:
+    """Whether a set leaves nothing where the one that led before left something.
+
+    Beside re-calibration everything that promises is asked: the first to leave nothing is often the
+    richest of several.
+    """
+    if not leader.members or leader.share == 0.0 or found.share > 0.0 or not found.settled:
         return False
     return believable(work, found)
 

@@ -26,6 +26,8 @@ def opened(request: dict[str, Any]) -> Steps:
     if spec is None or spec.loader is None:
         raise Refused("cannot be loaded as Python")
     module = importlib.util.module_from_spec(spec)
+    # Compiled files are told apart by the second: one changed within it would be read as it was.
+    sys.dont_write_bytecode = True
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
