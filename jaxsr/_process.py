@@ -121,7 +121,10 @@ def listening() -> Iterator[Run]:
 def say(text: str) -> None:
     """Write a line on standard error, if anybody still reads it."""
     with contextlib.suppress(OSError, ValueError, RuntimeError, AttributeError):
-        print(f"jaxsr: {text}", file=sys.stderr, flush=True)
+        try:
+            print(f"jaxsr: {text}", file=sys.stderr, flush=True)
+        except OSError:  # what is left of it goes nowhere: at exit it would change the status
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
 
 
 def _install(run: Run) -> dict[int, Callable[[int, FrameType | None], object] | int]:
