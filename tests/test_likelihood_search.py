@@ -220,7 +220,7 @@ def test_additions_end_with_one_that_leads_and_leaves_nothing(
     )
     work: Any = SimpleNamespace(super_model=every, stop=lambda: False)
     leader, table = found(10.0, True, (3,), share=0.2), cast(Any, None)
-    logs = {(0, 3): 5.0, (1, 3): 50.0, (2, 3): 20.0}
+    logs: dict[tuple[int, ...], float] = {(0, 3): 5.0, (1, 3): 50.0, (2, 3): 20.0}
 
     def estimate(w: Any, t: Any, m: tuple[int, ...], *_: Any) -> Hypothesis:
         return found(logs[m], settled, m, share if logs[m] > 10.0 else 0.2)
