@@ -1,4 +1,4 @@
-"""No regular expression of the package takes time with the square of a text's length."""
+"""No regular expression that reads formulas, recordings or models takes the square of a length."""
 
 import importlib
 import pkgutil
