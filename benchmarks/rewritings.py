@@ -50,6 +50,8 @@ ROLES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 VELOCITY = {"emps": "v", "silverbox": "v", "ur10e": "v1"}
 ALIKE = {"gravity": "constant_force", "end_stop": "piecewise_stiffness"}
 """Mechanisms that the data of these recordings cannot tell apart."""
+EVEN = 0.01
+"""Difference of probability below which a finding and its alternative are told as equal."""
 
 
 @dataclass(frozen=True)
@@ -93,16 +95,26 @@ class Answer:
 
 
 def places(findings: Sequence[Mapping[str, Any]], velocity: str) -> tuple[str, ...]:
-    """Return mechanism and place of findings, in names that all writings share."""
+    """Return mechanism and place of findings, in names that all writings share.
+
+    What a finding calls as probable as itself is named beside it: on a spring whose stiffness is
+    free, a constant force and a bias of its sensor are one model, and the start values say which
+    is told.
+    """
     found = set()
     for row in findings:
         if row["family"] != "parameter":
-            site = str(row["site"])
-            place = site if site.startswith("equation:") else site.partition(":")[0]
-            if site == f"equation:{velocity}":
-                place = "equation:velocity"
-            found.add(f"{ALIKE.get(row['mechanism'], row['mechanism'])}@{place}")
+            equal = [r for r in row["alternatives"] if row["probability"] - r["probability"] < EVEN]
+            found.add(" or ".join(sorted({_place(r, velocity) for r in (row, *equal)})))
     return tuple(sorted(found))
+
+
+def _place(row: Mapping[str, Any], velocity: str) -> str:
+    site = str(row["site"])
+    place = site if site.startswith("equation:") else site.partition(":")[0]
+    if site == f"equation:{velocity}":
+        place = "equation:velocity"
+    return f"{ALIKE.get(row['mechanism'], row['mechanism'])}@{place}"
 
 
 def diagnosed(task: Task, budget: float) -> Answer:

@@ -54,14 +54,31 @@ def test_seeds_and_start_values_differ() -> None:
         assert len({r.text for r in drawn}) == WAYS
 
 
+def _row(
+    mechanism: str, site: str, family: str = "inertial", p: float = 0.9, **also: object
+) -> dict:
+    row = {"family": family, "mechanism": mechanism, "site": site, "probability": p}
+    return {"alternatives": [], **row, **also}
+
+
 def test_findings_are_named_alike_in_every_writing() -> None:
     rows = [
-        {"family": "parameter", "mechanism": "wrong_value", "site": "parameter:M"},
-        {"family": "inertial", "mechanism": "gravity", "site": "equation:xd"},
-        {"family": "measurement", "mechanism": "clock_skew", "site": "output:y"},
+        _row("wrong_value", "parameter:M", "parameter"),
+        _row("gravity", "equation:xd"),
+        _row("clock_skew", "output:y", "measurement"),
     ]
     found = places(rows, "xd")
     assert found == ("clock_skew@output", "constant_force@equation:velocity")
+
+
+def test_equals_are_named_together_whichever_is_told() -> None:
+    force, bias = _row("constant_force", "equation:v"), _row("sensor_bias", "output:r")
+    both = ("constant_force@equation:velocity or sensor_bias@output",)
+    for told, other in ((force, bias), (bias, force)):
+        for p, expected in ((0.5, both), (0.4, places([told], "v"))):
+            rival = {**other, "probability": p}
+            row = {**told, "probability": 1.0 - p, "alternatives": [rival]}
+            assert places([row], "v") == expected
 
 
 def test_only_sound_runs_with_the_same_findings_count() -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from scipy.stats import f
+from scipy.special import fdtrc
 
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
@@ -94,7 +94,7 @@ def above_noise(found: Settled) -> bool:
     (arena, entries, *_), *_ = found
     null = next(e for e in entries if not e.members)
     count = max(int(np.count_nonzero(null.fit.residual[0])), 1)
-    return bool(f.sf(residual_to_noise(arena, null) ** 2, count, count) < SIGNIFICANCE)
+    return bool(fdtrc(count, count, residual_to_noise(arena, null) ** 2) < SIGNIFICANCE)
 
 
 def answered(found: Settled, claim: Claim, free: Collection[str]) -> Settled:

@@ -2,7 +2,7 @@
 
 A value is an array of numbers that the program knows, or an array of objects: a `Term`, or an
 `Unreadable` where a primitive says nothing that a term could. What only picks and arranges
-elements (slices, gathers, reshapes) is done by JAX itself, on the elements' numbers.
+elements (slices, gathers, reshapes) is done on the elements' numbers (`jaxpr_arranging`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from jaxsr.expressions import Term
 from jaxsr.expressions.derivative import ZERO, built, chosen
+from jaxsr.models.jaxpr_arranging import arranged
 from jaxsr.models.jaxpr_meanings import ELEMENTWISE, UnreadableError, condition
 
 Array = Any
@@ -154,7 +155,7 @@ def _elementwise(meaning: Callable[..., Term], given: Sequence[Array]) -> Array:
 
 
 def _arranged(equation: Any, given: Sequence[Array]) -> list[Array]:
-    """Let JAX arrange the numbers of the elements; indices have to be known."""
+    """Arrange the numbers of the elements; indices have to be known."""
     moved = _ARRANGING[equation.primitive.name]
     positions = range(len(given)) if moved is None else moved
     pool: list[Element] = [ZERO]
@@ -168,10 +169,8 @@ def _arranged(equation: Any, given: Sequence[Array]) -> list[Array]:
         own = symbols(array)
         numbered.append(np.arange(len(pool), len(pool) + own.size).reshape(own.shape))
         pool.extend(own.flat)
-    placed = equation.primitive.bind(*numbered, **equation.params)
     results = []
-    for part in placed if equation.primitive.multiple_results else [placed]:
-        numbers = np.asarray(part)
+    for numbers in arranged(equation, numbered):
         if numbers.size and not (numbers.min() >= 0 and numbers.max() < len(pool)):
             raise UnreadableError
         results.append(_mapped(lambda k: pool[int(k)], numbers))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from jaxsr._deadline import ask
 from jaxsr.models.least_squares import Fit
@@ -111,7 +111,7 @@ def gain(worse: np.ndarray, better: np.ndarray) -> tuple[float, float, float]:
     error = float(np.std(difference, ddof=1) / np.sqrt(count)) if count > 1 else np.inf
     if error == 0.0:
         return mean, 0.0, 0.5 if mean == 0.0 else float(mean < 0)
-    return mean, error, float(scipy.stats.t.sf(mean / error, count - 1))
+    return mean, error, float(scipy.special.stdtr(count - 1, -mean / error))
 
 
 def correlation_length(residual: np.ndarray) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import column_sizes
@@ -164,7 +164,7 @@ def half_widths(arena: Arena, result: Fit) -> np.ndarray:
 
 def half_widths_of(covariance: np.ndarray, blocks: int) -> np.ndarray:
     """Half the 95 % interval of every parameter, where so many blocks tell the spread."""
-    quantile = float(scipy.stats.t.ppf(0.975, max(blocks - 1, 3)))
+    quantile = float(scipy.special.stdtrit(max(blocks - 1, 3), 0.975))
     return quantile * np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.stats
+import scipy.special
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
@@ -42,7 +42,7 @@ def standard_errors(threshold: float) -> float:
 
     A two-sided test at the level `threshold` then finds it in `POWER` of all recordings.
     """
-    return float(scipy.stats.norm.isf(0.5 * threshold) + scipy.stats.norm.ppf(POWER))
+    return float(scipy.special.ndtri(POWER) - scipy.special.ndtri(0.5 * threshold))
 
 
 def detectable_rows(parts: Ingredients, table: Sensitivities) -> dict[str, Any]:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.special
-import scipy.stats
 
 from jaxsr.diagnosis.contest.blocks import MIN_GAIN, gain
 from jaxsr.diagnosis.contest.converters import independent_samples

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.special
-import scipy.stats
 
 from jaxsr.diagnosis.contest.blocks import MIN_GAIN, gain
 from jaxsr.diagnosis.contest.entry import Entry
@@ -42,7 +41,7 @@ def detect_in_noise(null: Entry, chosen: Entry, candidates: float) -> Detection:
     statistic = independent_residuals(chosen) * ratio
     if null.fit.usable and chosen.fit.usable:
         statistic = min(statistic, likelihood_ratio(null.fit, chosen.fit))
-    p = float(scipy.stats.chi2.sf(statistic, more))
+    p = float(scipy.special.chdtrc(more, max(statistic, 0.0)))
     threshold = SIGNIFICANCE / max(candidates, 1)
     return Detection(p < threshold, float(ratio), p, threshold, SIGNIFICANCE)
 

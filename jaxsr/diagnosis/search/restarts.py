@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
 
 from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
@@ -115,6 +114,8 @@ def design(low: np.ndarray, high: np.ndarray, draws: int = DRAWS) -> np.ndarray:
     ----------
     McKay, Beckman & Conover, Technometrics 21 (1979).
     """
+    from scipy.stats import qmc  # loading it takes half a second: only where starts are asked
+
     cube = qmc.LatinHypercube(low.size, rng=np.random.default_rng(0)).random(draws)
     share = np.concatenate([np.full((1, low.size), 0.5), cube])
     negative = high <= 0.0
