@@ -16,7 +16,10 @@ from jaxsr.diagnosis.likelihood.estimate import log_odds, sizes_about
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.loop import better
+from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior, posterior_along
+from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.segments import Prepared
@@ -265,3 +268,55 @@ def test_what_there_was_no_time_for_was_not_asked_about(monkeypatch: pytest.Monk
     after = replace(state, known=known, due=due, rivalled={(): 10.0})
     assert Posterior.of(after).asked == {"drag@v", "spring@v"}
     assert Posterior.of(replace(after, due=())).asked == set(labels)
+
+
+CAR = """
+[model]
+name = "car"
+states = ["v", "F"]
+inputs = ["u"]
+outputs = ["y"]
+input_hold = "linear"
+[equations]
+v = "(F - m*9.81*f - c*v*Abs(v))/m"
+F = "(u - F)/T"
+[readings]
+y = "v"
+[parameters]
+m = { value = 1300.0 }
+f = { value = 0.015, bounds = [0.005, 0.05] }
+c = { value = 0.36, bounds = [0.1, 1.0] }
+T = { value = 0.33, bounds = [0.1, 1.0] }
+"""
+
+
+def car(rng: np.random.Generator) -> Recording:
+    """A car whose speed is read with noise that keeps its sign for half a second."""
+    time, noise = 0.1 * np.arange(300), np.zeros(300)
+    drive = np.repeat(rng.choice([-1000.0, 0.0, 1500.0], 15), 20)
+
+    def rate(t: float, x: np.ndarray) -> list[float]:
+        drag = 1300.0 * 9.81 * 0.015 + 0.36 * x[0] * abs(x[0])
+        return [(x[1] - drag) / 1300.0, (np.interp(t, time, drive) - x[1]) / 0.33]
+
+    run = solve_ivp(rate, (0.0, time[-1]), [20.0, drive[0]], t_eval=time, rtol=1e-9, max_step=0.1)
+    for k in range(1, 300):
+        noise[k] = 0.8 * noise[k - 1] + 0.6 * rng.normal()
+    return Recording("run", time, {"u": drive, "y": run.y[0] + 5e-3 * noise})
+
+
+@pytest.mark.slow
+def test_no_force_stands_where_re_calibration_without_one_is_likelier() -> None:
+    """Noise that keeps its sign, and a force that does, are two modes of the same recordings."""
+    simulator = Simulator(parse_model(CAR))
+    odds = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        prepared = [Prepared.build(simulator.model, car(rng)) for _ in range(2)]
+        course = followed(simulator.model, prepared)
+        assert course is not None
+        every = SuperModel.build(simulator.model, offered(simulator.model, course, ()))
+        work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
+        state, _ = loop.begun(work, course.null)
+        odds.append(loop.odds_of_force(work, state.leader))
+    assert min(odds) > -loop.RENEWED

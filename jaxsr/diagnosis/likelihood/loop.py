@@ -119,7 +119,10 @@ def begun(work: Workspace, near: Hypothesis | None = None) -> tuple[State, Table
         base = work.super_model.base_index()
         theta[base] = near.theta[base]
         table = tabled(work, theta, near.path, near.noise, near.decay)
-    return State(work, {(): hypothesis(work, table, (), near)}), table
+    null = hypothesis(work, table, (), near)
+    if null is not None and null.share:
+        null = _without_force_if_likelier(work, table, null)
+    return State(work, {(): null}), table
 
 
 def search(work: Workspace, near: Hypothesis | None = None) -> State:
@@ -241,12 +244,29 @@ def _completes(work: Workspace, leader: Hypothesis, found: Hypothesis) -> bool:
     return believable(work, found)
 
 
+def _without_force_if_likelier(work: Workspace, table: Table, found: Hypothesis) -> Hypothesis:
+    """Return a set with its force, or without any as soon as that is likelier, at rest.
+
+    Noise that keeps its sign and a force that does are two modes: an estimate ends in the one that
+    it began in, and the noise of the other takes more than one look.
+    """
+    best, alone = found, _without_force(work, table, found)
+    while alone is not None and alone.log_evidence > best.log_evidence + RENEWED:
+        best, alone = alone, _without_force(work, table, alone)
+    return best
+
+
 def odds_of_force(work: Workspace, found: Hypothesis) -> float:
     """Return the log odds of the latent force beside a set, against the set without any."""
     table = tabled(work, found.theta, found.path, found.noise, found.decay)
-    calm = replace(table, scales=replace(table.scales, shares=np.zeros(1)))
-    alone = hypothesis(work, calm, found.members, found)
+    alone = _without_force(work, table, found)
     return np.inf if alone is None else found.log_evidence - alone.log_evidence
+
+
+def _without_force(work: Workspace, table: Table, found: Hypothesis) -> Hypothesis | None:
+    """Estimate a set without a latent force, from where it stands with one."""
+    calm = replace(table, scales=replace(table.scales, shares=np.zeros(1)))
+    return hypothesis(work, calm, found.members, found)
 
 
 def better(before: Hypothesis | None, after: Hypothesis | None) -> Hypothesis | None:
