@@ -19,6 +19,7 @@ from test_report_documents import drive_document, drive_evidence
 from jaxsr.report import Evidence, write_diagnosis_report
 from jaxsr.report.copies import edit_text, python_text, shares_of
 from jaxsr.report.exploring import MOST, packed, script
+from jaxsr.report.mismatch import by_site
 from jaxsr.report.whiteness import LAGS, correlations, left_over, means
 
 RIVAL = ("stribeck_friction@equation:v",)
@@ -155,6 +156,29 @@ def test_means_over_a_variable_show_what_is_left() -> None:
     beyond = np.abs(middle) > 0.1
     assert mean[beyond] == pytest.approx(0.3 * np.sign(middle[beyond]), abs=0.03)
     assert (error < 0.05).all()
+
+
+def test_what_is_left_is_told_on_held_out_recordings_where_there_are_any(tmp_path: Path) -> None:
+    """A mean that is left in one role's recordings is drawn, or not, by the role that is shown."""
+    evidence = drive_evidence()
+    train, held = (
+        next(r for r in evidence.residuals if r.role == x) for x in ("train", "held_out")
+    )
+    drawn = []
+    for held_out in ([], [held]):
+        pair = [train, *held_out]
+        shown = left_over(Evidence("m", residuals=pair))[0]
+        worse = left_over(
+            Evidence("m", residuals=[replace(train, explained=train.explained + 9.0), *held_out])
+        )
+        drawn.append((shown, shown.png == worse[0].png))
+    assert [role in d.caption + d.note for d, _ in drawn for role in ("training", "held-out")] == [
+        *(True, False),
+        *(False, True),
+    ]
+    assert [same for _, same in drawn] == [False, True]
+    sites = by_site(evidence.residuals)
+    assert [part.role for parts in sites.values() for part in parts] == ["train"]
 
 
 needs_browser = pytest.mark.skipif(browser.found() is None, reason="no Chromium on this machine")

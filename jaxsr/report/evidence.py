@@ -89,6 +89,8 @@ class ForceResidual:
         Its unit.
     variables : mapping of str to ndarray, shape (test functions,)
         Other states, and inputs.
+    role : {"train", "held_out"}
+        Whether the recording was used to estimate.
     """
 
     site: str
@@ -101,6 +103,7 @@ class ForceResidual:
     state: np.ndarray
     state_unit: str | None
     variables: Mapping[str, np.ndarray] = field(default_factory=dict)
+    role: Literal["train", "held_out"] = "train"
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,8 @@ class Considered:
         Whether it stands in the explained model.
     reason : str
         One plain sentence.
+    probability : float or None
+        Posterior probability that it is the truth, where the evidence was told.
     """
 
     mechanisms: tuple[str, ...]
@@ -126,6 +131,7 @@ class Considered:
     relative: float
     chosen: bool
     reason: str
+    probability: float | None = None
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,12 @@ from jaxsr.report.words import capital, errors_at, headline_index, site_words
 CLEARER = 0.5
 """Share of the error left, relative to that at the headline horizon, below which another horizon
 is shown beside it."""
-_MODELS = {
+MODELS: Mapping[str, str] = {
     "given": "As given",
     "recalibrated": "Re-calibrated",
     "explained": "Explained",
 }
-_UNKNOWN: Mapping[str, Role] = MappingProxyType({})
+UNKNOWN: Mapping[str, Role] = MappingProxyType({})
 _ROLES = {"train": "Training", "held_out": "Held out"}
 
 
@@ -64,7 +64,7 @@ class Role:
 
 
 def figures_at_a_glance(
-    fit: Mapping[str, Any], about: Mapping[str, Role] = _UNKNOWN, site: str | None = None
+    fit: Mapping[str, Any], about: Mapping[str, Role] = UNKNOWN, site: str | None = None
 ) -> list[dict[str, Any]]:
     """Return the few before-and-after pairs that stand beside the verdict.
 
@@ -134,7 +134,7 @@ def _tile(
     }
 
 
-def fit_groups(fit: Mapping[str, Any], about: Mapping[str, Role] = _UNKNOWN) -> dict[str, Any]:
+def fit_groups(fit: Mapping[str, Any], about: Mapping[str, Role] = UNKNOWN) -> dict[str, Any]:
     """Return the free-run errors: a column for each horizon, rows for each role and model."""
     horizons = fit.get("horizons_s") or []
     marked = headline_index(fit)
@@ -147,7 +147,7 @@ def fit_groups(fit: Mapping[str, Any], about: Mapping[str, Role] = _UNKNOWN) -> 
                 "key": model,
                 "cells": [percent(value) for value in _padded(rows.get(model), len(horizons))],
             }
-            for model, name in _MODELS.items()
+            for model, name in MODELS.items()
             if rows.get(model)
         ]
         if lines and role.noise:
