@@ -17,7 +17,7 @@ import pytest
 from test_report_documents import drive_document, drive_evidence
 
 from jaxsr.report import Evidence, write_diagnosis_report
-from jaxsr.report.copies import edit_text, python_text, shares_of
+from jaxsr.report.copies import edit_text, python_text
 from jaxsr.report.exploring import MOST, packed, script
 from jaxsr.report.mismatch import by_site
 from jaxsr.report.whiteness import LAGS, correlations, left_over, means
@@ -113,10 +113,18 @@ def test_what_is_copied_can_be_used() -> None:
     compile(python_text(drive_document()), "copied", "exec")
 
 
-def test_parts_of_an_explanation_add_up_to_one() -> None:
-    assert shares_of([{"share": 0.3}, {"share": 0.1}]) == pytest.approx([0.75, 0.25])
-    assert shares_of([{"share": 0.3}]) == [None]
-    assert shares_of([{"share": 0.3}, {"share": None}]) == [None, None]
+def test_a_part_says_of_what_it_is_a_part(tmp_path: Path) -> None:
+    document = drive_document()
+    (finding,) = document["findings"]
+    told = [{"value": 0.75, "by": "all orders"}, {"value": 0.25, "by": "leaving one out"}, None]
+    document["findings"] = [finding | {"part": part} for part in told]
+    write_diagnosis_report(document, with_rivals(), tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    parts = re.findall(r"<dt>Part of the explanation</dt><dd>(.*?)</dd>", page)
+    assert len(parts) == 2
+    assert all("of what re-calibration could not explain" in part for part in parts)
+    assert parts[0].startswith("75 %") and "average over the orders" in parts[0]
+    assert parts[1].startswith("25 %") and "without each finding, scaled" in parts[1]
 
 
 def test_columns_that_would_be_blank_are_left_out(tmp_path: Path) -> None:

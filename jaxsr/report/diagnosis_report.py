@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from jaxsr.report.considered import considered_rows
-from jaxsr.report.copies import edit_text, python_text, shares_of
+from jaxsr.report.copies import edit_text, python_text
 from jaxsr.report.diff import diff_tables, given_parameters
 from jaxsr.report.evidence import Evidence
 from jaxsr.report.exploring import packed, script, script_hash
@@ -20,6 +20,7 @@ from jaxsr.report.formatting import (
     is_number,
     listing,
     number,
+    odds,
     seconds,
     unit_text,
 )
@@ -94,10 +95,7 @@ def write_diagnosis_report(
         "noise_sentence": noise_sentence(fit, about),
         "horizon_sentence": horizon_sentence(fit),
         "left_open": left_open(document),
-        "cards": [
-            _card(finding, units) | {"part": part}
-            for finding, part in zip(findings, shares_of(findings), strict=True)
-        ],
+        "cards": [_card(finding, units) for finding in findings],
         "explorable": bool(evidence.trajectories or evidence.residuals),
         "left_over": drawn,
         "python": python_text(document),
@@ -144,6 +142,7 @@ def _card(finding: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any
         ],
         "probability": finding.get("probability"),
         "share": finding.get("share"),
+        "part": part_words(finding.get("part")),
         "alternatives": [
             {
                 "name": mechanism_words(other.get("mechanism")),
@@ -164,6 +163,21 @@ def _card(finding: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any
             ]
         ),
     }
+
+
+def part_words(part: Mapping[str, Any] | None) -> str:
+    """Say what part of an explanation a finding is, of what it is a part, and how it was told."""
+    if not part or not is_number(part.get("value")):
+        return ""
+    told = (
+        "a finding's part is what it adds, on average over the orders in which all can be added"
+        if part.get("by") == "all orders"
+        else "parts are what comes back without each finding, scaled"
+    )
+    return (
+        f"{odds(part['value'])} of what re-calibration could not explain and the findings do "
+        f"(squared error); {told}, and the parts of all add up to 100 %"
+    )
 
 
 def parameter_row(name: str, entry: Any) -> dict[str, str]:
