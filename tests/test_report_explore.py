@@ -14,11 +14,12 @@ from pathlib import Path
 import browser
 import numpy as np
 import pytest
-from test_report_documents import drive_document, drive_evidence
+from test_report_documents import chain_document, drive_document, drive_evidence
 
-from jaxsr.report import Evidence, write_diagnosis_report
+from jaxsr.report import Evidence, write_diagnosis_report, write_discovery_report
 from jaxsr.report.copies import edit_text, python_text
 from jaxsr.report.exploring import MOST, packed, script
+from jaxsr.report.fit_tables import fit_groups
 from jaxsr.report.mismatch import by_site
 from jaxsr.report.whiteness import LAGS, correlations, left_over, means
 
@@ -138,6 +139,33 @@ def test_columns_that_would_be_blank_are_left_out(tmp_path: Path) -> None:
     assert "<th>Unit</th>" not in card and "95 % interval" in card
     checks = page[page.index("Checks of the data") :]
     assert "<th>Channel</th>" not in checks[: checks.index("</table>")]
+
+
+def test_a_discovery_prints_no_blank_columns_either(tmp_path: Path) -> None:
+    document = chain_document()
+    row = {"file": "", "channel": "q", "check": "gap", "message": "x"}
+    heads = []
+    for name, ends, checks in (("a", [19.9, 20.1], [row | {"file": "a.csv"}]), ("b", None, [row])):
+        for term in document["equations"][0]["terms"]:
+            term["ci95"] = ends
+        document["data_checks"] = checks
+        write_discovery_report(document, [], tmp_path / name)
+        page = (tmp_path / name / "report.html").read_text(encoding="utf-8")
+        heads.append([word in page for word in ("<th>File<", "<th>Channel<", "95 % interval<")])
+    assert heads == [[True, True, True], [False, True, False]]
+
+
+def test_horizons_that_no_time_was_left_for_have_no_column() -> None:
+    fit = drive_document()["fit"]
+    for role in ("train", "held_out"):
+        for model in ("given", "recalibrated", "explained"):
+            fit[role][model][0] = None
+    table = fit_groups(fit)
+    assert [column["text"] for column in table["columns"]] == ["2.5 s", "whole recording"]
+    assert [column["headline"] for column in table["columns"]] == [True, False]
+    rows = [row["cells"] for group in table["groups"] for row in group["rows"]]
+    assert len(rows) == 6 and all(len(cells) == 2 for cells in rows)
+    assert not any("–" in cells for cells in rows)
 
 
 def test_white_residuals_are_called_white_and_slow_ones_not() -> None:

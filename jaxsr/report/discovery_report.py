@@ -172,6 +172,7 @@ def _equation(equation: Mapping[str, Any]) -> dict[str, Any]:
     facts = [
         (f"Mean square error of the rate, {words}", number(equation.get(key), 3))
         for words, key in errors
+        if is_number(equation.get(key))
     ]
     if is_number(equation.get("held_out_free_run_nrmse")):
         value = number(equation["held_out_free_run_nrmse"], 3)

@@ -135,9 +135,12 @@ def _tile(
 
 
 def fit_groups(fit: Mapping[str, Any], about: Mapping[str, Role] = UNKNOWN) -> dict[str, Any]:
-    """Return the free-run errors: a column for each horizon, rows for each role and model."""
+    """Return the free-run errors: a column for each horizon, rows for each role and model.
+
+    Horizons at which nothing was run have no column.
+    """
     horizons = fit.get("horizons_s") or []
-    marked = headline_index(fit)
+    marked, run = headline_index(fit), _run(fit, len(horizons))
     groups = []
     for key, words in _ROLES.items():
         rows, role = fit.get(key) or {}, about.get(key, Role())
@@ -145,25 +148,30 @@ def fit_groups(fit: Mapping[str, Any], about: Mapping[str, Role] = UNKNOWN) -> d
             {
                 "model": name,
                 "key": model,
-                "cells": [percent(value) for value in _padded(rows.get(model), len(horizons))],
+                "cells": [percent(_padded(rows[model], len(horizons))[i]) for i in run],
             }
             for model, name in MODELS.items()
             if rows.get(model)
         ]
         if lines and role.noise:
-            cells = [percent(role.noise)] * len(horizons)
+            cells = [percent(role.noise)] * len(run)
             lines.append({"model": "Sensor noise alone", "key": "noise", "cells": cells})
         if lines:
             note = role.note(horizons)
             files = rows.get("files") or []
             groups.append({"role": words, "files": files, "note": note, "rows": lines})
+    last = len(horizons) - 1
     columns = [
-        {"text": seconds(h), "headline": i == marked, "last": i == len(horizons) - 1}
-        for i, h in enumerate(horizons)
+        {"text": "whole recording" if i == last else seconds(horizons[i]), "headline": i == marked}
+        for i in run
     ]
-    if columns:
-        columns[-1]["text"] = "whole recording"
     return {"columns": columns, "groups": groups}
+
+
+def _run(fit: Mapping[str, Any], count: int) -> list[int]:
+    """Return the horizons at which anything was run: time may have ended before others."""
+    rows = [_padded((fit.get(role) or {}).get(model), count) for role in _ROLES for model in MODELS]
+    return [i for i in range(count) if any(is_number(row[i]) for row in rows)]
 
 
 def _padded(values: list[float | None] | None, length: int) -> list[float | None]:
