@@ -10,6 +10,8 @@ from jaxsr.report.exploring import rival_keys
 from jaxsr.report.formatting import is_number, number, percent, sureness
 from jaxsr.report.words import capital, mechanism_at
 
+_LEAST = 1e-300
+
 
 def considered_rows(
     evidence: Evidence, findings: Sequence[Mapping[str, Any]]
@@ -53,7 +55,8 @@ def _row(
         "relative": percent(row.relative, 3),
         # Bars end at the re-calibrated model's error, which is 100 %.
         "bar": round(100 * min(max(row.relative, 0.0), 1.0), 1) if is_number(row.relative) else 0,
-        "probability": sureness(probability) if is_number(probability) else "",
+        # What the data make improbable beyond the digits of a number is not impossible.
+        "probability": sureness(max(probability, _LEAST)) if is_number(probability) else "",
         "chosen": row.chosen,
         "reason": row.reason,
         "models": _models(row, rivals),

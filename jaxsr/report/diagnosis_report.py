@@ -169,15 +169,15 @@ def part_words(part: Mapping[str, Any] | None) -> str:
     """Say what part of an explanation a finding is, of what it is a part, and how it was told."""
     if not part or not is_number(part.get("value")):
         return ""
+    whole = "what re-calibration could not explain and the findings do (squared error)"
+    if part["value"] == 1.0:
+        return f"all of {whole}"
     told = (
         "a finding's part is what it adds, on average over the orders in which all can be added"
         if part.get("by") == "all orders"
         else "parts are what comes back without each finding, scaled"
     )
-    return (
-        f"{odds(part['value'])} of what re-calibration could not explain and the findings do "
-        f"(squared error); {told}, and the parts of all add up to 100 %"
-    )
+    return f"{odds(part['value'])} of {whole}; {told}, and the parts of all add up to 100 %"
 
 
 def parameter_row(name: str, entry: Any) -> dict[str, str]:

@@ -171,17 +171,19 @@ class _Means:
 def means(over: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the middles of stretches of a variable, and the means there with their errors.
 
-    Neighbouring test functions overlap by three quarters, so that a fourth of them is independent.
+    Stretches hold equally many values, so that few held-out ones still tell a mean. Neighbouring
+    test functions overlap by three quarters, so that a fourth of them is independent.
     """
     if len(over) < 2 * LEAST or np.ptp(over) == 0.0:
         return np.empty(0), np.empty(0), np.empty(0)
-    edges = np.linspace(over.min(), over.max(), BINS + 1)
-    place = np.clip(np.digitize(over, edges) - 1, 0, BINS - 1)
+    count = int(np.clip(len(over) // (2 * LEAST), 2, BINS))
+    edges = np.unique(np.quantile(over, np.linspace(0.0, 1.0, count + 1)))
+    place = np.clip(np.digitize(over, edges) - 1, 0, max(len(edges) - 2, 0))
     rows = []
-    for k in range(BINS):
+    for k in range(len(edges) - 1):
         inside = values[place == k]
         if inside.size >= LEAST:
             error = np.std(inside) / np.sqrt(inside.size / 4.0)
-            rows.append(((edges[k] + edges[k + 1]) / 2, np.mean(inside), error))
+            rows.append((np.mean(over[place == k]), np.mean(inside), error))
     found = np.array(rows).reshape(-1, 3).T
     return found[0], found[1], found[2]

@@ -21,6 +21,7 @@ from jaxsr.models import Model, difference
 from jaxsr.models.segments import Prepared
 from jaxsr.models.states import input_table, output_table, spread
 from jaxsr.recordings import Recording, noise_level
+from jaxsr.report.formatting import number
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.explaining.judge import Ingredients, Judged
@@ -280,7 +281,7 @@ def _by_evidence(told: float | None, taken: float | None) -> str:
         return "Not sure enough to be claimed."
     if told == 0.0:
         return "Far less probable than what was taken."
-    return f"{taken / told:.2g} times less probable than what was taken."
+    return f"{number(taken / told, 2)} times less probable than what was taken."
 
 
 def _reason(parts: Ingredients, entry: Entry) -> str:
