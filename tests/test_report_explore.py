@@ -14,9 +14,10 @@ from pathlib import Path
 import browser
 import numpy as np
 import pytest
-from test_report_documents import chain_document, drive_document, drive_evidence
+from test_report_documents import chain_document, chain_fits, drive_document, drive_evidence
 
-from jaxsr.report import Evidence, write_diagnosis_report, write_discovery_report
+from jaxsr.report import Evidence, ModelRun, write_diagnosis_report, write_discovery_report
+from jaxsr.report.batch_report import batch_page
 from jaxsr.report.copies import edit_text, python_text
 from jaxsr.report.exploring import MOST, packed, script
 from jaxsr.report.fit_tables import fit_groups
@@ -224,6 +225,58 @@ needs_browser = pytest.mark.skipif(browser.found() is None, reason="no Chromium 
 def page() -> Iterator[browser.Page]:
     with browser.page() as opened:
         yield opened
+
+
+@pytest.fixture(scope="module")
+def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Return a discovery's page with free runs and one over a batch of long names."""
+    directory = tmp_path_factory.mktemp("others")
+    time = np.linspace(0.0, 10.0, 1500)
+    runs = [
+        ModelRun(
+            **{"recording": "run2.csv", "output": state, "unit": "m/s", "time": time},
+            **{"measured": np.sin(time), "simulated": np.sin(time) + 0.01 * np.cos(3.0 * time)},
+            **{"starts": time[[0, 750]], "horizon_s": 5.0, "nrmse": 0.01},
+            inputs={"u": np.cos(time)},
+        )
+        for state in ("z3", "z4")
+    ]
+    write_discovery_report(chain_document(), chain_fits(), directory, runs=runs)
+    bare = directory / "bare"
+    write_discovery_report(chain_document(), chain_fits(), bare)
+    cases = {f"machine_{k}_{'long' * 8}": drive_document() for k in range(3)}
+    batch = directory / "batch.html"
+    batch.write_text(batch_page(cases, {"broken": "no column of that name " * 4}, ["waiting"]))
+    return {"runs": directory / "report.html", "bare": bare / "report.html", "batch": batch}
+
+
+@needs_browser
+@pytest.mark.parametrize("which", ["runs", "bare", "batch"])
+@pytest.mark.parametrize("width", [400, 800, 1600])
+def test_pages_of_discoveries_and_batches_hold_in_three_widths(
+    page: browser.Page, others: dict[str, Path], which: str, width: int
+) -> None:
+    page.show(others[which], width)
+    assert page.value("document.documentElement.scrollWidth <= innerWidth")
+    charts = page.value("document.querySelectorAll('#explore canvas').length")
+    assert charts == (3 if which == "runs" else 0)  # two outputs, and one over any variable
+    assert page.errors == []
+
+
+@needs_browser
+def test_runs_of_a_discovery_are_zoomed_together(
+    page: browser.Page, others: dict[str, Path]
+) -> None:
+    page.show(others["runs"], 1000)
+    states = "[...document.querySelectorAll('#explore .chart canvas')].map(c => c.toDataURL())"
+    before = page.value(states)
+    press(page, "Zoom in")
+    assert [a != b for a, b in zip(before, page.value(states), strict=True)] == [True, True, False]
+    words = (
+        "[...document.querySelectorAll('#explore label input')].map(b => b.parentNode.innerText)"
+    )
+    assert [word.strip() for word in page.value(words)] == ["measured", "model"]
+    assert page.errors == []
 
 
 @needs_browser
