@@ -79,20 +79,18 @@ def test_errors_that_fall_are_the_noise_of_the_starts():
 
 
 def test_sets_are_shown_with_their_probabilities(tmp_path: Path):
+    """First what was taken, then the most probable; by the evidence where that was told."""
     evidence, findings = drive_evidence(), drive_document()["findings"]
-    rows = {tuple(c.mechanisms): r for c, r in _rows(evidence, findings)}
-    assert rows["coulomb_friction@equation:v",]["probability"] == "93 %"
-    assert rows["stribeck_friction@equation:v",]["probability"] == "6 %"
-    assert rows["quadratic_drag@equation:v",]["probability"] == ""  # nothing tells it
-    told = [replace(c, probability=0.5) for c in evidence.considered]
-    rows = dict(_rows(replace(evidence, considered=told), findings))
-    assert {r["probability"] for r in rows.values()} == {"50 %"}
+    evidence = replace(evidence, considered=evidence.considered[::-1])
+    shown = [(r["names"], r["probability"]) for r in considered_rows(evidence, findings)]
+    assert [probability for _, probability in shown] == ["93 %", "6 %", "", "", ""]
+    assert [names[0].split()[0] for names, _ in shown[:2]] == ["Coulomb", "Stribeck"]
+    sure = [replace(c, probability=0.1 * k) for k, c in enumerate(evidence.considered)]
+    rows = considered_rows(replace(evidence, considered=sure), findings)
+    assert rows[0]["chosen"] and rows[0]["probability"] == "40 %"
+    assert [row["probability"] for row in rows[1:]] == ["30 %", "20 %", "10 %", "< 1 %"]
     write_diagnosis_report(drive_document(), evidence, tmp_path / "told")
     bare = replace(evidence, considered=[Considered((), 0.1, 1.0, False, "Left.")])
     write_diagnosis_report(drive_document(), bare, tmp_path / "bare")
     heads = [(tmp_path / n / "report.html").read_text("utf-8") for n in ("told", "bare")]
     assert [">Probable</th>" in head for head in heads] == [True, False]
-
-
-def _rows(evidence, findings):
-    return zip(evidence.considered, considered_rows(evidence, findings), strict=True)

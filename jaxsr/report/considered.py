@@ -16,9 +16,17 @@ _LEAST = 1e-300
 def considered_rows(
     evidence: Evidence, findings: Sequence[Mapping[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Return a row for each set: its error, how probable it is, why it was taken or lost."""
+    """Return a row for each set: its error, how probable it is, why it was taken or lost.
+
+    First what was taken, then by falling probability where that is told, then by the error.
+    """
     keys, likely = rival_keys(evidence), _of_sets(findings)
-    return [_row(row, keys, likely) for row in evidence.considered]
+    told = [
+        (row, likely.get(frozenset(row.mechanisms)) if row.probability is None else row.probability)
+        for row in evidence.considered
+    ]
+    told.sort(key=lambda pair: (not pair[0].chosen, pair[1] is None, -(pair[1] or 0.0)))
+    return [_row(row, keys, probability) for row, probability in told]
 
 
 def _of_sets(findings: Sequence[Mapping[str, Any]]) -> dict[frozenset[str], float]:
@@ -43,11 +51,8 @@ def _label(row: Mapping[str, Any]) -> str:
 def _row(
     row: Considered,
     rivals: Mapping[tuple[str, ...], tuple[str, str]],
-    likely: Mapping[frozenset[str], float],
+    probability: float | None,
 ) -> dict[str, Any]:
-    probability = row.probability
-    if probability is None:
-        probability = likely.get(frozenset(row.mechanisms))
     names = [mechanism_at(mechanism) for mechanism in row.mechanisms]
     return {
         "names": [capital(name) for name in names] or ["Nothing added (re-calibrated only)"],

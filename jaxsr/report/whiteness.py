@@ -164,6 +164,7 @@ class _Means:
         middle, mean, error = means(over, residual)
         ax.fill_between(middle, mean - 2 * error, mean + 2 * error, color=SHADE, alpha=0.6, lw=0)
         ax.plot(middle, mean, color=AFTER, lw=1.6)
+        ax.locator_params(axis="x", nbins=4)  # panels are narrow
         ax.set_xlabel(labelled(self.name, unit_text(self.unit)))
         ax.set_ylabel(labelled("residual", unit_text(self.part.unit)))
 
