@@ -154,7 +154,7 @@ def discover(
                     validation=validation or [],
                     held_out=held_out or [],
                     seed=seed,
-                    budget=reserve(limit, len(names)),
+                    budget=reserve(limit, len(names), len(held_out or [])),
                     progress=progress,
                     command=command,
                 ),

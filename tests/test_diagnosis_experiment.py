@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.reduced import lean
 from jaxsr.diagnosis.explaining import experiment
 from jaxsr.diagnosis.explaining.experiment import _shapes, best_experiment
+from jaxsr.diagnosis.judging.alternatives import Alternative
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models import Simulator, parse_model
@@ -81,6 +82,49 @@ def test_an_excitation_is_found_that_two_springs_answer_differently():
     assert itself.separation < 1e-6
 
 
+STRIBECK = Candidate(
+    "stribeck_friction",
+    "dissipative",
+    "equation:v",
+    (ParameterSpec("Fs", None, low=0.0),),
+    "",
+    terms=(("v", "- {Fs}*exp(-v**2)*sign(v)"),),
+)
+
+
+def asked_for(monkeypatch, probabilities: list[dict[int, float]]) -> tuple[str | None, list[int]]:
+    """Return what is asked for and the rivals that were simulated, for each finding's rivals."""
+    given = parse_model(CART)
+    arena = SimpleNamespace(super_model=SuperModel.build(given, [CUBIC, DRAG, STRIBECK]))
+    tried: list[Any] = []
+
+    def simulated(_: Any, rival: Any, __: Any) -> experiment.Experiment:
+        tried.append(rival)
+        return experiment.Experiment("steps of 1 N on u for 2 s", 3.0)
+
+    monkeypatch.setattr(experiment, "best_experiment", simulated)
+    parts: Any = SimpleNamespace(case=SimpleNamespace(simulator=Simulator(given)), arena=arena)
+    leader, entries = cast(Any, "leader"), cast(list[Any], [0, 1, 2])
+    rivals = [
+        (0, [Alternative(k, p, entries[k]) for k, p in found.items()]) for found in probabilities
+    ]
+    return experiment.next_experiment(parts, rivals, leader), tried
+
+
+def test_a_rival_that_the_recordings_reject_is_not_separated_again(monkeypatch):
+    """Nothing is asked for where all are rejected; else the most probable that is left."""
+    rejected = 0.9 * experiment.LEFT
+    assert asked_for(monkeypatch, [{1: rejected, 2: 0.0}]) == (None, [])
+    text, tried = asked_for(monkeypatch, [{1: rejected, 2: 0.04}])
+    assert tried == [2]
+    assert text is not None and "Stribeck friction" in text and "quadratic drag" not in text
+    # Of two findings' rivals too, in whatever order they come.
+    assert asked_for(monkeypatch, [{1: rejected}, {2: 0.3}])[1] == [2]
+    assert asked_for(monkeypatch, [{2: 0.3}, {1: rejected}])[1] == [2]
+    assert asked_for(monkeypatch, [{1: 0.2, 2: 0.3}])[1] == [2]
+    assert asked_for(monkeypatch, []) == (None, [])
+
+
 def test_no_excitation_is_tried_when_the_time_is_spent():
     parts, rival = parts_of(2e-3)
     parts.case.budget = Budget(1e-9)
@@ -100,10 +144,11 @@ def test_experiments_that_do_not_hold_are_found_by_halves(monkeypatch):
     monkeypatch.setattr(experiment, "closed", failing)
     parts, rival = parts_of(2e-3)
     items = [item for _, item in experiment._excitations(parts)]
-    sides = tuple(
+    first, second = (
         lean(parts.arena.super_model, parts.arena.problem.simulator, Stepping("rk4", 2), e.members)
         for e in (parts.chosen, rival)
     )
+    sides = first, second
     noise = np.array([2e-3])
 
     def separations(items):

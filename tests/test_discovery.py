@@ -99,12 +99,27 @@ def test_files_are_complete_and_the_model_reads_back(found, tmp_path):
     assert (tmp_path / "out" / "fit_v.png").stat().st_size > 1000
 
 
+def test_free_runs_over_held_out_recordings_are_kept_and_drawn(found, tmp_path):
+    runs = found.held_out_runs
+    assert [(run.recording, run.output) for run in runs] == [("ccc", "q"), ("ccc", "v")]
+    held_out = _duffing([0.5, 0.5], "ccc")
+    for run, equation in zip(runs, found.equations, strict=True):
+        np.testing.assert_array_equal(run.measured, held_out.channels[run.output])
+        np.testing.assert_array_equal(run.time, held_out.time)
+        assert run.nrmse == pytest.approx(equation.held_out_nrmse)
+        assert np.abs(run.simulated - run.measured).max() < 1e-2
+    found.save(tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "q, ccc (held out)" in page and 'id="explore"' in page
+    assert (tmp_path / "out" / "held_out_run_2.png").exists()
+
+
 def test_held_out_files_change_nothing_but_their_own_error(found):
     other = jaxsr.discover(
         DATA, states=["q", "v"], derivatives=["dq", "dv"], inputs=["u"], config=QUICK
     )
     assert [e.expression for e in other.equations] == [e.expression for e in found.equations]
-    assert other.equations[1].held_out_mse is None
+    assert other.equations[1].held_out_mse is None and other.held_out_runs == ()
     assert other.model == found.model
 
 

@@ -101,6 +101,7 @@ def drive_evidence() -> Evidence:
                 state_name="v",
                 state=v[centres],
                 state_unit="m/s",
+                role=role,
             )
         )
     considered = [

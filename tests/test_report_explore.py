@@ -14,11 +14,14 @@ from pathlib import Path
 import browser
 import numpy as np
 import pytest
-from test_report_documents import drive_document, drive_evidence
+from test_report_documents import chain_document, chain_fits, drive_document, drive_evidence
 
-from jaxsr.report import Evidence, write_diagnosis_report
-from jaxsr.report.copies import edit_text, python_text, shares_of
+from jaxsr.report import Evidence, ModelRun, write_diagnosis_report, write_discovery_report
+from jaxsr.report.batch_report import batch_page
+from jaxsr.report.copies import edit_text, python_text
 from jaxsr.report.exploring import MOST, packed, script
+from jaxsr.report.fit_tables import fit_groups
+from jaxsr.report.mismatch import by_site
 from jaxsr.report.whiteness import LAGS, correlations, left_over, means
 
 RIVAL = ("stribeck_friction@equation:v",)
@@ -112,10 +115,18 @@ def test_what_is_copied_can_be_used() -> None:
     compile(python_text(drive_document()), "copied", "exec")
 
 
-def test_parts_of_an_explanation_add_up_to_one() -> None:
-    assert shares_of([{"share": 0.3}, {"share": 0.1}]) == pytest.approx([0.75, 0.25])
-    assert shares_of([{"share": 0.3}]) == [None]
-    assert shares_of([{"share": 0.3}, {"share": None}]) == [None, None]
+def test_a_part_says_of_what_it_is_a_part(tmp_path: Path) -> None:
+    document = drive_document()
+    (finding,) = document["findings"]
+    told = [{"value": 0.75, "by": "all orders"}, {"value": 0.25, "by": "leaving one out"}, None]
+    document["findings"] = [finding | {"part": part} for part in told]
+    write_diagnosis_report(document, with_rivals(), tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    parts = re.findall(r"<dt>Part of the explanation</dt><dd>(.*?)</dd>", page)
+    assert len(parts) == 2
+    assert all("of what re-calibration could not explain" in part for part in parts)
+    assert parts[0].startswith("75 %") and "average over the orders" in parts[0]
+    assert parts[1].startswith("25 %") and "without each finding, scaled" in parts[1]
 
 
 def test_columns_that_would_be_blank_are_left_out(tmp_path: Path) -> None:
@@ -129,6 +140,33 @@ def test_columns_that_would_be_blank_are_left_out(tmp_path: Path) -> None:
     assert "<th>Unit</th>" not in card and "95 % interval" in card
     checks = page[page.index("Checks of the data") :]
     assert "<th>Channel</th>" not in checks[: checks.index("</table>")]
+
+
+def test_a_discovery_prints_no_blank_columns_either(tmp_path: Path) -> None:
+    document = chain_document()
+    row = {"file": "", "channel": "q", "check": "gap", "message": "x"}
+    heads = []
+    for name, ends, checks in (("a", [19.9, 20.1], [row | {"file": "a.csv"}]), ("b", None, [row])):
+        for term in document["equations"][0]["terms"]:
+            term["ci95"] = ends
+        document["data_checks"] = checks
+        write_discovery_report(document, [], tmp_path / name)
+        page = (tmp_path / name / "report.html").read_text(encoding="utf-8")
+        heads.append([word in page for word in ("<th>File<", "<th>Channel<", "95 % interval<")])
+    assert heads == [[True, True, True], [False, True, False]]
+
+
+def test_horizons_that_no_time_was_left_for_have_no_column() -> None:
+    fit = drive_document()["fit"]
+    for role in ("train", "held_out"):
+        for model in ("given", "recalibrated", "explained"):
+            fit[role][model][0] = None
+    table = fit_groups(fit)
+    assert [column["text"] for column in table["columns"]] == ["2.5 s", "whole recording"]
+    assert [column["headline"] for column in table["columns"]] == [True, False]
+    rows = [row["cells"] for group in table["groups"] for row in group["rows"]]
+    assert len(rows) == 6 and all(len(cells) == 2 for cells in rows)
+    assert not any("–" in cells for cells in rows)
 
 
 def test_white_residuals_are_called_white_and_slow_ones_not() -> None:
@@ -157,6 +195,29 @@ def test_means_over_a_variable_show_what_is_left() -> None:
     assert (error < 0.05).all()
 
 
+def test_what_is_left_is_told_on_held_out_recordings_where_there_are_any(tmp_path: Path) -> None:
+    """A mean that is left in one role's recordings is drawn, or not, by the role that is shown."""
+    evidence = drive_evidence()
+    train, held = (
+        next(r for r in evidence.residuals if r.role == x) for x in ("train", "held_out")
+    )
+    drawn = []
+    for held_out in ([], [held]):
+        pair = [train, *held_out]
+        shown = left_over(Evidence("m", residuals=pair))[0]
+        worse = left_over(
+            Evidence("m", residuals=[replace(train, explained=train.explained + 9.0), *held_out])
+        )
+        drawn.append((shown, shown.png == worse[0].png))
+    assert [role in d.caption + d.note for d, _ in drawn for role in ("training", "held-out")] == [
+        *(True, False),
+        *(False, True),
+    ]
+    assert [same for _, same in drawn] == [False, True]
+    sites = by_site(evidence.residuals)
+    assert [part.role for parts in sites.values() for part in parts] == ["train"]
+
+
 needs_browser = pytest.mark.skipif(browser.found() is None, reason="no Chromium on this machine")
 
 
@@ -164,6 +225,58 @@ needs_browser = pytest.mark.skipif(browser.found() is None, reason="no Chromium 
 def page() -> Iterator[browser.Page]:
     with browser.page() as opened:
         yield opened
+
+
+@pytest.fixture(scope="module")
+def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Return a discovery's page with free runs and one over a batch of long names."""
+    directory = tmp_path_factory.mktemp("others")
+    time = np.linspace(0.0, 10.0, 1500)
+    runs = [
+        ModelRun(
+            **{"recording": "run2.csv", "output": state, "unit": "m/s", "time": time},
+            **{"measured": np.sin(time), "simulated": np.sin(time) + 0.01 * np.cos(3.0 * time)},
+            **{"starts": time[[0, 750]], "horizon_s": 5.0, "nrmse": 0.01},
+            inputs={"u": np.cos(time)},
+        )
+        for state in ("z3", "z4")
+    ]
+    write_discovery_report(chain_document(), chain_fits(), directory, runs=runs)
+    bare = directory / "bare"
+    write_discovery_report(chain_document(), chain_fits(), bare)
+    cases = {f"machine_{k}_{'long' * 8}": drive_document() for k in range(3)}
+    batch = directory / "batch.html"
+    batch.write_text(batch_page(cases, {"broken": "no column of that name " * 4}, ["waiting"]))
+    return {"runs": directory / "report.html", "bare": bare / "report.html", "batch": batch}
+
+
+@needs_browser
+@pytest.mark.parametrize("which", ["runs", "bare", "batch"])
+@pytest.mark.parametrize("width", [400, 800, 1600])
+def test_pages_of_discoveries_and_batches_hold_in_three_widths(
+    page: browser.Page, others: dict[str, Path], which: str, width: int
+) -> None:
+    page.show(others[which], width)
+    assert page.value("document.documentElement.scrollWidth <= innerWidth")
+    charts = page.value("document.querySelectorAll('#explore canvas').length")
+    assert charts == (3 if which == "runs" else 0)  # two outputs, and one over any variable
+    assert page.errors == []
+
+
+@needs_browser
+def test_runs_of_a_discovery_are_zoomed_together(
+    page: browser.Page, others: dict[str, Path]
+) -> None:
+    page.show(others["runs"], 1000)
+    states = "[...document.querySelectorAll('#explore .chart canvas')].map(c => c.toDataURL())"
+    before = page.value(states)
+    press(page, "Zoom in")
+    assert [a != b for a, b in zip(before, page.value(states), strict=True)] == [True, True, False]
+    words = (
+        "[...document.querySelectorAll('#explore label input')].map(b => b.parentNode.innerText)"
+    )
+    assert [word.strip() for word in page.value(words)] == ["measured", "model"]
+    assert page.errors == []
 
 
 @needs_browser

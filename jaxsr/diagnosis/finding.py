@@ -96,6 +96,11 @@ class Finding(dict[str, Any]):
         return self.get("share")
 
     @property
+    def part(self) -> float | None:
+        """Return its part in what re-calibration could not explain; all parts add up to 1."""
+        return (self.get("part") or {}).get("value")
+
+    @property
     def term(self) -> str | None:
         """Return the term that is added, in the grammar of model files."""
         return self.get("term")

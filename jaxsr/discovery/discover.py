@@ -165,7 +165,7 @@ def discover(
                 verdict = judge.verdict(equations, compare=hybrid is None and not integrals)
     except OutOfTime:
         verdict = Verdict(UNDECIDED, OUT_OF_TIME)
-    judged_by, unseen_files = rest.stopped_by, {}
+    judged_by, unseen_files, runs = rest.stopped_by, {}, ()
     if run.held_out:
         unread = opened(run.held_out, part, naming, time)
         unseen_files = {"held_out_sha256": {r.name: r.sha256 for r in unread if r.sha256}}
@@ -174,7 +174,7 @@ def discover(
         unseen = thin(unread, part, limit.seconds, joined=integrals)
         equations = with_errors(equations, unseen.whole, part, whole)
         if judge is not None:
-            equations = judge.held_out(equations, unseen.searched)
+            equations, runs = judge.held_out(equations, unseen.searched, origin)
     reasons = [*(e.stopped_by for e in equations), ended, judged_by]
     reason = cut_short([*reasons, StoppedBy.BUDGET] if hurried else reasons)
     provenance: dict[str, Any] = {
@@ -193,7 +193,7 @@ def discover(
     told = (tuple(equations), rows, hybrid, rare, verdict)
     equations, rows, hybrid, rare, verdict = on_clock(told, part.time, origin)
     return Discovery(
-        equations, written(equations), provenance, rows, hybrid, rare, named, verdict, checks
+        equations, written(equations), provenance, rows, hybrid, rare, named, verdict, checks, runs
     )
 
 

@@ -203,21 +203,22 @@ class Bench:
             )
         return out
 
-    def errors(
+    def over(
         self, model: Model, recordings: Sequence[Recording], expired: Callable[[], bool] = never
-    ) -> dict[str, float]:
-        """Return the error of free runs over other recordings, by state."""
+    ) -> tuple[Readings, list[Forecast | None]]:
+        """Return other recordings as read, and a model's free runs over them, output by output.
+
+        None for an output that no window tells of.
+        """
         model = replace(model, columns={y: model.readings[y] for y in model.outputs})
         whole = list(recordings)
         readings = Readings.of(model, whole, [{} for _ in whole])
-        out = {}
-        for place, output in enumerate(model.outputs):
-            length = window_length(self.readings, place)
-            rows = windows(readings.items, length)
+        runs: list[Forecast | None] = []
+        for place in range(len(model.outputs)):
+            rows = windows(readings.items, window_length(self.readings, place))
             run = forecast(model, readings, place, rows, expired) if rows else None
-            if run is not None and run.count:
-                out[model.readings[output]] = float(np.sqrt(run.mse))
-        return out
+            runs.append(run if run is not None and run.count else None)
+        return readings, runs
 
     def _short(
         self,

@@ -53,6 +53,8 @@ class Forecast:
         Standard deviation of the sensor's noise, in the same unit.
     rows : tuple of Row
         The windows.
+    course : ndarray, (samples, windows)
+        What the model simulates from the start of each window, in the output's unit.
     """
 
     law: np.ndarray
@@ -60,6 +62,7 @@ class Forecast:
     mean: np.ndarray
     noise: np.ndarray
     rows: tuple[Row, ...]
+    course: np.ndarray
 
     @property
     def count(self) -> int:
@@ -69,17 +72,17 @@ class Forecast:
     @property
     def mse(self) -> float:
         """Return the mean square of the model's error."""
-        return _mean_square(self.law)
+        return mean_square(self.law)
 
     @property
     def trivial(self) -> float:
         """Return the mean square that the better of the trivial predictions leaves."""
-        return min(_mean_square(self.still), _mean_square(self.mean))
+        return min(mean_square(self.still), mean_square(self.mean))
 
     @property
     def floor(self) -> float:
         """Return the mean square that the sensor's noise leaves of any law."""
-        return _mean_square(np.where(np.isfinite(self.law), self.noise, np.nan))
+        return mean_square(np.where(np.isfinite(self.law), self.noise, np.nan))
 
     @property
     def independent(self) -> float:
@@ -96,7 +99,8 @@ class Forecast:
         return max(self.count * (1.0 - memory) / (1.0 + memory), float(windows))
 
 
-def _mean_square(error: np.ndarray) -> float:
+def mean_square(error: np.ndarray) -> float:
+    """Return the mean square of known errors, each at most that of a run that diverged."""
     known = np.isfinite(error)
     if not np.any(known):
         return 0.0
@@ -270,4 +274,4 @@ def _compared(readings: Readings, output: int, rows: Sequence[Row], run: np.ndar
         mean = float(np.nanmean(whole))
         tables["mean"][:size, place] = np.where(there, (mean - y) / scale, np.nan)
         tables["noise"][:size, place] = readings.noise[number][first:last, output] / scale
-    return Forecast(rows=tuple(rows), **tables)
+    return Forecast(rows=tuple(rows), course=run[output], **tables)

@@ -13,6 +13,7 @@ from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.evidence import Bench, Charge, Evidence
 from jaxsr.discovery.experiments import Experiments
 from jaxsr.discovery.forecast import Readings, Row
+from jaxsr.discovery.held_out import HeldOut, held_out_runs
 from jaxsr.discovery.rivals import Rival, experiment, rivals
 from jaxsr.discovery.samples import Samples, hold_back, integrated
 from jaxsr.discovery.verdict import (
@@ -30,6 +31,7 @@ from jaxsr.models.model import Model
 from jaxsr.models.reading import parse_model
 from jaxsr.models.writing import model_text
 from jaxsr.recordings import Recording
+from jaxsr.report.evidence import ModelRun
 
 _SHARE, _BASE, _STATE = 0.1, 2.0, 1.0  # of the budget, and seconds, at most
 
@@ -101,15 +103,19 @@ class Court:
         return Verdict(SEVERAL, experiment(found, self.samples), every, by_state, others)
 
     def held_out(
-        self, equations: Sequence[Equation], recordings: Sequence[Recording]
-    ) -> list[Equation]:
-        """Return the equations with the errors of free runs over recordings held out."""
+        self, equations: Sequence[Equation], recordings: Sequence[Recording], origin: float
+    ) -> tuple[list[Equation], tuple[ModelRun, ...]]:
+        """Return the equations with the errors of free runs over recordings held out, and these.
+
+        The time of the recordings is counted from an `origin`.
+        """
         model = parse_model(model_text(self.written(equations)), "model.toml")
         try:
-            errors = self.bench.errors(model, recordings, self._over)
+            found = held_out_runs(self.bench, model, recordings, origin, self._over)
         except InputError:
-            errors = {}
-        return [replace(e, held_out_nrmse=errors.get(e.state)) for e in equations]
+            found = HeldOut({}, ())
+        told = [replace(e, held_out_nrmse=found.errors.get(e.state)) for e in equations]
+        return told, found.runs
 
 
 def court(

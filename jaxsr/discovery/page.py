@@ -12,15 +12,16 @@ from jaxsr.discovery.hybrid.picture import mode_plane
 from jaxsr.discovery.result import Discovery, relative_error
 from jaxsr.report import EquationFit, write_discovery_report
 from jaxsr.report.equation_figures import MOST_FITS
+from jaxsr.report.model_runs import MOST_RUNS
 from jaxsr.report.style import Pace
 
 _SHARE = 0.2  # of the budget, at most, for the report
 _WRITING, _FIGURE = 0.6, 0.4  # seconds for the page and for a figure
 
 
-def reserve(limit: Budget, states: int) -> Budget:
-    """Return a budget that leaves time for the report of so many states."""
-    figures = 1 + min(states, MOST_FITS)
+def reserve(limit: Budget, states: int, held_out: int = 0) -> Budget:
+    """Return a budget that leaves time for the report of so many states and held-out files."""
+    figures = 1 + min(states, MOST_FITS) + min(states * held_out, MOST_RUNS)
     return limit.keeping(min(_SHARE * limit.seconds, _WRITING + _FIGURE * figures))
 
 
@@ -32,7 +33,8 @@ def write_page(discovery: Discovery, folder: Path, budget: Budget | None = None)
     hybrid = discovery.hybrid
     plane = None if hybrid is None else mode_plane(hybrid, discovery.samples)
     fits = fits_of(discovery)
-    write_discovery_report(shown(discovery), fits, folder, plane, Pace(budget or Budget()))
+    pace = Pace(budget or Budget())
+    write_discovery_report(shown(discovery), fits, folder, plane, pace, discovery.held_out_runs)
 
 
 def shown(discovery: Discovery) -> dict[str, Any]:

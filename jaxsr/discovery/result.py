@@ -26,6 +26,7 @@ from jaxsr.models.model import Model
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.writing import model_text
 from jaxsr.recordings import DataCheck
+from jaxsr.report.evidence import ModelRun
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,6 +59,8 @@ class Discovery:
         Whether it is a law, by free runs of the model over data held back.
     data_checks : tuple of DataCheck
         What is to be said of the recordings.
+    held_out_runs : tuple of ModelRun
+        Free runs of the model over recordings held out.
     """
 
     equations: tuple[Equation, ...]
@@ -69,6 +72,7 @@ class Discovery:
     columns: Mapping[str, str] = field(default_factory=dict)
     judgement: Verdict = field(default_factory=lambda: Verdict(UNDECIDED, OUT_OF_TIME))
     data_checks: tuple[DataCheck, ...] = field(default=(), repr=False)
+    held_out_runs: tuple[ModelRun, ...] = field(default=(), repr=False)
 
     @property
     def verdict(self) -> str:

@@ -15,6 +15,7 @@ from jaxsr.report.evidence import (
     EquationFit,
     Evidence,
     ForceResidual,
+    ModelRun,
     Trajectory,
 )
 
@@ -28,6 +29,7 @@ __all__ = [
     "EquationFit",
     "Evidence",
     "ForceResidual",
+    "ModelRun",
     "Trajectory",
     "write_diagnosis_report",
     "write_discovery_report",

@@ -32,17 +32,3 @@ def python_text(document: Mapping[str, Any]) -> str:
         "print(found)\n"
         f'run = found.explained.simulate(jaxsr.read_recording("{recording}"))\n'
     )
-
-
-def shares_of(findings: list[Mapping[str, Any]]) -> list[float | None]:
-    """Return what part of the explanation each finding is: shares that add up to 1.
-
-    A finding's own share is what comes back without it; effects that stand in for one another
-    share less than all of it, so that those shares add up to less, or more.
-    """
-    shares = [f.get("share") for f in findings]
-    known = [s for s in shares if isinstance(s, int | float)]
-    total = sum(known)
-    if len(known) < 2 or len(known) < len(shares) or total <= 0.0:
-        return [None] * len(shares)
-    return [float(s) / total for s in known]

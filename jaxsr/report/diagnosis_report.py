@@ -8,17 +8,19 @@ from typing import Any
 
 from markupsafe import Markup
 
-from jaxsr.report.copies import edit_text, python_text, shares_of
+from jaxsr.report.considered import considered_rows
+from jaxsr.report.copies import edit_text, python_text
 from jaxsr.report.diff import diff_tables, given_parameters
-from jaxsr.report.evidence import Considered, Evidence
-from jaxsr.report.exploring import packed, rival_keys, script, script_hash
+from jaxsr.report.evidence import Evidence
+from jaxsr.report.exploring import packed, script, script_hash
+from jaxsr.report.fit_sentences import horizon_sentence, noise_sentence
 from jaxsr.report.fit_tables import Role, figures_at_a_glance, fit_groups, force_rows
 from jaxsr.report.formatting import (
     estimate,
     is_number,
     listing,
     number,
-    percent,
+    odds,
     seconds,
     unit_text,
 )
@@ -78,8 +80,7 @@ def write_diagnosis_report(
         for role in ("train", "held_out")
     }
     drawn = left_over(evidence, stop)
-    keys = rival_keys(evidence)
-    considered = [_considered(row, keys) for row in evidence.considered]
+    considered = considered_rows(evidence, findings)
     detectable = _detectable(document)
     context = {
         "title": f"Diagnosis of {evidence.model_name}",
@@ -91,11 +92,10 @@ def write_diagnosis_report(
             (capital(mechanism_words(f.get("mechanism"))), figures_of(f)) for f in findings[:4]
         ],
         "glance": figures_at_a_glance(fit, about, findings[0].get("site") if findings else None),
+        "noise_sentence": noise_sentence(fit, about),
+        "horizon_sentence": horizon_sentence(fit),
         "left_open": left_open(document),
-        "cards": [
-            _card(finding, units) | {"part": part}
-            for finding, part in zip(findings, shares_of(findings), strict=True)
-        ],
+        "cards": [_card(finding, units) for finding in findings],
         "explorable": bool(evidence.trajectories or evidence.residuals),
         "left_over": drawn,
         "python": python_text(document),
@@ -111,6 +111,7 @@ def write_diagnosis_report(
         "mismatches": sites,
         "considered": considered[:_FIRST_CONSIDERED],
         "considered_rest": considered[_FIRST_CONSIDERED:],
+        "told_probable": any(row["probability"] for row in considered),
         "calibration": _calibration(document, evidence),
         "confusable": [_confusable(row) for row in document.get("confusable") or []],
         "detectable": detectable[:_FIRST_DETECTABLE],
@@ -141,6 +142,7 @@ def _card(finding: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any
         ],
         "probability": finding.get("probability"),
         "share": finding.get("share"),
+        "part": part_words(finding.get("part")),
         "alternatives": [
             {
                 "name": mechanism_words(other.get("mechanism")),
@@ -161,6 +163,21 @@ def _card(finding: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any
             ]
         ),
     }
+
+
+def part_words(part: Mapping[str, Any] | None) -> str:
+    """Say what part of an explanation a finding is, of what it is a part, and how it was told."""
+    if not part or not is_number(part.get("value")):
+        return ""
+    whole = "what re-calibration could not explain and the findings do (squared error)"
+    if part["value"] == 1.0:
+        return f"all of {whole}"
+    told = (
+        "a finding's part is what it adds, on average over the orders in which all can be added"
+        if part.get("by") == "all orders"
+        else "parts are what comes back without each finding, scaled"
+    )
+    return f"{odds(part['value'])} of {whole}; {told}, and the parts of all add up to 100 %"
 
 
 def parameter_row(name: str, entry: Any) -> dict[str, str]:
@@ -184,31 +201,6 @@ def _units(evidence: Evidence) -> dict[str, str]:
 
 def _items(table: object) -> list[tuple[str, Any]]:
     return list(table.items()) if isinstance(table, Mapping) else []
-
-
-def _considered(
-    row: Considered, rivals: Mapping[tuple[str, ...], tuple[str, str]]
-) -> dict[str, Any]:
-    names = [mechanism_at(mechanism) for mechanism in row.mechanisms]
-    return {
-        "names": [capital(name) for name in names] or ["Nothing added (re-calibrated only)"],
-        "error": number(row.error, 3),
-        "relative": percent(row.relative, 3),
-        # Bars end at the re-calibrated model's error, which is 100 %.
-        "bar": round(100 * min(max(row.relative, 0.0), 1.0), 1) if is_number(row.relative) else 0,
-        "chosen": row.chosen,
-        "reason": row.reason,
-        "models": _models(row, rivals),
-    }
-
-
-def _models(row: Considered, rivals: Mapping[tuple[str, ...], tuple[str, str]]) -> str:
-    """Return which models a set's button shows, where a report carries its runs."""
-    if row.chosen:
-        return "explained"
-    if not row.mechanisms:
-        return "recalibrated"
-    return rivals[row.mechanisms][0] if row.mechanisms in rivals else ""
 
 
 def _calibration(document: Mapping[str, Any], evidence: Evidence) -> list[dict[str, str]]:

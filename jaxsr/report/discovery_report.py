@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from jaxsr.report.equation_figures import (
     MOST_FRONTS,
     fit_figures,
@@ -13,9 +15,11 @@ from jaxsr.report.equation_figures import (
     mode_figure,
     pareto_figure,
 )
-from jaxsr.report.evidence import EquationFit
+from jaxsr.report.evidence import EquationFit, ModelRun
+from jaxsr.report.exploring import packed_runs, script, script_hash
 from jaxsr.report.formatting import estimate, is_number, listing, number, percent
 from jaxsr.report.mode_plane import ModePlane, plane_figures
+from jaxsr.report.model_runs import run_figures
 from jaxsr.report.page import write_page
 from jaxsr.report.style import Pace
 
@@ -32,6 +36,7 @@ def write_discovery_report(
     directory: Path,
     plane: ModePlane | None = None,
     pace: Pace | None = None,
+    runs: Sequence[ModelRun] = (),
 ) -> None:
     """Write ``report.html``, one file with its figures inside, and the figures as PNG.
 
@@ -47,6 +52,8 @@ def write_discovery_report(
         The modes in the plane of two states.
     pace : Pace, optional
         What figures there is time for; all by default.
+    runs : sequence of ModelRun
+        Free runs over recordings held out; with any, the page can be explored.
 
     Raises
     ------
@@ -61,7 +68,9 @@ def write_discovery_report(
     switching = []
     if plane is not None or document.get("switching"):
         switching = pace.drawn(lambda: [*mode_figure(document), *plane_figures(plane)], 3.0)
-    context = {
+    held_out = run_figures(runs, pace)
+    explorable = any(len(run.time) > 1 for run in runs)
+    context: dict[str, Any] = {
         "title": _TITLES.get(str(document.get("verdict")), "Discovered equations"),
         "sentence": _sentence(document),
         "verdict": _verdict(document),
@@ -83,6 +92,9 @@ def write_discovery_report(
         "one_law": _one_law(document),
         "rare_mode": str((document.get("rare_mode") or {}).get("sentence") or ""),
         "mode_figures": switching,
+        "held_out_runs": held_out,
+        "runs_undrawn": len(runs) - len(held_out),
+        "explorable": explorable,
         "pareto_figures": fronts,
         "pareto": _fronts(document),
         "fits": fitted,
@@ -90,7 +102,13 @@ def write_discovery_report(
         "hurried": pace.left_out,
         "provenance": document.get("provenance") or {},
     }
-    drawings = [*fronts, *fitted, *switching]
+    if explorable:
+        context |= {
+            "evidence": Markup(packed_runs(runs)),
+            "script": Markup(script()),
+            "script_hash": script_hash(),
+        }
+    drawings = [*fronts, *fitted, *switching, *held_out]
     write_page(Path(directory), "discovery.html.j2", context, drawings)
 
 
@@ -172,6 +190,7 @@ def _equation(equation: Mapping[str, Any]) -> dict[str, Any]:
     facts = [
         (f"Mean square error of the rate, {words}", number(equation.get(key), 3))
         for words, key in errors
+        if is_number(equation.get(key))
     ]
     if is_number(equation.get("held_out_free_run_nrmse")):
         value = number(equation["held_out_free_run_nrmse"], 3)

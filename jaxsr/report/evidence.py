@@ -89,6 +89,8 @@ class ForceResidual:
         Its unit.
     variables : mapping of str to ndarray, shape (test functions,)
         Other states, and inputs.
+    role : {"train", "held_out"}
+        Whether the recording was used to estimate.
     """
 
     site: str
@@ -101,6 +103,7 @@ class ForceResidual:
     state: np.ndarray
     state_unit: str | None
     variables: Mapping[str, np.ndarray] = field(default_factory=dict)
+    role: Literal["train", "held_out"] = "train"
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,8 @@ class Considered:
         Whether it stands in the explained model.
     reason : str
         One plain sentence.
+    probability : float or None
+        Posterior probability that it is the truth, where the evidence was told.
     """
 
     mechanisms: tuple[str, ...]
@@ -126,6 +131,7 @@ class Considered:
     relative: float
     chosen: bool
     reason: str
+    probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -182,3 +188,37 @@ class EquationFit:
     target: np.ndarray
     predicted: np.ndarray
     recording: str
+
+
+@dataclass(frozen=True, eq=False)
+class ModelRun:
+    """Free runs of a discovered model over one output of one held-out recording.
+
+    Parameters
+    ----------
+    recording, output : str
+        File and reading.
+    unit : str or None
+        Unit of the output.
+    time, measured, simulated : ndarray, shape (samples,)
+        Time in seconds; NaN where missing or between runs.
+    starts : ndarray
+        Instants at which runs start.
+    horizon_s : float
+        Length of a run, of which the first third tells the start.
+    nrmse : float
+        Error of what is predicted, relative to the output's deviation.
+    inputs : mapping of str to ndarray, shape (samples,)
+        Recorded inputs.
+    """
+
+    recording: str
+    output: str
+    unit: str | None
+    time: np.ndarray
+    measured: np.ndarray
+    simulated: np.ndarray
+    starts: np.ndarray
+    horizon_s: float
+    nrmse: float
+    inputs: Mapping[str, np.ndarray] = field(default_factory=dict)

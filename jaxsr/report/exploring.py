@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsr.report.evidence import Evidence, ForceResidual, Trajectory
+from jaxsr.report.evidence import Evidence, ForceResidual, ModelRun, Trajectory
 from jaxsr.report.formatting import unit_text
 from jaxsr.report.words import mechanism_at, site_words
 
@@ -56,6 +56,38 @@ def packed(evidence: Evidence) -> str:
         "residuals": [_residual(part, most) for part in evidence.residuals[:SERIES]],
         "units": {name: unit_text(unit) for name, unit in evidence.units.items()},
     }
+    return _text(document)
+
+
+def packed_runs(runs: Sequence[ModelRun]) -> str:
+    """Return the numbers of a discovery's free runs, in the form of `packed`."""
+    kept = [run for run in runs if len(run.time) > 1][:SERIES]
+    shared = {run.recording: run for run in kept}
+    columns = 2 * len(kept) + sum(2 + len(run.inputs) for run in shared.values())
+    most = max(min(MOST, NUMBERS // max(columns, 1)), FEWEST)
+    document = {
+        "models": [["measured", "measured"], ["explained", "model"]],
+        "recordings": {name: _recording(run, most) for name, run in shared.items()},
+        "series": [
+            {
+                "recording": run.recording,
+                "role": "held_out",
+                "output": run.output,
+                "unit": unit_text(run.unit),
+                "measured": _numbers(run.measured[_every(len(run.time), most)]),
+                "explained": _numbers(run.simulated[_every(len(run.time), most)]),
+            }
+            for run in kept
+        ],
+        "rivals": [],
+        "residuals": [],
+        "units": {run.output: unit_text(run.unit) for run in kept},
+    }
+    return _text(document)
+
+
+def _text(document: Mapping[str, Any]) -> str:
+    """Return JSON that cannot end a script element."""
     return json.dumps(document, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
 
 
@@ -72,7 +104,7 @@ def _largest(runs: Sequence[Trajectory]) -> list[Trajectory]:
     return [usable[k] for k in sorted(kept)]
 
 
-def _recording(run: Trajectory, most: int) -> dict[str, Any]:
+def _recording(run: Trajectory | ModelRun, most: int) -> dict[str, Any]:
     """Return what all courses of a recording share."""
     every = _every(len(run.time), most)
     inputs = {name: _numbers(values[every]) for name, values in run.inputs.items()}

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from jaxsr._result import InputError
 from jaxsr.report.evidence import ForceResidual, Trajectory
 from jaxsr.report.formatting import sureness
-from jaxsr.report.mismatch import paint_residuals
+from jaxsr.report.mismatch import by_site, paint_residuals
 from jaxsr.report.style import AFTER, GIVEN, SETTINGS
 from jaxsr.report.trajectories import caption, choose, paint_free_run
 from jaxsr.report.words import capital, mechanism_words, site_words
@@ -50,14 +50,12 @@ def plot_residuals(
     InputError
         The model has no force balance that the sensors show.
     """
-    sites = list(dict.fromkeys(r.site for r in residuals if len(r.time)))
-    _needed(sites, "force residual")
+    sites = by_site(residuals)
+    _needed(list(sites), "force residual")
 
     def paint(whole: Figure) -> None:
         for part, site in zip(_parts(whole, len(sites)), sites, strict=True):
-            paint_residuals(
-                [r for r in residuals if r.site == site and len(r.time)], findings, part
-            )
+            paint_residuals(sites[site], findings, part)
             part.axes[0].set_title(capital(site_words(site)))
 
     return _painted(figure, paint, (9.0, 3.7 * len(sites)))

@@ -13,12 +13,12 @@ from jaxsr.report.words import capital, errors_at, headline_index, site_words
 CLEARER = 0.5
 """Share of the error left, relative to that at the headline horizon, below which another horizon
 is shown beside it."""
-_MODELS = {
+MODELS: Mapping[str, str] = {
     "given": "As given",
     "recalibrated": "Re-calibrated",
     "explained": "Explained",
 }
-_UNKNOWN: Mapping[str, Role] = MappingProxyType({})
+UNKNOWN: Mapping[str, Role] = MappingProxyType({})
 _ROLES = {"train": "Training", "held_out": "Held out"}
 
 
@@ -64,7 +64,7 @@ class Role:
 
 
 def figures_at_a_glance(
-    fit: Mapping[str, Any], about: Mapping[str, Role] = _UNKNOWN, site: str | None = None
+    fit: Mapping[str, Any], about: Mapping[str, Role] = UNKNOWN, site: str | None = None
 ) -> list[dict[str, Any]]:
     """Return the few before-and-after pairs that stand beside the verdict.
 
@@ -134,10 +134,13 @@ def _tile(
     }
 
 
-def fit_groups(fit: Mapping[str, Any], about: Mapping[str, Role] = _UNKNOWN) -> dict[str, Any]:
-    """Return the free-run errors: a column for each horizon, rows for each role and model."""
+def fit_groups(fit: Mapping[str, Any], about: Mapping[str, Role] = UNKNOWN) -> dict[str, Any]:
+    """Return the free-run errors: a column for each horizon, rows for each role and model.
+
+    Horizons at which nothing was run have no column.
+    """
     horizons = fit.get("horizons_s") or []
-    marked = headline_index(fit)
+    marked, run = headline_index(fit), _run(fit, len(horizons))
     groups = []
     for key, words in _ROLES.items():
         rows, role = fit.get(key) or {}, about.get(key, Role())
@@ -145,25 +148,30 @@ def fit_groups(fit: Mapping[str, Any], about: Mapping[str, Role] = _UNKNOWN) -> 
             {
                 "model": name,
                 "key": model,
-                "cells": [percent(value) for value in _padded(rows.get(model), len(horizons))],
+                "cells": [percent(_padded(rows[model], len(horizons))[i]) for i in run],
             }
-            for model, name in _MODELS.items()
+            for model, name in MODELS.items()
             if rows.get(model)
         ]
         if lines and role.noise:
-            cells = [percent(role.noise)] * len(horizons)
+            cells = [percent(role.noise)] * len(run)
             lines.append({"model": "Sensor noise alone", "key": "noise", "cells": cells})
         if lines:
             note = role.note(horizons)
             files = rows.get("files") or []
             groups.append({"role": words, "files": files, "note": note, "rows": lines})
+    last = len(horizons) - 1
     columns = [
-        {"text": seconds(h), "headline": i == marked, "last": i == len(horizons) - 1}
-        for i, h in enumerate(horizons)
+        {"text": "whole recording" if i == last else seconds(horizons[i]), "headline": i == marked}
+        for i in run
     ]
-    if columns:
-        columns[-1]["text"] = "whole recording"
     return {"columns": columns, "groups": groups}
+
+
+def _run(fit: Mapping[str, Any], count: int) -> list[int]:
+    """Return the horizons at which anything was run: time may have ended before others."""
+    rows = [_padded((fit.get(role) or {}).get(model), count) for role in _ROLES for model in MODELS]
+    return [i for i in range(count) if any(is_number(row[i]) for row in rows)]
 
 
 def _padded(values: list[float | None] | None, length: int) -> list[float | None]:

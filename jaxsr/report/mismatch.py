@@ -41,7 +41,8 @@ def mismatches(
     Parameters
     ----------
     residuals : sequence of ForceResidual
-        Recordings of a site are pooled over the state; over time one of them is drawn.
+        Training recordings of a site are pooled over the state, as what was found is found there;
+        over time one of them is drawn.
     findings : sequence of mapping
         Their sites give the order, their regions are shaded.
     stop : callable
@@ -52,10 +53,7 @@ def mismatches(
     list of Drawing
         At most `MOST_SITES`.
     """
-    sites: dict[str, list[ForceResidual]] = {}
-    for residual in residuals:
-        if len(residual.time):
-            sites.setdefault(residual.site, []).append(residual)
+    sites = by_site(residuals)
     found = [str(finding.get("site")) for finding in findings]
     order = sorted(sites, key=lambda site: found.index(site) if site in found else len(found))
     drawings = []
@@ -72,6 +70,18 @@ def mismatches(
             )
         )
     return drawings
+
+
+def by_site(residuals: Sequence[ForceResidual]) -> dict[str, list[ForceResidual]]:
+    """Return the training recordings of each site, those held out where there are no others."""
+    sites: dict[str, list[ForceResidual]] = {}
+    for residual in residuals:
+        if len(residual.time):
+            sites.setdefault(residual.site, []).append(residual)
+    return {
+        site: [part for part in parts if part.role == "train"] or parts
+        for site, parts in sites.items()
+    }
 
 
 def _regions(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from jaxsr._files import atomic_write_text
 from jaxsr.report.formatting import (
+    DASH,
     is_number,
     number,
     odds,
@@ -60,6 +61,11 @@ def rendered(template: str, context: dict[str, Any]) -> str:
     return _environment().get_template(template).render(context)
 
 
+def told(rows: Iterable[Mapping[str, Any]], key: str) -> bool:
+    """Whether any row has something in a column: a dash is nothing."""
+    return any(row.get(key) not in (None, "", DASH) for row in rows)
+
+
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("jaxsr.report"),
@@ -78,7 +84,7 @@ def _environment() -> jinja2.Environment:
         math=expression,
         picture=_picture,
     )
-    environment.globals.update(equation=equation, is_number=is_number)
+    environment.globals.update(equation=equation, is_number=is_number, told=told)
     return environment
 
 

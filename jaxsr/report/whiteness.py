@@ -19,6 +19,7 @@ SURE = 2.576
 MOST_OUTPUTS, MOST_VARIABLES = 3, 3
 BINS, LEAST = 16, 8
 """Stretches of a variable, and values that a stretch needs for its mean."""
+_ROLES = {"train": "training", "held_out": "held-out"}
 
 
 def left_over(evidence: Evidence, stop: Callable[[], bool] = lambda: False) -> list[Drawing]:
@@ -50,11 +51,12 @@ def left_over(evidence: Evidence, stop: Callable[[], bool] = lambda: False) -> l
             panel(ax)
 
     note = " ".join(filter(None, [*(_Correlation(r).sentence for r in runs), _means_note(parts)]))
+    roles = dict.fromkeys(_ROLES[row.role] for row in (*runs, *parts))
     return [
         Drawing(
             name="left_over.png",
             png=draw((min(3.4 * len(panels) + 0.6, 12.0), 3.1), paint),
-            caption="What the explained model leaves",
+            caption=f"What the explained model leaves in {' and '.join(roles)} recordings",
             note=note,
             wide=True,
         )
@@ -95,7 +97,8 @@ class _Correlation:
     @property
     def sentence(self) -> str:
         outside = int(np.count_nonzero(np.abs(self.values) > self.band))
-        name = f"{shorten(self.run.output)} ({shorten(self.run.recording, 32)})"
+        run = self.run
+        name = f"{shorten(run.output)} ({shorten(run.recording, 32)}, {_ROLES[run.role]})"
         if outside <= 1:
             return f"The error of {name} is white: {outside} of {LAGS} lags outside the band."
         return (
@@ -113,13 +116,17 @@ class _Correlation:
 
 
 def _loudest(residuals: Sequence[ForceResidual]) -> list[ForceResidual]:
-    """Return the recordings of the site whose residual was largest before."""
+    """Return the recordings of the site whose residual was largest before.
+
+    Those held out where there are any, else those of training.
+    """
     power: dict[str, float] = {}
     for part in residuals:
         known = part.recalibrated[np.isfinite(part.recalibrated)]
         power[part.site] = power.get(part.site, 0.0) + float(known @ known)
     worst = max(power, key=lambda site: power[site], default=None)
-    return [part for part in residuals if part.site == worst and len(part.time)]
+    parts = [part for part in residuals if part.site == worst and len(part.time)]
+    return [part for part in parts if part.role == "held_out"] or parts
 
 
 def _variables(parts: Sequence[ForceResidual]) -> list[str]:
@@ -133,14 +140,18 @@ def _variables(parts: Sequence[ForceResidual]) -> list[str]:
 def _means_note(parts: Sequence[ForceResidual]) -> str:
     if not parts:
         return ""
-    return f"Bands: the mean of the residual, {site_words(parts[0].site)}, and 95 % of its error."
+    return (
+        f"Bands: the mean of the residual, {site_words(parts[0].site)}, over the "
+        f"{_ROLES[parts[0].role]} recordings, and 95 % of its error."
+    )
 
 
 class _Means:
     """Mean of the explained residual over a variable, with its confidence."""
 
     def __init__(self, parts: Sequence[ForceResidual], name: str, units: Mapping[str, str]) -> None:
-        self.part, self.name, self.unit = parts[0], name, units.get(name)
+        self.part, self.name = parts[0], name
+        self.unit = parts[0].state_unit if name == parts[0].state_name else units.get(name)
         columns = [p.variables.get(name, p.state) for p in parts]
         self.over = np.concatenate(columns)
         self.residual = np.concatenate([p.explained for p in parts])
@@ -153,6 +164,7 @@ class _Means:
         middle, mean, error = means(over, residual)
         ax.fill_between(middle, mean - 2 * error, mean + 2 * error, color=SHADE, alpha=0.6, lw=0)
         ax.plot(middle, mean, color=AFTER, lw=1.6)
+        ax.locator_params(axis="x", nbins=4)  # panels are narrow
         ax.set_xlabel(labelled(self.name, unit_text(self.unit)))
         ax.set_ylabel(labelled("residual", unit_text(self.part.unit)))
 
@@ -160,17 +172,19 @@ class _Means:
 def means(over: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the middles of stretches of a variable, and the means there with their errors.
 
-    Neighbouring test functions overlap by three quarters, so that a fourth of them is independent.
+    Stretches hold equally many values, so that few held-out ones still tell a mean. Neighbouring
+    test functions overlap by three quarters, so that a fourth of them is independent.
     """
     if len(over) < 2 * LEAST or np.ptp(over) == 0.0:
         return np.empty(0), np.empty(0), np.empty(0)
-    edges = np.linspace(over.min(), over.max(), BINS + 1)
-    place = np.clip(np.digitize(over, edges) - 1, 0, BINS - 1)
+    count = int(np.clip(len(over) // (2 * LEAST), 2, BINS))
+    edges = np.unique(np.quantile(over, np.linspace(0.0, 1.0, count + 1)))
+    place = np.clip(np.digitize(over, edges) - 1, 0, max(len(edges) - 2, 0))
     rows = []
-    for k in range(BINS):
+    for k in range(len(edges) - 1):
         inside = values[place == k]
         if inside.size >= LEAST:
             error = np.std(inside) / np.sqrt(inside.size / 4.0)
-            rows.append(((edges[k] + edges[k + 1]) / 2, np.mean(inside), error))
+            rows.append((np.mean(over[place == k]), np.mean(inside), error))
     found = np.array(rows).reshape(-1, 3).T
     return found[0], found[1], found[2]

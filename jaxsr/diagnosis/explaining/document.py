@@ -76,7 +76,9 @@ def _assembled(parts: Ingredients) -> Diagnosis:
         document["data_checks"].append(row)
     document["data_checks"] += _broken(case, [said] if (said := _left_open(parts, judged)) else [])
     count = len(document["data_checks"])
-    evidence = build_evidence(parts, judged, explained_model, train, held_runs, forces, count)
+    evidence = build_evidence(
+        parts, judged, explained_model, train, held_runs, (forces, others), count
+    )
     return Diagnosis(
         model=explained_model,
         given=case.simulator.model,

@@ -21,6 +21,7 @@ from jaxsr.models import Model, difference
 from jaxsr.models.segments import Prepared
 from jaxsr.models.states import input_table, output_table, spread
 from jaxsr.recordings import Recording, noise_level
+from jaxsr.report.formatting import number
 
 if TYPE_CHECKING:
     from jaxsr.diagnosis.explaining.judge import Ingredients, Judged
@@ -35,6 +36,7 @@ MOST_DRAWN = 20_000
 class Forces:
     """The weak view of one role's recordings, before and after."""
 
+    prepared: tuple[Prepared, ...]
     recalibrated: WeakSystem
     explained: WeakSystem
 
@@ -45,7 +47,7 @@ class Forces:
         first = before.system(tuple(prepared), half_width)
         second = first if after is before else after.system(tuple(prepared), half_width)
         both = np.intersect1d(first.state, second.state)  # a mechanism may need a hidden state
-        return cls(first.only(both), second.only(both))
+        return cls(tuple(prepared), first.only(both), second.only(both))
 
 
 def force_errors(model: Model, train: Forces | None, held: Forces | None) -> dict[str, Any] | None:
@@ -82,10 +84,10 @@ def build_evidence(
     explained_model: Model,
     train: Runs,
     held_runs: Runs | None,
-    forces: Forces | None,
+    forces: tuple[Forces | None, Forces | None],
     checks: int,
 ) -> Any:
-    """Collect what the report draws."""
+    """Collect what the report draws; `forces` are those of training and of held-out recordings."""
     from jaxsr.report.evidence import Evidence
 
     given = parts.case.simulator.model
@@ -102,8 +104,13 @@ def build_evidence(
         units=dict(given.units),
         diff=_diff(given, explained_model),
         trajectories=trajectories,
-        residuals=_residuals(parts, forces) if forces else [],
-        considered=_considered(parts),
+        residuals=[
+            row
+            for role, own in zip(("train", "held_out"), forces, strict=True)
+            if own is not None
+            for row in _residuals(given, role, own)
+        ],
+        considered=_considered(parts, judged.open.factor),
         ladder=ladder(parts, judged, checks, scores),
         lengths={
             role: tuple(float(r.time[-1] - r.time[0]) for r in found)
@@ -199,16 +206,15 @@ def _trajectories(
     return rows
 
 
-def _residuals(parts: Ingredients, forces: Forces) -> list[Any]:
+def _residuals(model: Model, role: Any, forces: Forces) -> list[Any]:
     from jaxsr.report.evidence import ForceResidual
 
-    model, prepared = parts.case.simulator.model, parts.case.prepared
     before, after = forces.recalibrated, forces.explained
     units = {s.state: s.force_unit for s in sites_of(model, {})}
     rows = []
     for index in np.unique(before.state):
         name = model.states[index]
-        for r, item in enumerate(prepared):
+        for r, item in enumerate(forces.prepared):
             mine = (before.state == index) & (before.recording == r)
             centre = before.centre[mine]
             columns = zip(
@@ -227,12 +233,14 @@ def _residuals(parts: Ingredients, forces: Forces) -> list[Any]:
                     state=np.interp(centre, item.time, item.states.values[:, index]),
                     state_unit=model.units.get(name),
                     variables=variables,
+                    role=role,
                 )
             )
     return rows
 
 
-def _considered(parts: Ingredients) -> list[Any]:
+def _considered(parts: Ingredients, factor: float) -> list[Any]:
+    """Return what was compared; of all probability it has `factor`, what was not has the rest."""
     from jaxsr.report.evidence import Considered
 
     candidates = parts.arena.super_model.candidates
@@ -243,6 +251,7 @@ def _considered(parts: Ingredients) -> list[Any]:
         if labels in seen:
             continue
         seen.add(labels)
+        told = _probability(parts, entry)
         rows.append(
             Considered(
                 mechanisms=labels,
@@ -250,15 +259,36 @@ def _considered(parts: Ingredients) -> list[Any]:
                 relative=float(np.sqrt(entry.error / max(null, 1e-300))),
                 chosen=entry is parts.chosen,
                 reason=_reason(parts, entry),
+                probability=None if told is None else factor * told,
             )
         )
     return rows
 
 
+def _probability(parts: Ingredients, entry: Entry) -> float | None:
+    """Return the probability of a set over what was compared; None where no evidence tells it."""
+    if parts.weights is None:
+        return None
+    candidates = parts.arena.super_model.candidates
+    return parts.weights.of.get(frozenset(candidates[i].label for i in entry.members))
+
+
+def _by_evidence(told: float | None, taken: float | None) -> str:
+    """Say how probable a set is beside the one that was taken."""
+    if told is None:
+        return "Its evidence was not told: other sets came nearer."
+    if not taken or told > taken:
+        return "Not sure enough to be claimed."
+    if told == 0.0:
+        return "Far less probable than what was taken."
+    return f"{number(taken / told, 2)} times less probable than what was taken."
+
+
 def _reason(parts: Ingredients, entry: Entry) -> str:
     if parts.weights is not None:
-        share = parts.weights.share(parts.arena.super_model, entry)
-        return f"Probability {share:.2g} by the evidence of the recordings."
+        if entry is parts.chosen:
+            return "By the evidence of the recordings."
+        return _by_evidence(_probability(parts, entry), _probability(parts, parts.chosen))
     if entry is parts.chosen:
         if not entry.members:
             return "Re-calibration alone: nothing beats it on held-back blocks."

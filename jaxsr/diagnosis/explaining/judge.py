@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -22,6 +21,8 @@ from jaxsr.diagnosis.explaining.explain import (
     rounding_rows,
     where,
 )
+from jaxsr.diagnosis.explaining.member_costs import costs_of_sets
+from jaxsr.diagnosis.explaining.portions import portions
 from jaxsr.diagnosis.explaining.recalibrating import completed, not_worse
 from jaxsr.diagnosis.explaining.rectifying import rectified_rows
 from jaxsr.diagnosis.explaining.value_findings import REFINING, moved_values, told_values
@@ -218,15 +219,20 @@ def _rows(
     """Findings of an entry by falling share, what could replace each, and the order by share."""
     rows, rivals = [], []
     given = _given(parts).fit.cost
+    costs = costs_of_sets(parts, entry)
     for k, number in enumerate(entry.members):
         known = parts.arena.super_model, entry, number, parts.entries
         if parts.weights is not None:
             probability, others = parts.weights.alternatives(*known)
         else:
             probability, others = alternatives(*known, parts.rng)
-        weight = weight_of_member(parts, entry, number, given)
+        weight = Weight.of(
+            given, costs.get(frozenset(entry.members) - {number}, np.inf), entry.fit.cost
+        )
         rows.append(finding_row(parts, estimate, k, number, probability, others, weight))
         rivals.append((number, others))
+    if (told := portions(entry.members, costs)) is not None:
+        rows = [row | told.row(k) for k, row in enumerate(rows)]
     order = sorted(range(len(rows)), key=lambda k: -rows[k]["share"])
     return [rows[k] for k in order], rivals, order
 
@@ -350,18 +356,6 @@ def _differ(given: Entry, recalibrated: Estimate) -> bool:
 def _given(parts: Ingredients) -> Entry:
     """Return the given values' entry."""
     return enter(frozen(parts.arena), (), neutral_values(parts.arena.super_model))
-
-
-def weight_of_member(parts: Ingredients, entry: Entry, number: int, given: float) -> Weight:
-    """Return what one member of a set matters; the set without it is estimated if none was."""
-    rest = tuple(i for i in entry.members if i != number)
-    without = min((e.fit.cost for e in parts.entries if e.members == rest), default=np.inf)
-    budget = parts.case.budget.share(REFINING)
-    if not np.isfinite(without) and not budget.exhausted:
-        start, path = parts.null.fit.theta, parts.null.fit.path
-        with contextlib.suppress(OutOfTime):
-            without = enter(parts.arena, rest, start, path, lambda: budget.exhausted).fit.cost
-    return Weight.of(given, without, entry.fit.cost)
 
 
 def explained(judged: Judged) -> Model:

@@ -2,7 +2,7 @@
 const source = document.getElementById("evidence");
 const evidence = source ? JSON.parse(source.textContent)
   : { recordings: {}, series: [], residuals: [], units: {} };
-const MODELS = [["measured", "measured"], ["given", "as given"],
+const MODELS = evidence.models || [["measured", "measured"], ["given", "as given"],
   ["recalibrated", "re-calibrated"], ["explained", "explained"], ...(evidence.rivals || [])];
 const LEFT = 62, RIGHT = 10, TOP = 8, BOTTOM = 24;
 const shown = { measured: true, given: false, recalibrated: true, explained: true };
