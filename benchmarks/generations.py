@@ -30,7 +30,8 @@ from jaxsr.evaluation import Evaluator, compile_terms
 from jaxsr.evolution import SearchConfig, init
 from jaxsr.evolution.breed import breed
 from jaxsr.evolution.fitness import fitness, next_state
-from jaxsr.evolution.loop import SearchState, step, weigh
+from jaxsr.evolution.loop import step, weigh
+from jaxsr.evolution.state import SearchState
 from jaxsr.expressions import Term
 from jaxsr.expressions.editing import edit
 from jaxsr.regression import RegressionProblem

@@ -14,7 +14,7 @@ from jaxsr._result import InputError
 from jaxsr.evolution import FitnessRule, PrimitiveSet, SearchConfig, init, search, step
 from jaxsr.evolution.checkpoint import Keeper, fingerprint, load, save
 from jaxsr.evolution.create import random_term
-from jaxsr.evolution.loop import SearchState
+from jaxsr.evolution.state import SearchState
 from jaxsr.expressions import Term, parse
 from jaxsr.regression import RegressionProblem
 from jaxsr.regression.judging import Judge
