@@ -23,7 +23,8 @@ from jaxsr.diagnosis.explaining.explain import (
     calibration_rows,
     confusable_rows,
 )
-from jaxsr.diagnosis.explaining.judge import Ingredients, Judged, explained, judge
+from jaxsr.diagnosis.explaining.ingredients import Ingredients
+from jaxsr.diagnosis.explaining.judge import Judged, explained, judge
 from jaxsr.diagnosis.explaining.whole_runs import Runs, whole_horizons, whole_runs
 from jaxsr.diagnosis.input_noise import quieted
 from jaxsr.diagnosis.rectified import Rectified, signed
