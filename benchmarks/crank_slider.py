@@ -97,7 +97,7 @@ def interval(system: CrankSlider, decibels: float, seed: int) -> dict[str, float
         parse(f"sin({w}*t)"),
         parse(f"sin({2.0 * w}*t)/sqrt({squared} + cos({2.0 * w}*t))"),
     ]
-    problem = RegressionProblem(data.channel("dz1"), {"t": data.time}, time="t")
+    problem = RegressionProblem(data.channel("dz1"), {"t": data.time})
     terms = list(problem.refine(terms)[0])
     fit = problem.fit(terms)
     theta = problem.projected(fit.terms)

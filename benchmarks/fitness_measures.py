@@ -61,7 +61,7 @@ def run(
     marks, errors, texts, generations = [], [], {}, 0
     for place, state in enumerate(states):
         y = np.concatenate([p[f"d{state}"] for p in parts])
-        problem = RegressionProblem(y, columns, time="t")
+        problem = RegressionProblem(y, columns)
         rng = np.random.default_rng([seed, place])
         found, _ = search(rng, problem, config, budget=seconds)
         fit = problem.fit(found.population[0].terms)

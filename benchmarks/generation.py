@@ -30,7 +30,7 @@ from jaxsr.evaluation import Evaluator, Reference, keep_compiled
 from jaxsr.evolution import SearchConfig
 from jaxsr.evolution.library import small_terms
 from jaxsr.expressions import parse
-from jaxsr.regression import RegressionProblem
+from jaxsr.regression import RegressionProblem, Resources
 
 ROOT = Path(__file__).resolve().parents[1]
 BEFORE = "48e8622"
@@ -162,7 +162,7 @@ def constants(rows: int, repeats: int) -> dict[str, float]:
     losses: dict[str, np.ndarray] = {}
     for turn in range(repeats + 1):
         for name, kind in (("machine", _Machine), ("numpy", Reference)):
-            problem = RegressionProblem(y, data, evaluator=kind)
+            problem = RegressionProblem(y, data, resources=Resources(kind))
             found: list[Any] = []
             seconds = _spent(lambda p=problem, f=found: f.extend(p.refine_many(sets)))
             losses[name] = np.array([loss for _, loss in found])

@@ -30,10 +30,11 @@ from jaxsr.evaluation import Evaluator, compile_terms
 from jaxsr.evolution import SearchConfig, init
 from jaxsr.evolution.breed import breed
 from jaxsr.evolution.fitness import fitness, next_state
-from jaxsr.evolution.loop import SearchState, step, weigh
+from jaxsr.evolution.loop import step, weigh
+from jaxsr.evolution.state import SearchState
 from jaxsr.expressions import Term
 from jaxsr.expressions.editing import edit
-from jaxsr.regression import RegressionProblem
+from jaxsr.regression import RegressionProblem, Resources
 
 Engine = Literal["columns", "columns without cache", "interpreter"]
 Sets = list[tuple[Term, ...]]
@@ -64,7 +65,7 @@ def two_mass_problem(samples: int, engine: Engine) -> RegressionProblem:
     columns = {n: np.concatenate([p[n] for p in parts]) for n in ("t", "z1", "z2", "z3", "z4")}
     target = np.concatenate([p["dz3"] for p in parts])
     evaluator = Interpreted if engine == "interpreter" else Evaluator
-    return RegressionProblem(target, columns, evaluator=evaluator)
+    return RegressionProblem(target, columns, resources=Resources(evaluator))
 
 
 @dataclass(frozen=True)
@@ -247,7 +248,7 @@ def long_search(
     target = 3.0 * data["x0"] - data["x1"] * data["x2"] + np.sin(2.0 * data["x3"])
     target += 0.1 * rng.normal(size=samples)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    problem = RegressionProblem(target, data, limit_bytes=limit_bytes)
+    problem = RegressionProblem(target, data, resources=Resources(limit_bytes=limit_bytes))
     began = time.perf_counter()
     state = init(rng, problem, SearchConfig.paper(population))
     created = time.perf_counter() - began

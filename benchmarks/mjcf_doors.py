@@ -30,6 +30,7 @@ import jaxsr
 from benchmarks.mjcf_plants import DRY, EFFECTS, FILES, NOISE, SUITE, File, Run, edited, run, write
 from benchmarks.provenance import RESULTS, origin_of
 from jaxsr._files import atomic_write_text, dump_json
+from jaxsr.models.formats.loading import read_plant_file
 from jaxsr.models.formats.opening import Opened, read_robot
 from jaxsr.models.formats.plant import Plant
 from jaxsr.models.formats.running import held, run_steps
@@ -152,7 +153,7 @@ def case(name: str, effect_name: str, seed: int, folder: Path) -> dict[str, Any]
     files = Opened(simulator, robot).written_back(diagnosis, folder)
     for key, text in files.items():
         (folder / key).write_text(text)
-    plain = Plant.read(file.where)
+    plain = read_plant_file(file.where)[0]
     before = _error(plain, runs[2])
     after = _error(_explained(folder), runs[2])
     mujoco.set_mjcb_passive(None)
@@ -201,7 +202,7 @@ def _scored(row: dict[str, Any]) -> dict[str, Any]:
 
 def _explained(folder: Path) -> Plant:
     """Load ``explained.xml``, and let its callback act."""
-    plant, path = Plant.read(folder / "explained.xml"), folder / "explained.py"
+    plant, path = read_plant_file(folder / "explained.xml")[0], folder / "explained.py"
     if path.exists():
         spec = importlib.util.spec_from_file_location("explained", path)
         assert spec is not None and spec.loader is not None

@@ -28,15 +28,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.provenance import write
-from benchmarks.sensing_plants import (
-    ACCELEROMETERS,
-    ENCODERS,
-    MOTORS,
-    STICK,
-    Plant,
-    Sensor,
-    rough,
-)
+from benchmarks.sensing_plant import STICK, Plant, Sensor, rough
+from benchmarks.sensing_plants import ACCELEROMETERS, ENCODERS, MOTORS
 
 SEEDS, BUDGET = 20, 60.0
 STRENGTH = (0.15, 0.4)

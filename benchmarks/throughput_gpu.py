@@ -37,7 +37,7 @@ from jaxsr.evaluation import EngineConfig, Evaluator
 from jaxsr.evaluation.resident import has_kernel, memory
 from jaxsr.evolution import SearchConfig, init
 from jaxsr.evolution.loop import step
-from jaxsr.regression import RegressionProblem
+from jaxsr.regression import RegressionProblem, Resources
 
 Device = Any  # jax.Device is a variable to a type checker
 ROOT = Path(__file__).resolve().parents[1]
@@ -138,7 +138,9 @@ def problem(rows: int, evaluator: Any, noise: float = 0.05) -> RegressionProblem
     v, w = np.gradient(x, t), np.gradient(z, t)
     y = -1.69 * x + 0.8 * np.sin(2.0 * z) - 0.3 * v * np.abs(v) + np.sin(2.5 * t + 0.4)
     y += noise * np.std(y) * np.random.default_rng(SEED).normal(size=rows)
-    return RegressionProblem(y, {"t": t, "x": x, "z": z, "v": v, "w": w}, evaluator=evaluator)
+    return RegressionProblem(
+        y, {"t": t, "x": x, "z": z, "v": v, "w": w}, resources=Resources(evaluator)
+    )
 
 
 class Kept(Evaluator):

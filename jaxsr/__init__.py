@@ -116,19 +116,11 @@ def _holds_namesake(folder: str) -> bool:
     return any(name.lower().startswith("jaxsr-") for name in names)
 
 
-def _version() -> str:
-    """Return the installed version, or ``0+uninstalled`` in a bare source tree."""
-    from importlib import metadata
-
-    try:
-        return metadata.version("jaxsr-dynamics")
-    except metadata.PackageNotFoundError:
-        return "0+uninstalled"
-
-
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        value = _version()
+        from jaxsr._versions import own_version
+
+        value = own_version()
     elif name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)
     else:

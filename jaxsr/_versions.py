@@ -15,6 +15,14 @@ def environment() -> dict[str, str]:
     }
 
 
+def own_version() -> str:
+    """Return the installed version, or ``0+uninstalled`` in a bare source tree."""
+    try:
+        return version("jaxsr-dynamics")
+    except PackageNotFoundError:
+        return "0+uninstalled"
+
+
 def _version(name: str) -> str:
     try:
         return version(name)

@@ -14,9 +14,9 @@ from jaxsr._result import InputError
 from jaxsr.evolution import FitnessRule, PrimitiveSet, SearchConfig, init, search, step
 from jaxsr.evolution.checkpoint import Keeper, fingerprint, load, save
 from jaxsr.evolution.create import random_term
-from jaxsr.evolution.loop import SearchState
+from jaxsr.evolution.state import SearchState
 from jaxsr.expressions import Term, parse
-from jaxsr.regression import RegressionProblem
+from jaxsr.regression import RegressionProblem, Rules, Sampling, TargetErrors
 from jaxsr.regression.judging import Judge
 
 CONFIG = SearchConfig(population=40, generations=30, refined=4, patience=30)
@@ -255,15 +255,17 @@ def test_fingerprint_sees_values_names_and_time():
     problem = _problem()
     y, columns = problem.y, problem.variables
     renamed = RegressionProblem(y, {"t": columns["t"], "v": columns["x"], "x": columns["v"]})
-    other_time = RegressionProblem(y, columns, time="x")
+    other_time = RegressionProblem(y, columns, sampling=Sampling(time="x"))
     nudged = RegressionProblem(np.nextafter(y, np.inf), columns)
-    rougher = RegressionProblem(y, columns, floor=1e-3)
-    bound = RegressionProblem(y, columns, signs={parse("x"): -1})
+    rougher = RegressionProblem(y, columns, errors=TargetErrors(floor=1e-3))
+    bound = RegressionProblem(y, columns, rules=Rules(signs={parse("x"): -1}))
     other_rows = RegressionProblem(y, columns, judge=Judge(columns, y + 1.0))
     problems = (problem, renamed, other_time, nudged, rougher, bound, other_rows)
     assert len({fingerprint(p) for p in problems}) == len(problems)
     bound.solve([[parse("x"), parse("v")]])  # what was asked of a problem leaves no mark
-    assert fingerprint(bound) == fingerprint(RegressionProblem(y, columns, signs={parse("x"): -1}))
+    assert fingerprint(bound) == fingerprint(
+        RegressionProblem(y, columns, rules=Rules(signs={parse("x"): -1}))
+    )
 
 
 def test_damaged_and_foreign_files_are_refused(written, tmp_path):

@@ -12,6 +12,7 @@ from jaxsr.expressions.primitives import PRIMITIVES
 from jaxsr.regression import (
     Refinement,
     RegressionProblem,
+    Rules,
     constant_slopes,
     constants_of,
     with_constants,
@@ -193,12 +194,16 @@ def test_limits_are_kept():
     rng = np.random.default_rng(6)
     variables = _variables(rng)
     terms = _perturbed(rng, 1)[0]
-    still = RegressionProblem(_law(variables), variables, refinement=Refinement(most_constants=3))
+    still = RegressionProblem(
+        _law(variables), variables, rules=Rules(refinement=Refinement(most_constants=3))
+    )
     assert still.refine(terms)[0] == tuple(terms)
-    none = RegressionProblem(_law(variables), variables, refinement=Refinement(iterations=0))
+    none = RegressionProblem(
+        _law(variables), variables, rules=Rules(refinement=Refinement(iterations=0))
+    )
     assert none.refine(terms)[0] == tuple(terms)
     short = RegressionProblem(
-        _law(variables), variables, refinement=Refinement(iterations=1, reach=1e-3)
+        _law(variables), variables, rules=Rules(refinement=Refinement(iterations=1, reach=1e-3))
     )
     moves = np.abs(
         np.array([c for t in short.refine(terms)[0] for c in constants_of(t)])
@@ -227,7 +232,7 @@ def test_descent_through_the_ridge_solve_lowers_every_loss(method, iterations):
     variables = {name: column[::6] for name, column in _variables(rng).items()}
     y = _law(variables)
     limits = Refinement(method=method, iterations=iterations)
-    problem = RegressionProblem(y, variables, refinement=limits)
+    problem = RegressionProblem(y, variables, rules=Rules(refinement=limits))
     sets = [*_perturbed(rng, 4), _terms("x", "z"), _terms("sqrt(x)", "sin(2.0*t)")]
     exact = RegressionProblem(y, variables)
     before = exact.solve(sets)[1]
@@ -266,7 +271,7 @@ def test_gradient_of_a_descent_is_that_of_the_loss():
 def test_terms_without_postfix_code_are_left_to_levenberg_marquardt():
     variables = _variables(np.random.default_rng(10))
     y = np.where(variables["z"] > 0.0, np.sin(2.5 * T), variables["x"])
-    problem = RegressionProblem(y, variables, refinement=Refinement(method="adam"))
+    problem = RegressionProblem(y, variables, rules=Rules(refinement=Refinement(method="adam")))
     ((term,), loss) = problem.refine(_terms("Piecewise((sin(2.45*t), z > 0), (x, True))"))
     assert loss < 1e-20
     assert constants_of(term)[0] == pytest.approx(2.5, rel=1e-8)

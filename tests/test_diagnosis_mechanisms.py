@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import jax
 import numpy as np
 import pytest
@@ -18,7 +16,6 @@ from jaxsr.diagnosis.mechanisms import (
     sensor_candidates,
     sites_of,
 )
-from jaxsr.diagnosis.mechanisms.site import compose
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.models import (
@@ -31,7 +28,7 @@ from jaxsr.models import (
     read_model,
     with_values,
 )
-from jaxsr.models.units import check_units, dimension
+from jaxsr.models.units import check_units
 
 ARM = read_model(ARM_FILE)
 MASS = parse_model(STIFF)
@@ -337,36 +334,6 @@ def test_gravity_belongs_to_turning_axes():
         "equation:w2",
     }
     assert not [c for c in candidates_of(MASS) if c.mechanism == "gravity"]
-
-
-@pytest.mark.parametrize(
-    ("above", "below", "expected"),
-    [
-        ("N*m", ["rad/s"], "N*m*s/rad"),
-        ("N", ["m/s"], "N*s/m"),
-        ("N", ["m", "m", "m"], "N/m^3"),
-        ("N*m", ["rad/s", "rad/s"], "N*m*s^2/rad^2"),
-        ("N*m", ["rad"], "N*m/rad"),
-        ("m/s^2", ["m"], "1/s^2"),
-        ("N", ["1"], "N"),
-        ("V", ["V"], "1"),
-    ],
-)
-def test_unit_text_of_coefficients(above, below, expected):
-    text = compose(above, below)
-    assert text == expected
-    product = dimension(text)
-    for unit in below:
-        product = product * dimension(unit)
-    assert product == dimension(above)
-
-
-def test_unit_text_is_right_for_any_short_units():
-    units = ["N", "N*m", "m/s", "rad/s^2", "kg*m^2", "1", "V/s", "N*s/m"]
-    for above, below in itertools.product(units, repeat=2):
-        text = compose(above, [below])
-        assert text is not None
-        assert dimension(text) * dimension(below) == dimension(above)
 
 
 def test_sites_know_position_and_unit():

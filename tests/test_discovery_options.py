@@ -19,7 +19,7 @@ from jaxsr.models import Simulator
 from jaxsr.models.reading import read_model
 from jaxsr.models.simulation import simulate_to_csv
 from jaxsr.recordings import Recording
-from jaxsr.regression import InUnits, RegressionProblem
+from jaxsr.regression import InUnits, RegressionProblem, Rules, Sampling
 
 QUICK = SearchConfig(population=40, refined=3, generations=12, restarts=1, patience=3)
 WITH_INTEGRALS = PrimitiveSet(functions=("add", "mul", "integral"))
@@ -106,7 +106,7 @@ def test_units_that_bind_keep_what_has_no_meaning_out_of_every_front(seed):
     admits = InUnits.of(UNITS)
     begun = dataclasses.replace(QUICK, generations=1)  # what has no meaning stands in the guesses
     for bound, config in ((None, begun), (admits, QUICK)):
-        problem = RegressionProblem(y, {"q": q, "v": v}, admits=bound)
+        problem = RegressionProblem(y, {"q": q, "v": v}, rules=Rules(admits=bound))
         guesses = [edit([parse("sin(q) + sin(q + v)")])]
         state, _ = search(np.random.default_rng(seed), problem, config, guesses=guesses)
         seen = [*state.front.members, *state.population]
@@ -247,7 +247,9 @@ def test_integrals_begin_anew_in_every_recording():
     t = np.tile(np.linspace(0.0, 2.0, 201), 2)
     x = np.concatenate([np.cos(t[:201]), np.exp(-t[201:])])
     area = np.concatenate([np.sin(t[:201]), 1.0 - np.exp(-t[201:])])
-    problem = RegressionProblem(-0.7 * area, {"t": t, "x": x}, group=np.repeat([0, 1], 201))
+    problem = RegressionProblem(
+        -0.7 * area, {"t": t, "x": x}, sampling=Sampling(group=np.repeat([0, 1], 201))
+    )
     fit = problem.fit([parse("integral(x)", integrals=True)])
     assert fit.coefficients[0] == pytest.approx(-0.7, rel=1e-4)
     assert fit.loss < 1e-9

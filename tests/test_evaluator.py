@@ -15,7 +15,7 @@ from jaxsr.evaluation.engine import Engine
 from jaxsr.evaluation.machine import compilations
 from jaxsr.evolution import SearchConfig
 from jaxsr.expressions import Term, parse
-from jaxsr.regression import RegressionProblem
+from jaxsr.regression import RegressionProblem, Resources
 
 NAMES = ["t", "x", "z"]
 TEXTS = [
@@ -143,7 +143,7 @@ def test_few_samples_and_single_estimates_are_left_to_numpy(asked: list[int]) ->
 def test_a_search_asks_the_engine_that_compile_terms_asks(asked: list[int]) -> None:
     data = _data(100_000)
     y = data["x"] * data["z"] + 2.0 * np.sin(2.5 * data["t"])
-    problem = RegressionProblem(y, data, limit_bytes=2**26)
+    problem = RegressionProblem(y, data, resources=Resources(limit_bytes=2**26))
     problem.solve([_many(2, seed=k) for k in range(40)])
     assert asked and min(asked) > 1
     asked.clear()

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import enum
 import errno
-import hashlib
-import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+from whole_files import FOREIGN, NEW, OLD, hidden, made, visible, write
 
 from jaxsr import _files
 from jaxsr._files import (
@@ -26,35 +20,17 @@ from jaxsr._files import (
     atomic_write_text,
     check_writable,
     check_writable_directory,
-    dump_json,
     mend_directory,
-    sha256,
 )
 from jaxsr._result import InputError
 
 ROOT = Path(__file__).resolve().parents[1]
-OLD = {"a.json": "old a", "b.toml": "old b", "stale.png": "old figure"}
-NEW = {"a.json": "new a", "b.toml": "new b", "c.html": "new c"}
 
 
 @pytest.fixture(autouse=True)
 def _quick_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     """Do not wait for the disk."""
     monkeypatch.setattr(os, "fsync", lambda held: None)
-
-
-def write(out: Path, files: dict[str, str]) -> None:
-    with atomic_directory(out) as folder:
-        for name, text in files.items():
-            (folder / name).write_text(text)
-
-
-def visible(out: Path) -> dict[str, str]:
-    return {path.name: path.read_text() for path in out.iterdir() if path.name[0] != "."}
-
-
-def hidden(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir() if path.name[0] == "."} - {_files._MANIFEST}
 
 
 def test_new_files_replace_those_of_the_last_run_and_no_others(tmp_path: Path) -> None:
@@ -115,20 +91,6 @@ def failing(monkeypatch: pytest.MonkeyPatch, at: int, error: type[BaseException]
     return steps
 
 
-FOREIGN = {"notes.txt": "mine"}
-
-
-def made(out: Path, kind: str) -> dict[str, str]:
-    """Make `out` as an earlier run left it, alone or among files of others; return its files."""
-    if kind == "new":
-        return {}
-    write(out, OLD)
-    if kind == "alone":
-        return OLD
-    (out / "notes.txt").write_text("mine")
-    return OLD | FOREIGN
-
-
 @pytest.mark.parametrize("error", [Injected, KeyboardInterrupt])
 @pytest.mark.parametrize("kind", ["new", "alone", "shared"])
 def test_a_failure_at_any_step_leaves_old_or_new(
@@ -156,145 +118,6 @@ def test_a_failure_at_any_step_leaves_old_or_new(
     assert visible(out) == new
     assert failed >= (12 if kind == "shared" else 4), "the failures were not injected"
     assert hidden(tmp_path) == set()
-
-
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-from jaxsr import _files
-os.fsync = lambda held: None
-steps = 0
-def wrap(owner, name):
-    real = getattr(owner, name)
-    def step(*args, **options):
-        global steps
-        if steps == at:
-            os.kill(os.getpid(), signal.SIGKILL)
-        steps += 1
-        return real(*args, **options)
-    setattr(owner, name, step)
-for owner, name in ((os, "rename"), (os, "replace"), (os, "rmdir"), (_files, "_exchange")):
-    wrap(owner, name)
-for at, out in enumerate(sys.argv[1:]):
-    child = os.fork()
-    if child == 0:
-        with _files.atomic_directory(Path(out)) as folder:
-            for name in ("a.json", "b.toml", "c.html"):
-                (folder / name).write_text("new " + name[0])
-        os._exit(0)
-    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
-"""
-
-
-@pytest.mark.parametrize("kind", ["new", "alone", "shared"])
-def test_a_kill_at_any_rename_leaves_old_or_new(tmp_path: Path, kind: str) -> None:
-    outs = [tmp_path / f"out{at}" / "out" for at in range(16)]
-    for out in outs:
-        out.parent.mkdir()
-        old = made(out, kind)
-    new = NEW | (FOREIGN if kind == "shared" else {})
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, *map(str, outs)], cwd=ROOT, capture_output=True, text=True
-    )
-    statuses = [int(line) for line in done.stdout.split()]
-    killed = statuses.index(0)
-    assert set(statuses[:killed]) == {-signal.SIGKILL} and set(statuses[killed:]) == {0}
-    for out in outs[:killed]:
-        if kind != "shared":  # whoever reads meets one run's files, without any mending
-            assert (visible(out) if out.exists() else {}) in (old, new)
-        mend_directory(out)
-        assert (visible(out) if out.exists() else {}) in (old, new)
-        assert (hidden(out) if out.exists() else set()) == hidden(out.parent) == set()
-    # Alone: the check's folder away, the exchange, the old files away. Shared: also each of four
-    # files, the backup in place and away.
-    assert killed >= {"new": 2, "alone": 3, "shared": 8}[kind]
-    assert visible(outs[-1]) == new
-
-
-WRITER = """
-import sys, time
-from pathlib import Path
-from jaxsr._files import atomic_directory
-out, number = Path(sys.argv[1]), 0
-print(flush=True)
-while True:
-    number += 1
-    with atomic_directory(out) as folder:
-        for name in "abcdef":
-            (folder / name).write_text(str(number) * 50_000)
-        if number % 2:
-            (folder / "odd").write_text(str(number) * 50_000)
-"""
-
-
-def runs_of(out: Path) -> set[str]:
-    """Return which runs' files stand in `out`; each run's are complete, or this fails."""
-    texts = visible(out)
-    texts.pop("notes.txt", None)
-    runs = {text[: len(text) // 50_000] for text in texts.values()}
-    for text in texts.values():
-        assert text == text[: len(text) // 50_000] * 50_000
-    if runs:
-        (number,) = runs
-        assert set(texts) == set("abcdef") | ({"odd"} if int(number) % 2 else set())
-    return runs
-
-
-def kill_at_random(out: Path, kills: int, seed: int, shared: bool) -> None:
-    rng = np.random.default_rng(seed)
-    out.mkdir()
-    if shared:
-        (out / "notes.txt").write_text("mine")
-    for _ in range(kills):
-        command = [sys.executable, "-c", WRITER, str(out)]
-        writer = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE)
-        assert writer.stdout is not None and writer.stdout.readline()
-        time.sleep(rng.uniform(0.0, 0.3))
-        writer.kill()
-        writer.communicate()
-        if not shared:
-            runs_of(out)
-        mend_directory(out)
-        runs_of(out)
-        assert hidden(out) == hidden(out.parent) == set()
-    assert runs_of(out), "no run came to its end"
-
-
-@pytest.mark.parametrize("shared", [False, True])
-def test_kills_at_random_moments(tmp_path: Path, shared: bool) -> None:
-    kill_at_random(tmp_path / "out", 3, 0, shared)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("shared", [False, True])
-def test_fifty_kills_at_random_moments(tmp_path: Path, shared: bool) -> None:
-    kill_at_random(tmp_path / "out", 50, 1, shared)
-
-
-def test_a_reader_never_meets_files_of_two_runs(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(out)], cwd=ROOT)
-    reads, end = 0, time.monotonic() + 2.0
-    while time.monotonic() < end:
-        try:
-            folder = os.open(out, os.O_RDONLY)  # as one who has opened the folder sees it
-        except FileNotFoundError:
-            continue
-        names = [name for name in os.listdir(folder) if name[0] != "."]
-        try:
-            parts = [os.open(name, os.O_RDONLY, dir_fd=folder) for name in names]
-        except FileNotFoundError:  # removed with the old folder while it was being read
-            parts = []
-        texts = set()
-        for part in parts:
-            texts.add(os.read(part, 16))
-            os.close(part)
-        os.close(folder)
-        assert len(texts) <= 1
-        reads += bool(texts)
-    writer.kill()
-    writer.wait()
-    assert reads > 10
 
 
 def test_litter_of_the_dead_is_swept_and_that_of_the_living_stays(tmp_path: Path) -> None:
@@ -455,43 +278,3 @@ def test_text_is_replaced_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert path.read_text() == "old\n" and list(tmp_path.iterdir()) == [path]
     atomic_write_text(path, "naïve\n")
     assert path.read_bytes() == "naïve\n".encode()
-
-
-def test_checksum(tmp_path: Path) -> None:
-    (tmp_path / "x").write_bytes(b"abc" * 100_000)
-    assert sha256(tmp_path / "x") == hashlib.sha256(b"abc" * 100_000).hexdigest()
-
-
-class Colour(enum.StrEnum):
-    RED = "red"
-
-
-@dataclass(frozen=True)
-class Point:
-    x: float
-    y: Any
-
-
-def test_json_is_plain() -> None:
-    obj = {
-        "nan": float("nan"),
-        "array": np.array([[1.0, np.nan], [np.inf, 2.0]]),
-        "scalars": (np.float64(0.1), np.float32(0.5), np.int64(3), np.bool_(True), None),
-        "point": Point(np.float64("-inf"), Colour.RED),
-        "path": Path("a/b"),
-        "set": {"b", "a"},
-        "micro": "µ",
-        1: "key",
-    }
-    assert json.loads(dump_json(obj), parse_constant=pytest.fail) == {
-        "nan": None,
-        "array": [[1.0, None], [None, 2.0]],
-        "scalars": [0.1, 0.5, 3, True, None],
-        "point": {"x": None, "y": "red"},
-        "path": "a/b",
-        "set": ["a", "b"],
-        "micro": "µ",
-        "1": "key",
-    }
-    with pytest.raises(TypeError, match="object"):
-        dump_json([object()])

@@ -21,7 +21,7 @@ from benchmarks.generality.detect import detectable, shown
 from benchmarks.generality.laws import FAMILIES, LAWS
 from benchmarks.generality.plan import DECK, Ticket, dealt, offered
 from benchmarks.generality.plant import LEAD, Effect, Plant, excited, readings
-from benchmarks.generality.planting import planted, written
+from benchmarks.generality.planting import planted
 from benchmarks.generality.prior import truncated
 from benchmarks.generality.running import answers
 from benchmarks.generality.scoring import (
@@ -35,6 +35,7 @@ from benchmarks.generality.scoring import (
 from benchmarks.generality.sensing import SENSING, Channel
 from benchmarks.generality.systems import GROUPS, SYSTEMS
 from benchmarks.generality.tables import by_group, missed, side_by_side
+from benchmarks.generality.writing import written
 from jaxsr._result import InputError
 
 # -- the plan --------------------------------------------------------------------------------------

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import ast
+import json
+import statistics
+import subprocess
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[1] / "jaxsr"
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "jaxsr"
 
 LAYERS = {
     "_result": 0,
@@ -50,6 +55,14 @@ LAYERS = {
     "__init__": 9,
 }
 LONGEST = 400
+"""Lines of a module, of benchmarks and tests too."""
+MEDIAN = 150
+"""Lines of half of the package's modules."""
+ARGUMENTS = 10
+"""Of a function, `self` apart."""
+MANY_ARGUMENTS = {
+    "jaxsr/cli.py discover",  # an argument for every option of the command line
+}
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
@@ -72,9 +85,14 @@ def imports(tree: ast.Module, path: Path) -> Iterator[str]:
 
 
 @cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imported(path: Path) -> frozenset[str]:
     """Return the full names that a module imports."""
-    return frozenset(imports(ast.parse(path.read_text(encoding="utf-8")), path))
+    return frozenset(imports(parsed(path), path))
 
 
 def imported_parts(path: Path) -> set[str]:
@@ -121,9 +139,75 @@ def test_trees_are_python_and_arrays_know_no_trees() -> None:
     assert not wrong
 
 
+def lines(path: Path) -> int:
+    return path.read_text(encoding="utf-8").count("\n")
+
+
 def test_modules_stay_small() -> None:
-    lines = {relative(p): p.read_text(encoding="utf-8").count("\n") for p in MODULES}
-    assert {path: count for path, count in lines.items() if count > LONGEST} == {}
+    files = [p for part in ("jaxsr", "benchmarks", "tests") for p in (ROOT / part).rglob("*.py")]
+    long = {str(p.relative_to(ROOT)): lines(p) for p in files if lines(p) > LONGEST}
+    assert long == {}
+    assert statistics.median(map(lines, MODULES)) <= MEDIAN
+
+
+def arguments(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Return how many arguments a function takes, `self` and `cls` apart."""
+    own = function.args
+    names = [a.arg for a in (*own.posonlyargs, *own.args, *own.kwonlyargs)]
+    return len(names) - (names[:1] in (["self"], ["cls"]))
+
+
+def crowded(tree: ast.Module) -> Iterator[str]:
+    """Yield the functions of a module that take too many arguments."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and arguments(node) > ARGUMENTS:
+            yield node.name
+
+
+def test_functions_take_few_arguments() -> None:
+    files = [p for part in ("jaxsr", "benchmarks") for p in (ROOT / part).rglob("*.py")]
+    found = {
+        f"{path.relative_to(ROOT).as_posix()} {name}"
+        for path in files
+        for name in crowded(parsed(path))
+    }
+    assert found == MANY_ARGUMENTS
+
+
+def test_arguments_are_counted_by_name_position_and_without_self() -> None:
+    ten = ", ".join("abcdefghij")
+    code = f"class A:\n def f(self, {ten}): ...\n async def g(self, x, /, {ten[:-6]}, *, y, z): ..."
+    assert list(crowded(ast.parse(code))) == ["g"]
+    two = f"def h({ten}): ...\ndef i({ten}, *, k=0): ..."
+    assert list(crowded(ast.parse(two))) == ["i"]
+
+
+IN_ORDER = (
+    *("expressions", "recordings", "evaluation", "views", "regression", "evolution", "models"),
+    *("report", "discovery"),
+)
+"""Packages by rising layer."""
+LOADED = """
+import importlib, json, sys
+found = {}
+for name in sys.argv[1:]:
+    importlib.import_module("jaxsr." + name)
+    found[name] = sorted(m for m in sys.modules if m.startswith("jaxsr."))
+print(json.dumps(found))
+"""
+
+
+def test_no_package_loads_one_that_stands_higher() -> None:
+    """What is loaded, by names that no text of the package shows too, is of no higher layer."""
+    assert [LAYERS[name] for name in IN_ORDER] == sorted(LAYERS[name] for name in IN_ORDER)
+    command = [sys.executable, "-c", LOADED, *IN_ORDER]
+    found = json.loads(subprocess.run(command, cwd=ROOT, capture_output=True, check=True).stdout)
+    higher = {
+        name: [m for m in loaded if LAYERS[m.split(".")[1]] > LAYERS[name]]
+        for name, loaded in found.items()
+    }
+    assert all(f"jaxsr.{name}" in found[name] for name in IN_ORDER)
+    assert {name: found for name, found in higher.items() if found} == {}
 
 
 OWN_TEMPORARIES = {

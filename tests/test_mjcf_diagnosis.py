@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from jaxsr.cli import main
-from jaxsr.models.formats.plant import Plant
+from jaxsr.models.formats.loading import read_plant_file
 from jaxsr.models.formats.running import held, run_steps
 from tests.mjcf_plants import PENDULUM, record, with_friction
 
@@ -42,7 +42,7 @@ def test_friction_of_a_robot_is_found_written_and_run(tmp_path: Path) -> None:
     time, u = log["time"].to_numpy(), log[["drive_ctrl"]].to_numpy()
     errors = []
     for path in (out / "explained.xml", tmp_path / "robot.xml"):
-        states = run_steps(Plant.read(path), np.zeros(2), time, held(time, u, "zero"), 4)
+        states = run_steps(read_plant_file(path)[0], np.zeros(2), time, held(time, u, "zero"), 4)
         errors.append(float(np.std(states[:, 0] - log["hinge_pos"])))
     assert errors[0] < 0.05 * errors[1]
     assert "<!-- of the data sheet -->" in (out / "explained.xml").read_text()

@@ -16,7 +16,7 @@ from jaxsr.evaluation.machine import compilations
 from jaxsr.evaluation.open import mark, written
 from jaxsr.expressions import Term, parse
 from jaxsr.expressions.derivatives import derivative
-from jaxsr.regression import RegressionProblem, constants_of, with_constants
+from jaxsr.regression import RegressionProblem, Resources, constants_of, with_constants
 from jaxsr.regression import constants as constants_module
 from jaxsr.regression.marquardt import ExactFits
 from jaxsr.regression.projection import batches
@@ -164,7 +164,10 @@ def test_constants_come_out_as_by_the_reference(noise: float):
     ]
     # two columns that a small constant keeps apart: products cannot tell them
     sets += [_terms("x", "x + 1e-7*sin(2.4*t)"), _terms("sin(2.4*t)", "sin(2.4000001*t)")]
-    results = [_problem(noise, evaluator=kind).refine_many(sets) for kind in (Evaluator, Reference)]
+    results = [
+        _problem(noise, resources=Resources(kind)).refine_many(sets)
+        for kind in (Evaluator, Reference)
+    ]
     for (terms, loss), (wanted, least) in zip(*results, strict=True):
         assert loss == pytest.approx(least, rel=1e-6, abs=1e-20)
         if np.isfinite(loss):
@@ -221,7 +224,7 @@ def test_a_constant_without_influence_is_held_by_either_engine(texts: tuple[str,
     """A slope of rounding alone once sent such a constant away, and the others' steps with it."""
     sets, found = [_terms(*texts)], {}
     for kind in (Evaluator, Reference):
-        ((terms, loss),) = _problem(evaluator=kind).refine_many(sets)
+        ((terms, loss),) = _problem(resources=Resources(kind)).refine_many(sets)
         found[kind] = [c for term in terms for c in constants_of(term)], loss
     assert found[Evaluator][1] == pytest.approx(found[Reference][1], rel=1e-6)
     assert found[Evaluator][0] == pytest.approx(found[Reference][0], rel=1e-2)

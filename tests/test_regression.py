@@ -13,6 +13,8 @@ from jaxsr.regression import (
     GramBatch,
     HardThreshold,
     RegressionProblem,
+    Resources,
+    Rules,
     aic,
     bic,
     coefficient_ci95,
@@ -202,7 +204,7 @@ def test_terms_that_are_not_finite_on_the_data_are_infinite_loss_not_an_error():
 
 def test_storage_is_bounded_and_forgetting_changes_no_result():
     rng = np.random.default_rng(9)
-    small, _, _ = _problem(rng, limit_bytes=2**20)
+    small, _, _ = _problem(rng, resources=Resources(limit_bytes=2**20))
     terms = [parse(f"sin({k / 100}*t)", ["t"]) for k in range(1, 900)]
     first = small.solve([[terms[5], terms[50]]])[1]
     small.index(terms)
@@ -329,7 +331,9 @@ def test_signs_hold_in_every_way_a_problem_weighs():
     y = -4.0 * x + 0.3 * v + 0.5 * np.sin(2.0 * x) + 0.1 * rng.normal(size=200)
     names = ["x", "v"]
     (tx, tv, wave) = (parse(s, names) for s in ("x", "v", "sin(1.9*x)"))
-    problem = RegressionProblem(y, {"x": x, "v": v}, signs={tv: -1, tx: -1})  # damping: against v
+    problem = RegressionProblem(
+        y, {"x": x, "v": v}, rules=Rules(signs={tv: -1, tx: -1})
+    )  # damping: against v
     fit = problem.fit([tx, tv])
     assert fit.coefficients[1] == 0.0
     alone = problem.fit([tx])
@@ -342,7 +346,7 @@ def test_signs_hold_in_every_way_a_problem_weighs():
     assert loss > free
     assert problem.fit([tx, tv], signs={tv: 1}).coefficients[1] > 0.0
     with pytest.raises(InputError, match="sign"):
-        RegressionProblem(y, {"x": x, "v": v}, signs={tv: 2})
+        RegressionProblem(y, {"x": x, "v": v}, rules=Rules(signs={tv: 2}))
 
 
 @pytest.mark.parametrize(("correlation", "least"), [(0.0, 0.92), (0.7, 0.90)])

@@ -20,7 +20,7 @@ from jaxsr.evolution.create import random_term
 from jaxsr.evolution.loop import step
 from jaxsr.expressions import Term, parse
 from jaxsr.expressions.postfix import OPERATORS, compile_postfix
-from jaxsr.regression import RegressionProblem
+from jaxsr.regression import RegressionProblem, Resources
 from jaxsr.regression.resident import ResidentStore
 
 VARIABLES = ("t", "x", "z")
@@ -183,7 +183,7 @@ def _problem(kind: Any, rows: int = 400, noise: float = 0.1) -> RegressionProble
     x, z = rng.normal(size=(2, rows))
     data = {"t": np.linspace(0.0, 10.0, rows), "x": x, "z": z}
     y = 3.0 * x + 5.0 * np.sin(2.5 * data["t"] + 0.4) - 2.0 / (x**2 + 1.5)
-    return RegressionProblem(y + noise * rng.normal(size=rows), data, evaluator=kind)
+    return RegressionProblem(y + noise * rng.normal(size=rows), data, resources=Resources(kind))
 
 
 def test_sets_weigh_alike_on_both_sides() -> None:

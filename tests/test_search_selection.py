@@ -10,7 +10,7 @@ from brute_force import best_sets, column_problem, places_of, relative_loss
 
 from jaxsr.expressions import Term, parse, to_text
 from jaxsr.expressions.printing import kind
-from jaxsr.regression import RegressionProblem
+from jaxsr.regression import RegressionProblem, Rules
 from jaxsr.regression.beam import beam
 from jaxsr.regression.dictionary import Dictionary
 from jaxsr.regression.elimination import eliminate
@@ -174,7 +174,7 @@ def test_elimination_within_signs_is_weighed_within_them() -> None:
         names = [f"x{k}" for k in range(5)]
         terms = [Term.variable(n) for n in names]
         problem = RegressionProblem(
-            y, dict(zip(names, columns.T, strict=True)), signs={terms[1]: 1}
+            y, dict(zip(names, columns.T, strict=True)), rules=Rules(signs={terms[1]: 1})
         )
         for left, loss in eliminate(problem, terms, most=5):
             places = list(places_of(left))
@@ -237,7 +237,7 @@ def test_a_dictionary_offers_nothing_of_the_wrong_sign_or_already_there() -> Non
     x, z = rng.normal(size=(2, 150))
     terms = [parse(text, ["x", "z"]) for text in ("x", "z", "2.0*x", "x + z", "log(x)", "x*z")]
     y = x + 3.0 * z - 2.0 * x * z
-    problem = RegressionProblem(y, {"x": x, "z": z}, signs={terms[5]: 1})
+    problem = RegressionProblem(y, {"x": x, "z": z}, rules=Rules(signs={terms[5]: 1}))
     offered = {to_text(t) for t in Dictionary(problem, terms).best(terms[:2], 6)}
     assert offered == set()  # x + z and 2 x are there already, x z may only be positive
     free = RegressionProblem(y, {"x": x, "z": z})

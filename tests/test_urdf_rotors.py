@@ -9,9 +9,9 @@ import pytest
 
 from jaxsr._result import InputError
 from jaxsr.models import Edit, Parameter, apply_edit
+from jaxsr.models.formats.loading import read_plant_file
 from jaxsr.models.formats.mjcf import Robot
 from jaxsr.models.formats.opening import read_robot
-from jaxsr.models.formats.plant import Plant
 from jaxsr.models.formats.urdf import read_urdf
 from jaxsr.models.formats.write_back import write_back
 from jaxsr.recordings import Recording
@@ -91,7 +91,7 @@ def test_a_draft_with_rotors_reads_back_and_is_written_back(found: Robot, tmp_pa
     explained = apply_edit(again.model, Edit(edit))
     back = write_back(again.plant, again.model, explained, [], tmp_path)
     (tmp_path / "explained.xml").write_text(back.files["explained.xml"])
-    m = Plant.read(tmp_path / "explained.xml").m
+    m = read_plant_file(tmp_path / "explained.xml")[0].m
     assert list(m.dof_armature) == pytest.approx(list(again.plant.m.dof_armature))
     assert m.dof_damping[0] == 0.9
 

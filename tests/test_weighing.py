@@ -9,6 +9,8 @@ from jaxsr.regression import (
     GramBatch,
     HardThreshold,
     RegressionProblem,
+    Resources,
+    Rules,
     least_squares,
     scale_columns,
 )
@@ -181,7 +183,7 @@ def test_thresholds_in_batch_decide_as_one_by_one(seed, ridge):
 
 
 def test_pruning_many_is_pruning_each():
-    problem = _problem(threshold=HardThreshold(sigma=0.3, tolerance=0.01))
+    problem = _problem(rules=Rules(threshold=HardThreshold(sigma=0.3, tolerance=0.01)))
     sets = problem.independent(_sets(np.random.default_rng(6)))
     pruned = problem.prune_many(sets)
     assert pruned == [problem.prune(terms) for terms in sets]
@@ -191,7 +193,7 @@ def test_pruning_many_is_pruning_each():
 @pytest.mark.parametrize("noise", [0.1, 0.0])
 def test_samples_in_pieces_are_weighed_as_samples_held(noise):
     n = 2 * ROWS + 137
-    held, streamed = _problem(n, noise), _problem(n, noise, limit_bytes=2**20)
+    held, streamed = _problem(n, noise), _problem(n, noise, resources=Resources(limit_bytes=2**20))
     assert type(held._weighing.store) is not type(streamed._weighing.store)
     rng = np.random.default_rng(7)
     sets = held.independent([*_sets(rng), TERMS[:3], [TERMS[0], TERMS[1], TERMS[6]]])
@@ -211,14 +213,14 @@ def test_samples_in_pieces_are_weighed_as_samples_held(noise):
 def test_products_in_pieces_are_the_same_bits_in_any_company():
     sets = _sets(np.random.default_rng(8), count=20)
     n = 3 * ROWS + 11
-    together = _problem(n, limit_bytes=2**18).solve(sets)[1]
-    alone = _problem(n, limit_bytes=2**18)
+    together = _problem(n, resources=Resources(limit_bytes=2**18)).solve(sets)[1]
+    alone = _problem(n, resources=Resources(limit_bytes=2**18))
     assert [alone.solve([terms])[1][0] for terms in reversed(sets)] == together[::-1].tolist()
 
 
 def test_pieces_know_what_cannot_be_used_and_integrals():
     n = ROWS + 50
-    problem, held = _problem(n, limit_bytes=2**20), _problem(n)
+    problem, held = _problem(n, resources=Resources(limit_bytes=2**20)), _problem(n)
     texts = ("sqrt(x)", "1/t", "0*x", "integral(x)", "x*integral_over(x, z)")
     terms = [parse(s, NAMES, integrals=True) for s in texts]
     assert problem.index(terms)[:3] == [-1, -1, -1]
@@ -238,8 +240,8 @@ def test_a_problem_forgets_and_finds_the_same_again():
 def test_another_evaluator_gives_the_same_losses(rows):
     sets = _sets(np.random.default_rng(10), count=10)
     limit = 192 * 2**20 if rows == 400 else 2**20
-    own = _problem(rows, limit_bytes=limit).solve(sets)[1]
-    other = _problem(rows, limit_bytes=limit, evaluator=Interpreted).solve(sets)[1]
+    own = _problem(rows, resources=Resources(limit_bytes=limit)).solve(sets)[1]
+    other = _problem(rows, resources=Resources(Interpreted, limit)).solve(sets)[1]
     np.testing.assert_allclose(own, other, rtol=1e-9)
 
 

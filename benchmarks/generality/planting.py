@@ -1,15 +1,12 @@
-"""A case: a system in motion, an effect of a size that its sensors can show, and the files."""
+"""A case: a system in motion, and an effect of a size that its sensors can show."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from benchmarks.generality.detect import Shown, detectable, shown
 from benchmarks.generality.law import Motion, log_uniform
@@ -28,7 +25,6 @@ from benchmarks.generality.plant import (
 )
 from benchmarks.generality.sensing import SENSING, Channel, sampled
 from benchmarks.generality.system import Array, Gauge, System
-from jaxsr._files import atomic_write_text, dump_json
 
 SAMPLES, LEARNING, HELD_OUT = 300, 2, 1
 SHARES = (0.03, 0.4)
@@ -45,8 +41,6 @@ CLEAR = 60.0
 ATTEMPTS = 8
 FITTED, NEAR = 3, 0.3
 """Gauss-Newton steps of a fit, and what the first one leaves at most where more are made."""
-ROOM = 3.0
-"""Bounds of a free parameter: its true value divided and multiplied by about this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +195,7 @@ def planted(ticket: Ticket, seed: int, system: System, samples: int = SAMPLES) -
 
 def _with_effect(rng: np.random.Generator, ticket: Ticket, ground: Ground) -> Case:
     best: tuple[float, Effect, list[tuple[Track, Array]], Shown, float] | None = None
-    free = _free(ground.system)
+    free = free_constants(ground.system)
     for _ in range(ATTEMPTS):
         effect = _drawn(rng, ticket, ground)
         if effect is None:
@@ -296,7 +290,7 @@ def _wrong(
     plain: tuple[tuple[Track, Array], ...],
 ) -> Case:
     """Give the file a value that is not the system's."""
-    system, free = ground.system, _free(ground.system)
+    system, free = ground.system, free_constants(ground.system)
     best: tuple[float, str, dict[str, float], Shown] | None = None
     for _ in range(ATTEMPTS):
         name = str(rng.choice(list(system.constants)))
@@ -377,44 +371,6 @@ def _nothing(system: System) -> Shown:
     return Shown(tuple(system.constants), np.eye(size))
 
 
-def _free(system: System) -> list[str]:
+def free_constants(system: System) -> list[str]:
+    """Return the constants that may be re-calibrated."""
     return [n for n, c in system.constants.items() if c.free]
-
-
-def written(case: Case, folder: Path, seed: int) -> None:
-    """Write ``model.toml``, the recordings and ``case.json`` of a case."""
-    ticket, ground = case.ticket, case.ground
-    rng = ticket.rng(seed + 1)
-    outputs = [f"y{k + 1}" for k in range(len(ground.gauges))]
-    texts = {y: g.expression for y, g in zip(outputs, ground.gauges, strict=True)}
-    bounds = {}
-    for name in _free(ground.system):
-        reach = ROOM * rng.uniform(0.8, 1.3)
-        value = ground.constants[name]
-        bounds[name] = float(f"{value / reach:.2g}"), float(f"{value * reach:.2g}")
-    text = ground.system.model_text(case.given, bounds, texts)
-    steps = {y: c.step for y, c in zip(outputs, ground.channels, strict=True) if c.step}
-    if steps and rng.uniform() < 0.5:  # the data sheet is at hand
-        text += "\n[resolution]\n" + "".join(f"{y} = {step!r}\n" for y, step in steps.items())
-    atomic_write_text(folder / "model.toml", text)
-    names: list[str] = []
-    for number, (signal, (_, y)) in enumerate(zip(ground.signals, case.moved, strict=True)):
-        noise = ticket.rng(seed + 2 + number)
-        columns: dict[str, Array] = {"t": signal.time[LEAD:]}
-        for u, row in zip(ground.system.drives, signal.values, strict=True):
-            columns[u] = row[LEAD:]
-        for name, channel, row in zip(outputs, ground.channels, y, strict=True):
-            columns[name] = channel.read(noise, row)
-        held = number >= LEARNING
-        names.append(f"{'held' if held else 'run'}{number + 1}.csv")
-        table = pd.DataFrame(columns)
-        atomic_write_text(folder / names[-1], table.to_csv(index=False, float_format="%.10g"))
-    arguments = {
-        "case": ticket.name,
-        "model": "model.toml",
-        "data": names[:LEARNING],
-        "held_out": names[LEARNING:],
-        "seed": 0,
-    }
-    atomic_write_text(folder / "case.json", json.dumps(arguments, indent=1) + "\n")
-    atomic_write_text(folder / "truth.json", dump_json(case.truth))

@@ -12,8 +12,9 @@ from typing import Any
 from benchmarks.generality.engines import answered
 from benchmarks.generality.plan import Ticket
 from benchmarks.generality.plant import Escaped
-from benchmarks.generality.planting import SAMPLES, planted, written
+from benchmarks.generality.planting import SAMPLES, planted
 from benchmarks.generality.systems import SYSTEMS
+from benchmarks.generality.writing import written
 from jaxsr._files import atomic_write_text, dump_json
 from jaxsr._result import InputError
 

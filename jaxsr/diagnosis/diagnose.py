@@ -20,7 +20,7 @@ from jaxsr.diagnosis.contest.arena import (
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.explaining.document import assemble
-from jaxsr.diagnosis.explaining.judge import Ingredients
+from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.explanations import deviations_of, explanations, unnamed, weights_of
 from jaxsr.diagnosis.failures import Failures, unsimulable
 from jaxsr.diagnosis.hurried import decided_in_time

@@ -98,7 +98,8 @@ class Finding(dict[str, Any]):
     @property
     def part(self) -> float | None:
         """Return its part in what re-calibration could not explain; all parts add up to 1."""
-        return (self.get("part") or {}).get("value")
+        told: dict[str, Any] | None = self.get("part")
+        return told["value"] if told else None
 
     @property
     def term(self) -> str | None:

@@ -151,3 +151,11 @@ def weighted_sum(terms: Sequence[Term], coefficients: Sequence[float]) -> Term:
     for c, term in pairs[1:]:
         total = Term.apply("sub" if c < 0.0 else "add", total, part(abs(c), term))
     return total
+
+
+def relative_error(equation: Equation, samples: Samples) -> float:
+    """Return the rms of the residual over the rms of the derivative."""
+    y = samples.targets[equation.state]
+    residual = y - equation.predict(samples)
+    scale = float(np.sqrt(np.mean(y**2)))
+    return float(np.sqrt(np.mean(residual**2))) / scale if scale > 0.0 else 0.0

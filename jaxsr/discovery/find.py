@@ -20,7 +20,16 @@ from jaxsr.evaluation import Evaluator
 from jaxsr.evolution import Keeper, SearchConfig, SearchInfo, best_subsets, search
 from jaxsr.expressions.editing import edit, split
 from jaxsr.expressions.term import Term
-from jaxsr.regression import Judge, RegressionProblem, coefficient_ci95, constant_slopes
+from jaxsr.regression import (
+    Judge,
+    RegressionProblem,
+    Resources,
+    Rules,
+    Sampling,
+    TargetErrors,
+    coefficient_ci95,
+    constant_slopes,
+)
 
 MOST_ROWS = 2000  # rows the search looks at,
 MOST_JUDGED = 8000  # rows on which the front is weighed; the final estimate uses all of them
@@ -125,16 +134,14 @@ class Task:
             weights * rows.target,
             {n: v for n, v in samples.variables.items() if n != self.time or not self.autonomous},
             view=lambda columns: weights[:, None] * rows.seen(columns),
-            time=self.time,
-            threshold=self.config.threshold,
-            floor=len(rows.error) / scale if rows.exact else _ROUNDING,
-            noise=len(rows.error) / scale,
-            signs=self.signs,
+            rules=Rules(threshold=self.config.threshold, signs=self.signs, admits=self.admits),
+            sampling=Sampling(self.time, samples.variables.get(self.time), samples.group),
+            errors=TargetErrors(
+                floor=len(rows.error) / scale if rows.exact else _ROUNDING,
+                noise=len(rows.error) / scale,
+            ),
+            resources=Resources(partial(Evaluator, threads=self.threads)),
             judge=None if judged is None else self._judge(judged),
-            group=samples.group,
-            admits=self.admits,
-            instants=samples.variables.get(self.time),
-            evaluator=partial(Evaluator, threads=self.threads),
         )
         if self.strict:
             problem.expired = self.expired

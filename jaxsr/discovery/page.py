@@ -2,21 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+import pandas as pd
 
 from jaxsr._progress import Budget
+from jaxsr.discovery.equation import Equation, relative_error
+from jaxsr.discovery.hybrid import Hybrid
 from jaxsr.discovery.hybrid.picture import mode_plane
-from jaxsr.discovery.result import Discovery, relative_error
+from jaxsr.discovery.samples import Samples
 from jaxsr.report import EquationFit, write_discovery_report
 from jaxsr.report.equation_figures import MOST_FITS
+from jaxsr.report.evidence import ModelRun
 from jaxsr.report.model_runs import MOST_RUNS
 from jaxsr.report.style import Pace
 
 _SHARE = 0.2  # of the budget, at most, for the report
 _WRITING, _FIGURE = 0.6, 0.4  # seconds for the page and for a figure
+
+
+class Found(Protocol):
+    """What the report shows of a discovery, which writes its report itself."""
+
+    @property
+    def equations(self) -> tuple[Equation, ...]: ...
+    @property
+    def samples(self) -> Samples: ...
+    @property
+    def hybrid(self) -> Hybrid | None: ...
+    @property
+    def columns(self) -> Mapping[str, str]: ...
+    @property
+    def provenance(self) -> Mapping[str, Any]: ...
+    @property
+    def pareto(self) -> pd.DataFrame: ...
+    @property
+    def held_out_runs(self) -> tuple[ModelRun, ...]: ...
+    def to_dict(self) -> dict[str, Any]: ...
 
 
 def reserve(limit: Budget, states: int, held_out: int = 0) -> Budget:
@@ -25,7 +50,7 @@ def reserve(limit: Budget, states: int, held_out: int = 0) -> Budget:
     return limit.keeping(min(_SHARE * limit.seconds, _WRITING + _FIGURE * figures))
 
 
-def write_page(discovery: Discovery, folder: Path, budget: Budget | None = None) -> None:
+def write_page(discovery: Found, folder: Path, budget: Budget | None = None) -> None:
     """Write ``report.html``, one self-contained file, and its figures as PNG into ``folder``.
 
     Figures that the budget has no time for are left out.
@@ -37,7 +62,7 @@ def write_page(discovery: Discovery, folder: Path, budget: Budget | None = None)
     write_discovery_report(shown(discovery), fits, folder, plane, pace, discovery.held_out_runs)
 
 
-def shown(discovery: Discovery) -> dict[str, Any]:
+def shown(discovery: Found) -> dict[str, Any]:
     """Return ``discovery.json`` as the report shows it.
 
     Of each front the pick, and the best of every other number of terms that beats all fewer;
@@ -76,7 +101,7 @@ def _undominated(points: list[dict[Any, Any]]) -> list[dict[Any, Any]]:
     return kept
 
 
-def fits_of(discovery: Discovery) -> list[EquationFit]:
+def fits_of(discovery: Found) -> list[EquationFit]:
     """Return derivative and prediction of every state in every recording."""
     samples = discovery.samples
     numbers = np.unique(samples.group).tolist()

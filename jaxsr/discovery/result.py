@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-import jaxsr
 from jaxsr._files import atomic_directory, atomic_write_text, dump_json
 from jaxsr._progress import Budget
 from jaxsr._result import InputError
-from jaxsr._versions import environment
+from jaxsr._versions import environment, own_version
 from jaxsr.discovery.equation import Equation, weighted_sum
 from jaxsr.discovery.fronts import front_table, latex_text
 from jaxsr.discovery.hybrid import Hybrid, Mode, RareMode
@@ -246,7 +245,7 @@ class Discovery:
             **({"columns": dict(self.columns)} if self.columns else {}),
             **self._hybrid_dict(),
             **self._reset_dict(),
-            "provenance": {"version": jaxsr.__version__, **environment(), **self.provenance},
+            "provenance": {"version": own_version(), **environment(), **self.provenance},
         }
 
     def _hybrid_dict(self) -> dict[str, Any]:
@@ -333,11 +332,3 @@ def _equation_dict(equation: Equation) -> dict[str, Any]:
         "complexity": equation.complexity,
         "operators": equation.operators,
     }
-
-
-def relative_error(equation: Equation, samples: Samples) -> float:
-    """Return the rms of the residual over the rms of the derivative."""
-    y = samples.targets[equation.state]
-    residual = y - equation.predict(samples)
-    scale = float(np.sqrt(np.mean(y**2)))
-    return float(np.sqrt(np.mean(residual**2))) / scale if scale > 0.0 else 0.0

@@ -10,9 +10,10 @@ from jaxsr.evolution.config import (
 )
 from jaxsr.evolution.front import Front
 from jaxsr.evolution.individual import Individual, Problem, complexity
-from jaxsr.evolution.loop import SearchInfo, SearchState, init, search, step, stopped
+from jaxsr.evolution.loop import SearchInfo, init, search, step, stopped
 from jaxsr.evolution.propose import Proposal, propose
 from jaxsr.evolution.seeds import best_subsets
+from jaxsr.evolution.state import SearchState
 
 __all__ = [
     "FitnessRule",

@@ -25,7 +25,7 @@ import numpy as np
 from jaxsr._files import atomic_write_text
 from jaxsr._result import InputError
 from jaxsr.evolution.config import SearchConfig
-from jaxsr.evolution.loop import SearchState
+from jaxsr.evolution.state import SearchState
 from jaxsr.expressions import parse, to_text
 from jaxsr.expressions.term import Term
 

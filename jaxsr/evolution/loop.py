@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from math import isfinite
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from jaxsr._deadline import OutOfTime, bounded
 from jaxsr._progress import Budget, as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.evolution.breed import breed
+from jaxsr.evolution.checkpoint import Keeper
 from jaxsr.evolution.config import SearchConfig
 from jaxsr.evolution.create import random_terms
 from jaxsr.evolution.fitness import FitnessState, fitness, next_state
@@ -27,58 +27,13 @@ from jaxsr.evolution.library import small_terms
 from jaxsr.evolution.offers import Offer, with_beam, with_frequencies, with_quotients, with_shapes
 from jaxsr.evolution.polish import polish, promising, settled
 from jaxsr.evolution.seeds import thinned_bases
+from jaxsr.evolution.state import SearchState, Terms
 from jaxsr.expressions.editing import ONE, edit
 from jaxsr.expressions.term import Term
 
-if TYPE_CHECKING:
-    from jaxsr.evolution.checkpoint import Keeper
-
-Terms = tuple[Term, ...]
 _SAME = 4.0  # a loss within twice the target's own error, squared, is exact
 _SETTLED = 6  # generations that look for a simpler fit once one is exact
 _LEAST = 1e-22  # relative losses below this differ by rounding alone
-
-
-@dataclass(frozen=True, slots=True)
-class SearchState:
-    """What the next generation needs.
-
-    Attributes
-    ----------
-    generation : int
-    population : tuple of Individual
-        Fittest first.
-    front : Front
-    rule : FitnessState
-    refined : frozenset
-        Sets of terms whose constants have been refined, and what came of it.
-    idle : int
-        Generations since the front last described the data better.
-    exact : float
-        Relative loss that errors of the target itself leave.
-    enough : float
-        Relative loss that is near enough to measurement noise not to start anew.
-    fruitless : int
-        Fresh populations in a row that did not lead to a better description.
-    drawn, since : int
-        Fresh populations so far, and the generation of the last one.
-    described : float
-        Shortest description of the data when the population was last drawn.
-    """
-
-    config: SearchConfig
-    generation: int
-    population: tuple[Individual, ...]
-    front: Front
-    rule: FitnessState
-    refined: frozenset[Terms] = frozenset()
-    idle: int = 0
-    exact: float = 0.0
-    enough: float = 0.0
-    fruitless: int = 0
-    drawn: int = 0
-    since: int = 0
-    described: float = np.inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from jaxsr._progress import Budget
 from jaxsr.evolution.config import SearchConfig
 from jaxsr.evolution.loop import SearchInfo, search
 from jaxsr.expressions.term import Term
+from jaxsr.regression import Rules
 from jaxsr.regression.problem import RegressionProblem, View
 
 
@@ -73,7 +74,8 @@ def propose(
         The Pareto front, the shortest description of the data first.
     """
     config = config or SearchConfig()
-    problem = RegressionProblem(y, variables, view=view, fixed=fixed, threshold=config.threshold)
+    rules = Rules(threshold=config.threshold)
+    problem = RegressionProblem(y, variables, view=view, fixed=fixed, rules=rules)
     state, _ = search(rng, problem, config, guesses=guesses, budget=budget, progress=progress)
     out = []
     for member in state.front.members:

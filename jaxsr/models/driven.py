@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -13,9 +13,7 @@ from jaxsr.models.inputs import stage_inputs
 from jaxsr.models.model import Model
 from jaxsr.models.sensitivity import advanced, condensed
 from jaxsr.models.simulator import Simulator
-
-if TYPE_CHECKING:
-    from jaxsr.models.segments import Prepared
+from jaxsr.models.states import StateEstimate
 
 NEWTON_STEPS = 3  # one suffices where a memory is linear
 ITERATIONS = 12
@@ -24,9 +22,20 @@ STABLE = 1.0
 """Fading per sample up to which one RK4 step follows it well."""
 
 
+class Known(Protocol):
+    """A recording as far as driven states go, see `Prepared`."""
+
+    @property
+    def time(self) -> np.ndarray: ...
+    @property
+    def inputs(self) -> np.ndarray: ...
+    @property
+    def states(self) -> StateEstimate: ...
+
+
 def known_states(
     model: Model,
-    item: Prepared,
+    item: Known,
     theta: np.ndarray | None = None,
     simulator: Any = None,
     start: np.ndarray | None = None,
@@ -58,7 +67,7 @@ def known_states(
 
 def driven_states(
     simulator: Simulator,
-    item: Prepared,
+    item: Known,
     theta: np.ndarray,
     chosen: tuple[str, ...],
     start: np.ndarray | None = None,
@@ -85,7 +94,7 @@ def _as_key(start: np.ndarray | None) -> tuple[float, ...] | None:
 @functools.lru_cache(maxsize=64)
 def _path(
     simulator: Simulator,
-    item: Prepared,
+    item: Known,
     theta: tuple[float, ...],
     chosen: tuple[str, ...] = (),
     start: tuple[float, ...] | None = None,

@@ -15,8 +15,8 @@ from scipy.optimize import linear_sum_assignment
 
 from jaxsr.expressions import PRIMITIVES, Term, evaluate, to_text
 from jaxsr.expressions.derivative import ONE, NoDerivativeError, built, derivative
-from jaxsr.models.model import Model
 from jaxsr.models.opaque import OpaquePrimitive
+from jaxsr.models.structure import Structure
 
 Array = Any
 VOID = 1e-10
@@ -50,13 +50,13 @@ class Entry:
 
 
 def force_columns(
-    model: Model, rates: Mapping[str, Term], points: Mapping[str, Array]
+    model: Structure, rates: Mapping[str, Term], points: Mapping[str, Array]
 ) -> tuple[dict[str, Term], dict[str, Rows], dict[str, Entry]]:
     """Return gains by their symbols, where inputs enter, and where a force along a state does.
 
     Parameters
     ----------
-    model : Model
+    model : Structure
     rates : mapping
         State to its rate.
     points : mapping
@@ -156,7 +156,7 @@ def _opaque_gain(
     return Term.constant(float(own[0])) if np.ptp(own) <= 1e-12 * np.abs(own).max() else found
 
 
-def common_factor(model: Model, rate: Term) -> Term | None:
+def common_factor(model: Structure, rate: Term) -> Term | None:
     """Return what all terms of a rate are divided or multiplied by, None where there is none."""
     if rate.op == "neg":
         return common_factor(model, rate.args[0])
@@ -170,7 +170,7 @@ def common_factor(model: Model, rate: Term) -> Term | None:
     return None
 
 
-def _constant(model: Model, term: Term) -> bool:
+def _constant(model: Structure, term: Term) -> bool:
     return term.variables <= model.parameters.keys()
 
 
@@ -179,7 +179,7 @@ def _at(gain: Term, points: Mapping[str, Array]) -> Array:
         return np.nan_to_num(np.asarray(evaluate(gain, points), dtype=float))
 
 
-def _factor(model: Model, gains: dict[str, Term], gain: Term, state: str, u: str) -> str:
+def _factor(model: Structure, gains: dict[str, Term], gain: Term, state: str, u: str) -> str:
     """Return the text that stands for a gain: itself where it is short, else a symbol."""
     if gain == ONE:
         return ""

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,10 +27,8 @@ from jaxsr.expressions import Term, evaluate
 from jaxsr.expressions.canonical import simplify
 from jaxsr.expressions.derivative import ONE, built
 from jaxsr.models.force_columns import LEAST, gain_column, paired
+from jaxsr.models.structure import Structure
 from jaxsr.models.units import dimension, known_dimensions, unit_of
-
-if TYPE_CHECKING:
-    from jaxsr.models.model import Model
 
 Array = Any
 Why = Literal["mass matrix", "bracket", "inputs", "terms"]
@@ -61,12 +59,12 @@ class Factor:
     beside: str | None = None
 
 
-def force_factors(model: Model, rates: Mapping[str, Term]) -> dict[str, Factor]:
+def force_factors(model: Structure, rates: Mapping[str, Term]) -> dict[str, Factor]:
     """Return the factors of the forces along states, those that are 1 left out.
 
     Parameters
     ----------
-    model : Model
+    model : Structure
     rates : mapping
         State to its right-hand side, definitions substituted. Rows of [inertia] say forces, and
         are passed over.
@@ -101,9 +99,9 @@ def force_factors(model: Model, rates: Mapping[str, Term]) -> dict[str, Factor]:
     return found
 
 
-def as_force(model: Model, state: str, part: Term) -> Term | None:
+def as_force(factors: Mapping[str, Factor], state: str, part: Term) -> Term | None:
     """Return a part of a rate as a force in its own row; None where forces enter several rates."""
-    factor = model.force_factors.get(state)
+    factor = factors.get(state)
     if factor is None:
         return part
     if len(factor.rows) > 1:
@@ -111,7 +109,7 @@ def as_force(model: Model, state: str, part: Term) -> Term | None:
     return simplify(built("div", part, dict(factor.rows)[state]))
 
 
-def random_points(model: Model) -> dict[str, Array]:
+def random_points(model: Structure) -> dict[str, Array]:
     """Return random values of all symbols, shape (points,), parameters near those of the model."""
     rng = np.random.default_rng(0)
     names = (model.time, *model.states, *model.inputs)
@@ -123,7 +121,7 @@ def random_points(model: Model) -> dict[str, Array]:
 
 
 def _coupled(
-    model: Model,
+    model: Structure,
     affine: Mapping[str, Mapping[str, Term]],
     own: Mapping[str, str],
     points: Mapping[str, Array],
@@ -177,7 +175,7 @@ def _parents(rates: Mapping[str, Term]) -> dict[str, str]:
 class _Reader:
     """Factors of forces in their own rates alone."""
 
-    model: Model
+    model: Structure
     points: Mapping[str, Array]
     known: Mapping[str, Any]
     parents: Mapping[str, str]
@@ -215,7 +213,7 @@ class _Reader:
         return None
 
 
-def rate_dimension(model: Model, state: str, rate: Term, known: dict[str, Any]) -> Any:
+def rate_dimension(model: Structure, state: str, rate: Term, known: dict[str, Any]) -> Any:
     """Return the dimension of a right-hand side; None where it is not known.
 
     By the unit of its state where that has one and no row of [inertia], else by its symbols,
@@ -240,7 +238,7 @@ def sound(values: Array) -> bool:
     )
 
 
-def _bracket(rate: Term, model: Model) -> tuple[Term | None, Term | None]:
+def _bracket(rate: Term, model: Structure) -> tuple[Term | None, Term | None]:
     """Return what a bracket is multiplied and divided by, and what it is divided by alone."""
     above, below = _parts(rate)
     sums = [t for t in above if t.op in ("add", "sub") and not _constant(t, model)]
@@ -336,7 +334,7 @@ def _product(factors: Iterable[Term]) -> Term:
     return found
 
 
-def _constant(term: Term, model: Model) -> bool:
+def _constant(term: Term, model: Structure) -> bool:
     return term.variables <= model.parameters.keys()
 
 

@@ -11,31 +11,18 @@ from jaxsr._result import InputError
 from jaxsr.expressions import Term, parse, to_text
 from jaxsr.expressions.derivative import built
 from jaxsr.expressions.parsing import MAX_CHARACTERS
+from jaxsr.models.parameter import Parameter
 from jaxsr.models.rates import rate_symbols, rate_terms
 
 if TYPE_CHECKING:
     from jaxsr.models.force_factor import Factor
-    from jaxsr.models.vector_field import VectorField
+    from jaxsr.models.traced_rates import VectorField
     from jaxsr.recordings import Recording
 
 FREE = "free"
 DRIVEN = "driven"
 """Start of a state that its drive decides: never estimated, and in no model file."""
 Hold = Literal["linear", "zero", "bandlimited"]
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A constant of a model; free to be re-calibrated inside `bounds`, fixed without them."""
-
-    value: float
-    unit: str | None = None
-    bounds: tuple[float, float] | None = None
-
-    @property
-    def free(self) -> bool:
-        """Whether the parameter may be re-calibrated."""
-        return self.bounds is not None
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from jaxsr._progress import Budget
-from jaxsr.models.arrow import levenberg_step
 from jaxsr.models.least_squares import Fit, Problem, weighed
+from jaxsr.models.levenberg import levenberg_step
 from jaxsr.models.lifting import Linear, closed, linear
 from jaxsr.models.relaxed import relaxed
 from jaxsr.models.rollout import Stepping

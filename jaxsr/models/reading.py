@@ -10,7 +10,7 @@ from jaxsr._quoting import quoted
 from jaxsr._result import InputError
 from jaxsr.models.document import parse_document, read_document
 from jaxsr.models.model import FREE, Model
-from jaxsr.models.rates import with_named_rates
+from jaxsr.models.named_rates import with_named_rates
 from jaxsr.models.solvability import check_solvable
 from jaxsr.models.symbols import check_expressions, check_names
 from jaxsr.models.tables import Tables

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.models.arrow import levenberg_step
 from jaxsr.models.least_squares import Fit, Problem, squares, weighed
+from jaxsr.models.levenberg import levenberg_step
 from jaxsr.models.lifting import liftable, simulated
 from jaxsr.models.paths import Search
 from jaxsr.models.rollout import linearise, outputs

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from jaxsr._result import InputError
 from jaxsr.expressions import Term
 from jaxsr.expressions.printing import excerpt
 from jaxsr.expressions.term import BOOLEAN
 from jaxsr.expressions.unit_text import dimensionality as dimension
-
-if TYPE_CHECKING:
-    from jaxsr.models.model import Model
+from jaxsr.models.structure import Structure
 
 # Functions whose argument must have no dimension, or loses it.
 _SCALE_FREE = frozenset(
@@ -23,7 +21,7 @@ Met = dict[tuple[Term, bool], Dimension]
 """Units of terms, literals read inside a function or not."""
 
 
-def check_units(model: Model, source: str) -> None:
+def check_units(model: Structure, source: str) -> None:
     """Check every expression whose symbols all have units.
 
     An equation of state x must have the unit of x per second; with a row in [inertia], the
@@ -71,7 +69,7 @@ def check_units(model: Model, source: str) -> None:
             )
 
 
-def known_dimensions(model: Model) -> dict[str, Dimension]:
+def known_dimensions(model: Structure) -> dict[str, Dimension]:
     """Return the dimensions of the symbols that have a unit, time among them."""
     known = {name: dimension(text) for name, text in model.units.items()}
     known |= {n: dimension(p.unit) for n, p in model.parameters.items() if p.unit is not None}

@@ -1,4 +1,4 @@
-"""Tables of pandas as recordings, and back."""
+"""Tables of pandas as recordings hold them."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ import numpy as np
 import pandas as pd
 
 from jaxsr._result import InputError
-from jaxsr.recordings.reading import recording_of
-from jaxsr.recordings.recording import Recording
+from jaxsr.recordings.contents import Contents, contents_of
 from jaxsr.recordings.table import Table, quoted
 
 
-def recording_of_frame(
+def contents_of_frame(
     frame: pd.DataFrame, time: str | None, name: str, sample_time: float | None
-) -> Recording:
-    """Return the recording that a DataFrame holds, see `Recording.from_pandas`."""
+) -> Contents:
+    """Return what a DataFrame holds, see `Recording.from_pandas`."""
     if not isinstance(frame.index, pd.RangeIndex) and sample_time is None:
         index = str(frame.index.name or "time")
         if index in map(str, frame.columns):
@@ -33,7 +32,7 @@ def recording_of_frame(
             texts[key] = values.astype("string").reset_index(drop=True)
         else:
             numbers[key] = array
-    return recording_of(Table(numbers, texts), name, time, sample_time)
+    return contents_of(Table(numbers, texts), name, time, sample_time)
 
 
 def _numbers(values: pd.Series) -> np.ndarray | None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from jaxsr._result import InputError
-from jaxsr.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,7 +16,19 @@ MOST_PANELS = 12
 """Channels that are drawn where none are named."""
 
 
-def plot_recording(recording: Recording, channels: Sequence[str] | None, figure: Any) -> Figure:
+class Drawn(Protocol):
+    """What is drawn of a recording, which draws itself."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def time(self) -> np.ndarray: ...
+    @property
+    def channels(self) -> Mapping[str, np.ndarray]: ...
+    def channel(self, name: str) -> np.ndarray: ...
+
+
+def plot_recording(recording: Drawn, channels: Sequence[str] | None, figure: Any) -> Figure:
     """Draw channels over time, one above another, see `Recording.plot`."""
     names = list(recording.channels)[:MOST_PANELS] if channels is None else list(channels)
     if not names:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from jaxsr._result import InputError
 from jaxsr.recordings.cells import numbers_of
-from jaxsr.recordings.clock import TIME_NAMES, TimeColumn, time_column
+from jaxsr.recordings.clock import TIME_NAMES
 from jaxsr.recordings.containers.merged import container_table
 from jaxsr.recordings.containers.opened import LIBRARIES
-from jaxsr.recordings.data_check import DataCheck
+from jaxsr.recordings.contents import contents_of
 from jaxsr.recordings.encoding import unpack
 from jaxsr.recordings.isolated import READER
 from jaxsr.recordings.recording import Recording
@@ -71,30 +68,8 @@ def read_recording(
     """
     path = Path(path)
     raw = _bytes(path)
-    found = recording_of(_table(raw, path), path.name, time, sample_time)
-    return replace(found, source=path, sha256=hashlib.sha256(raw).hexdigest())
-
-
-def recording_of(
-    table: Table, name: str, time: str | None = None, sample_time: float | None = None
-) -> Recording:
-    """Return the recording that a table holds, see `read_recording`."""
-    if sample_time is not None and not (np.isfinite(sample_time) and sample_time > 0):
-        raise InputError(f"sample_time is {sample_time}", name, "Give seconds above 0")
-    found = time_column(table, time, name, required=sample_time is None)
-    if found is None:
-        assert sample_time is not None  # time_column raised otherwise
-        length = max((values.size for values in table.numbers.values()), default=0)
-        found = TimeColumn(np.arange(length) * sample_time, (), stated=True)
-    channels, set_aside = _channels(table, found)
-    return Recording(
-        name,
-        found.seconds,
-        channels,
-        set_aside=set_aside,
-        remarks=tuple(_remarks(table, found, name)),
-        time_stated=found.stated,
-    )
+    found = contents_of(_table(raw, path), path.name, time, sample_time)
+    return Recording(**vars(found), source=path, sha256=hashlib.sha256(raw).hexdigest())
 
 
 def _bytes(path: Path) -> bytes:
@@ -146,35 +121,3 @@ def _binary(kind: str, raw: bytes, file: str) -> Table:
     cells = {name: pd.Series(values, dtype="string") for name, values in contents.texts.items()}
     numbers, texts = numbers_of(cells, None, file)
     return Table(contents.numbers | numbers, texts, odd=contents.odd)
-
-
-def _channels(table: Table, time: TimeColumn) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Return the columns as long as time, and why the others are none."""
-    channels: dict[str, np.ndarray] = {}
-    set_aside = dict(table.odd)
-    for name, values in table.numbers.items():
-        if name in time.columns or values.size != time.seconds.size:
-            continue
-        if values.dtype.kind == "M":
-            set_aside[name] = "holds dates, not numbers"
-        elif values.dtype.kind == "m":
-            channels[name] = values.astype(np.int64) / 1e9
-        else:
-            channels[name] = values
-    for name, text in table.texts.items():
-        if name in time.columns:
-            continue
-        known = np.flatnonzero((text.fillna("") != "").to_numpy(dtype=bool))
-        if known.size:
-            cell = quoted(text.iloc[known[0]], 40)
-            set_aside[name] = f"is not numeric: row {known[0] + 1} holds '{cell}'"
-        else:
-            channels[name] = np.full(time.seconds.size, np.nan)
-    return channels, set_aside
-
-
-def _remarks(table: Table, time: TimeColumn, file: str) -> Iterator[DataCheck]:
-    if table.said:
-        yield DataCheck(file, "file", "reading", f"the file is read with {'; '.join(table.said)}")
-    if time.said:
-        yield DataCheck(file, "time", "reading", time.said)

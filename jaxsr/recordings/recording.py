@@ -131,9 +131,9 @@ class Recording:
         InputError
             There is no column of time, or it does not increase.
         """
-        from jaxsr.recordings.frames import recording_of_frame
+        from jaxsr.recordings.frames import contents_of_frame
 
-        return recording_of_frame(table, time, name, sample_time)
+        return cls(**vars(contents_of_frame(table, time, name, sample_time)))
 
     def to_pandas(self, time: str = "t") -> pd.DataFrame:
         """Return a DataFrame with a column for every channel; `time`, in s, is its index."""

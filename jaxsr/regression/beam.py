@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxsr.expressions.printing import kind
 from jaxsr.expressions.term import Term
 from jaxsr.regression.excerpt import Excerpt
-
-if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem
+from jaxsr.regression.linear import LinearProblem
 
 Places = tuple[int, ...]
 _ROWS = 600  # rows looked at: evenly spaced ones, an order of merit needs no more
@@ -23,7 +20,7 @@ _SPREAD = 20  # pairs ranked for each set kept, so that different forms are amon
 
 
 def beam(
-    problem: RegressionProblem, terms: Sequence[Term], width: int, depth: int = 3
+    problem: LinearProblem, terms: Sequence[Term], width: int, depth: int = 3
 ) -> list[tuple[Term, ...]]:
     r"""Return sets of two to ``depth`` terms that leave the least, every pair being weighed.
 

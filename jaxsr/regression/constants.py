@@ -1,76 +1,25 @@
-"""The search over constants inside terms: its limits, and the one call to it."""
+"""The search over constants inside terms."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from jaxsr._result import InputError
 from jaxsr.expressions.postfix import OPERATORS
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
+from jaxsr.regression.linear import LinearProblem
 from jaxsr.regression.marquardt import Course, ExactFits, levenberg_marquardt
 from jaxsr.regression.projection import Sets, batches, evaluate
+from jaxsr.regression.refinement import Refinement
 from jaxsr.regression.resident_projection import resident_fits
 from jaxsr.regression.slopes import Form, constants_of, with_constants
 from jaxsr.regression.streamed_projection import fits, opened
 
-if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem
-
-
-METHODS = ("levenberg_marquardt", "adam", "lbfgs")
-
-
-@dataclass(frozen=True, slots=True)
-class Refinement:
-    """Method and limits of the search over inner constants.
-
-    Attributes
-    ----------
-    method : str
-        "levenberg_marquardt" (the best of them in success and cost, benchmarks/constants.py), or
-        a descent by optax through the ridge solve: "adam" (needs hundreds of iterations),
-        "lbfgs". Terms without postfix code are left to the first.
-    iterations : int
-        Steps tried.
-    floor : float
-        Loss relative to the target's at which a fit is exact to rounding.
-    most_constants : int
-        Individuals with more inner constants are left alone: they are not identifiable.
-    gain : float
-        A step that lowers the loss by less than this share of it, or promises no more, is the
-        last.
-    reach : float
-        Longest step of a constant relative to its size (or to one, for smaller constants).
-    learning_rate : float
-        Adam's, relative to the constants' sizes.
-    """
-
-    method: Literal["levenberg_marquardt", "adam", "lbfgs"] = "levenberg_marquardt"
-    iterations: int = 15
-    floor: float = 1e-22
-    most_constants: int = 10
-    gain: float = 1e-6
-    reach: float = 10.0
-    learning_rate: float = 0.01
-
-    def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(
-                f"unknown method {self.method!r}", "Refinement", f"Use one of {', '.join(METHODS)}."
-            )
-        if self.iterations < 0 or self.most_constants < 0:
-            raise InputError("iterations and most_constants must not be negative", "Refinement")
-        if not self.reach > 0.0:
-            raise InputError(f"reach must be positive, got {self.reach}", "Refinement")
-
 
 def refine_many(
-    problem: RegressionProblem, sets: Sequence[Sequence[Term]], limits: Refinement | None = None
+    problem: LinearProblem, sets: Sequence[Sequence[Term]], limits: Refinement | None = None
 ) -> list[tuple[tuple[Term, ...], float]]:
     """Move the inner constants of every set of terms to a local minimum of its loss.
 
@@ -122,7 +71,7 @@ def _moved(terms: Sequence[Term], constants: Array) -> tuple[Term, ...]:
 
 
 def _streamed(
-    problem: RegressionProblem, sets: Sequence[Sequence[Term]], limits: Refinement
+    problem: LinearProblem, sets: Sequence[Sequence[Term]], limits: Refinement
 ) -> Iterator[tuple[int, Course]]:
     """Yield sets that the compiled machine has gone through, and how far their search came."""
     if not problem.evaluator.differentiates(len(sets)):
@@ -138,7 +87,7 @@ def _streamed(
 
 
 def _search(
-    problem: RegressionProblem,
+    problem: LinearProblem,
     batch: Sets,
     sets: Sequence[Sequence[Term]],
     limits: Refinement,
@@ -162,13 +111,13 @@ def _search(
 
 
 def refine(
-    problem: RegressionProblem, terms: Sequence[Term], limits: Refinement | None = None
+    problem: LinearProblem, terms: Sequence[Term], limits: Refinement | None = None
 ) -> tuple[tuple[Term, ...], float]:
     """Move the inner constants of one set of terms; see :func:`refine_many`."""
     return refine_many(problem, [terms], limits)[0]
 
 
-def constant_slopes(problem: RegressionProblem, terms: Sequence[Term], xi: Array) -> Array:
+def constant_slopes(problem: LinearProblem, terms: Sequence[Term], xi: Array) -> Array:
     """Return d(theta xi)/dc (rows, constants), exact, in preorder of constants."""
     slopes = []
     for term, weight in zip(terms, xi, strict=True):

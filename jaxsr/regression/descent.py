@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,19 +24,17 @@ from jaxsr.evaluation.interpreter import run_term
 from jaxsr.expressions.postfix import CONSTANT, NOP, VARIABLE, compile_postfix
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array, bucket
+from jaxsr.regression.linear import LinearProblem
+from jaxsr.regression.projection import Sets
+from jaxsr.regression.refinement import Refinement
 from jaxsr.regression.slopes import with_leaves
-
-if TYPE_CHECKING:
-    from jaxsr.regression.constants import Refinement
-    from jaxsr.regression.problem import RegressionProblem
-    from jaxsr.regression.projection import Sets
 
 _MOST_SAMPLES = 4000  # a view is written out as a matrix
 _TINY = 1e-30  # keeps the logarithm of an exact fit finite
 
 
 def descend(
-    problem: RegressionProblem,
+    problem: LinearProblem,
     batch: Sets,
     moving: Sequence[Sequence[Term]],
     limits: Refinement,
@@ -69,7 +67,7 @@ def descent_shapes(limits: Refinement) -> int:
     return int(_runner(limits.method, limits.iterations, limits.learning_rate)._cache_size())
 
 
-def _view_matrix(problem: RegressionProblem) -> Array | None:
+def _view_matrix(problem: LinearProblem) -> Array | None:
     """Return the view, without what the fixed columns explain, as (rows, samples)."""
     if problem.view is None and not problem.fixed.shape[1]:
         return None

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr.expressions.term import Term
-from jaxsr.regression.signs import signs_of
-
-if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem
+from jaxsr.regression.excerpt import Excerpt
+from jaxsr.regression.signs import Signs, signs_of
 
 _CHUNK = 256
 _NEW = 1e-6  # share of a column's square that must be new beside the terms already there
+
+
+class Offering(Protocol):
+    """A problem as far as candidates are concerned, see `RegressionProblem`."""
+
+    excerpt: Excerpt
+
+    @property
+    def signs(self) -> Signs: ...
+    def admitted(self, terms: Sequence[Term]) -> bool: ...
 
 
 class Dictionary:
@@ -25,12 +33,12 @@ class Dictionary:
 
     Parameters
     ----------
-    problem : RegressionProblem
+    problem : Offering
     terms : sequence of Term
         Candidates; those without finite columns, or not admitted, are left out.
     """
 
-    def __init__(self, problem: RegressionProblem, terms: Sequence[Term]) -> None:
+    def __init__(self, problem: Offering, terms: Sequence[Term]) -> None:
         self._rows = problem.excerpt
         terms = [term for term in terms if problem.admitted([term])]
         kept: list[Term] = []

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
-
-if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem
+from jaxsr.regression.linear import LinearProblem
 
 _ROWS = 8192  # factored at once
 _DEPENDENT = 1e-11  # diagonal of R, relative to unit columns, below which a column is dependent
 
 
 def eliminate(
-    problem: RegressionProblem, terms: Sequence[Term], most: int
+    problem: LinearProblem, terms: Sequence[Term], most: int
 ) -> list[tuple[tuple[Term, ...], float]]:
     r"""Remove the terms of a set one by one, each time the one that is missed least.
 
@@ -91,7 +88,7 @@ def _upper(matrix: Array) -> Array:
 
 
 def _signed(
-    problem: RegressionProblem, chain: list[tuple[tuple[Term, ...], float]]
+    problem: LinearProblem, chain: list[tuple[tuple[Term, ...], float]]
 ) -> list[tuple[tuple[Term, ...], float]]:
     """Weigh again, within the signs, the sets that have some."""
     if not any(term in problem.signs for terms, _ in chain for term in terms):

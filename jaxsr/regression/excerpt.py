@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxsr.evaluation.evaluator import Evaluator, is_pointwise
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
+from jaxsr.regression.linear import LinearProblem
 from jaxsr.regression.ridge import least_squares
-
-if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem
 
 ROWS = 8192
 """Rows that tell which of some thousand candidates are worth a weighing on all rows: a share of
@@ -26,7 +23,7 @@ class Excerpt:
 
     Parameters
     ----------
-    problem : RegressionProblem
+    problem : LinearProblem
     most : int
         Rows.
 
@@ -37,7 +34,7 @@ class Excerpt:
         The problem's, without what the fixed columns explain.
     """
 
-    def __init__(self, problem: RegressionProblem, most: int = ROWS) -> None:
+    def __init__(self, problem: LinearProblem, most: int = ROWS) -> None:
         self._problem = problem
         self.rows = np.linspace(0, problem.rows - 1, min(problem.rows, most)).astype(int)
         self.target = problem.target[self.rows]

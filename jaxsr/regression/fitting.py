@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,11 +11,9 @@ from jaxsr._result import InputError
 from jaxsr.expressions.term import Term
 from jaxsr.regression.elastic_net import ElasticNetRule, Penalty, selected
 from jaxsr.regression.gram import Array
+from jaxsr.regression.linear import LinearProblem
 from jaxsr.regression.ridge import least_squares
 from jaxsr.regression.signs import Signs, checked_signs, signed_least_squares, signs_of, wrong
-
-if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +38,7 @@ class Fit:
 
 
 def fit_terms(
-    problem: RegressionProblem,
+    problem: LinearProblem,
     terms: Sequence[Term],
     *,
     signs: Signs | None = None,

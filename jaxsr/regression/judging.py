@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +11,9 @@ from numpy.typing import NDArray
 from jaxsr._result import InputError
 from jaxsr.evaluation.evaluator import Evaluator
 from jaxsr.expressions.term import Term
+from jaxsr.regression.fitting import fit_terms
 from jaxsr.regression.gram import Array
-
-if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem, View
+from jaxsr.regression.linear import LinearProblem, View
 
 _LIMIT_BYTES = 32 * 2**20
 
@@ -60,7 +58,7 @@ class Judge:
         """Number of rows judged by."""
         return len(self.y)
 
-    def losses(self, problem: RegressionProblem, sets: Sequence[Sequence[Term]]) -> Array:
+    def losses(self, problem: LinearProblem, sets: Sequence[Sequence[Term]]) -> Array:
         """Return each set's residual sum of squares here relative to the target's.
 
         Coefficients are those of ``problem``; inf where a term is not finite on either rows.
@@ -76,14 +74,12 @@ class Judge:
                 out[k] = float(left @ left) / total
         return np.where(np.isfinite(out), out, np.inf)
 
-    def _residual(
-        self, problem: RegressionProblem, terms: tuple[Term, ...], shares: Array
-    ) -> Array:
+    def _residual(self, problem: LinearProblem, terms: tuple[Term, ...], shares: Array) -> Array:
         columns = [self._columns[term] for term in terms]
         if self.fixed is None:
             xi = problem.in_units(terms, shares)
             return self.y - sum((c * column for c, column in zip(xi, columns, strict=True)), 0.0)
-        fit = problem.fit(terms)
+        fit = fit_terms(problem, terms)
         rest = self.y - self.fixed @ fit.fixed
         return rest - sum(c * column for c, column in zip(fit.coefficients, columns, strict=True))
 

@@ -11,15 +11,13 @@ Kaufman (1975), BIT 15, 49-57.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from jaxsr.regression.gram import Array
 from jaxsr.regression.projection import Mask, Places, Point, Sets, evaluate
-
-if TYPE_CHECKING:
-    from jaxsr.regression.constants import Refinement
+from jaxsr.regression.refinement import Refinement
 
 ROUNDING = 1e-13
 """Share of a slope's square beside the columns below which its constant is held: products of

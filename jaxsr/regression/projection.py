@@ -13,17 +13,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
+from jaxsr.regression.linear import LinearProblem, View
 from jaxsr.regression.slopes import ColumnOf, Form, constants_of
-
-if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem, View
 
 Mask = NDArray[np.bool_]
 Places = NDArray[np.intp]
@@ -116,7 +113,7 @@ class Point:
 
 
 def batches(
-    problem: RegressionProblem, sets: Sequence[Sequence[Term]], most_constants: int
+    problem: LinearProblem, sets: Sequence[Sequence[Term]], most_constants: int
 ) -> Iterator[tuple[list[int], Sets]]:
     """Yield positions in ``sets`` and their padded batch: little padding, few passes.
 
@@ -141,7 +138,7 @@ def batches(
 
 
 def prepare(
-    problem: RegressionProblem, sets: Sequence[Sequence[Term]], moving: Sequence[Sequence[int]]
+    problem: LinearProblem, sets: Sequence[Sequence[Term]], moving: Sequence[Sequence[int]]
 ) -> Sets:
     """Pad the sets and project out the terms that do not move."""
     count = len(sets)
@@ -185,7 +182,7 @@ def prepare(
 
 
 def _still(
-    problem: RegressionProblem, sets: Sequence[Sequence[Term]], moving: Sequence[Sequence[int]]
+    problem: LinearProblem, sets: Sequence[Sequence[Term]], moving: Sequence[Sequence[int]]
 ) -> tuple[Array, Array, Mask]:
     """Return an orthonormal basis of the terms that do not move, and the target beside it."""
     count, rows = len(sets), problem.rows

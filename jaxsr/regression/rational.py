@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxsr.expressions.term import Term
-
-if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem
+from jaxsr.regression.linear import LinearProblem
 
 Terms = tuple[Term, ...]
 _ONE = Term.constant(1.0)
@@ -21,7 +18,7 @@ _EACH = 3  # numerators kept for a denominator
 _WEIGHED = 60  # quotients whose own columns are made
 
 
-def quotients(problem: RegressionProblem, frequencies: Sequence[float], count: int) -> list[Terms]:
+def quotients(problem: LinearProblem, frequencies: Sequence[float], count: int) -> list[Terms]:
     r"""Return sets of terms over one denominator that explain the target best.
 
     .. math:: y\,b_j = d\,y\,b_k + n_m b_m + n_l b_l
@@ -66,7 +63,7 @@ def quotients(problem: RegressionProblem, frequencies: Sequence[float], count: i
     return [usable[k] for k in np.argsort(losses, kind="stable")[:count]]
 
 
-def _basis(problem: RegressionProblem, frequencies: Sequence[float]) -> tuple[list[Term], int]:
+def _basis(problem: LinearProblem, frequencies: Sequence[float]) -> tuple[list[Term], int]:
     small = [Term.variable(n) for n in problem.variables if n != problem.time]
     if problem.time in problem.variables:
         t = Term.variable(problem.time)
@@ -83,7 +80,7 @@ def _basis(problem: RegressionProblem, frequencies: Sequence[float]) -> tuple[li
     return basis, len(basis) if len(small) <= _PAIRED // 2 else 1 + len(small)
 
 
-def _weights(problem: RegressionProblem) -> np.ndarray | None:
+def _weights(problem: LinearProblem) -> np.ndarray | None:
     """Return what the view multiplies each row by, None if it does anything else."""
     if problem.view is None:
         return np.ones(problem.rows)
@@ -96,7 +93,7 @@ def _weights(problem: RegressionProblem) -> np.ndarray | None:
 
 
 def _gram(
-    problem: RegressionProblem, basis: list[Term], y: np.ndarray
+    problem: LinearProblem, basis: list[Term], y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the Gram matrix of [y b | b], unit columns, and the size of each y b."""
     theta = problem.columns(basis)
@@ -111,7 +108,7 @@ def _gram(
 
 
 def _pairs(
-    problem: RegressionProblem, gram: np.ndarray, size: np.ndarray, n: int, below: int
+    problem: LinearProblem, gram: np.ndarray, size: np.ndarray, n: int, below: int
 ) -> list[tuple[float, int, int, tuple[int, int], float]]:
     """Return (loss, j, k, (m, l), d), best first."""
     above = [(m, -1) for m in range(n)] + list(itertools.combinations(range(n), 2))

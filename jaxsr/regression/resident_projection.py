@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import numpy as np
@@ -19,11 +19,9 @@ from jaxsr.evaluation.evaluator import TOGETHER
 from jaxsr.evaluation.resident import padded
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
+from jaxsr.regression.linear import LinearProblem
 from jaxsr.regression.projection import Places
 from jaxsr.regression.streamed_projection import SURE, OpenSet, StreamedFits, StreamedPoint
-
-if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem
 
 _PIVOT = 1e-6
 """Least square of the sine between a still column and the others that products tell well."""
@@ -109,7 +107,7 @@ class ResidentFits(StreamedFits):
 
 
 def resident_fits(
-    problem: RegressionProblem, sets: Sequence[OpenSet]
+    problem: LinearProblem, sets: Sequence[OpenSet]
 ) -> Iterator[tuple[list[int], ResidentFits]]:
     """Yield positions in ``sets`` and their fits; sets whose still terms depend are left out."""
     problem.index([term for own in sets for term in own.still])  # places that do not change
@@ -137,7 +135,7 @@ def resident_fits(
         yield members, made()
 
 
-def _still(problem: RegressionProblem, terms: Sequence[Term]) -> ResidentStill | None:
+def _still(problem: LinearProblem, terms: Sequence[Term]) -> ResidentStill | None:
     """Return what the products of terms tell; None where they tell too little."""
     total = problem.total
     if not terms:

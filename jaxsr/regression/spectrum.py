@@ -4,23 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr.expressions.term import Term
+from jaxsr.regression.excerpt import Excerpt
 from jaxsr.regression.gram import Array
-
-if TYPE_CHECKING:
-    from jaxsr.regression.excerpt import Excerpt
-    from jaxsr.regression.problem import RegressionProblem
 
 _TOGETHER = 64  # frequencies
 
 
+class Waving(Protocol):
+    """A problem as far as its residual's frequencies are concerned, see `RegressionProblem`."""
+
+    excerpt: Excerpt
+
+    def waves(self, variable: str) -> Waves | None: ...
+
+
 def residual_frequencies(
-    problem: RegressionProblem, terms: Sequence[Term], variable: str, count: int = 3
+    problem: Waving, terms: Sequence[Term], variable: str, count: int = 3
 ) -> list[float]:
     r"""Return the frequencies w (rad per unit) at which the residual holds most of sin and cos.
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +21,10 @@ from jaxsr.evaluation.open import mark
 from jaxsr.expressions.postfix import PostfixBatch
 from jaxsr.expressions.term import Term
 from jaxsr.regression.gram import Array
+from jaxsr.regression.linear import LinearProblem
 from jaxsr.regression.marquardt import ROUNDING
 from jaxsr.regression.projection import Mask, Places, orthonormal, without
 from jaxsr.regression.slopes import constants_of, with_leaves
-
-if TYPE_CHECKING:
-    from jaxsr.regression.problem import RegressionProblem
 
 SURE = 1e-7
 """Share of the target that a loss must keep, times the square of the sine between a column and
@@ -63,7 +61,7 @@ class OpenSet:
         return sum(self.counts) + len(self.counts)
 
 
-def opened(problem: RegressionProblem, terms: Sequence[Term], most: int) -> OpenSet | None:
+def opened(problem: LinearProblem, terms: Sequence[Term], most: int) -> OpenSet | None:
     """Return a set with its constants open; None where it has to be gone through otherwise."""
     still: list[Term] = []
     codes: list[PostfixBatch] = []
@@ -124,7 +122,7 @@ class StreamedFits:
 
     Parameters
     ----------
-    problem : RegressionProblem
+    problem : LinearProblem
         Without a view.
     sets : sequence of OpenSet
     stills : sequence of Still
@@ -134,7 +132,7 @@ class StreamedFits:
 
     def __init__(
         self,
-        problem: RegressionProblem,
+        problem: LinearProblem,
         sets: Sequence[OpenSet],
         stills: Sequence[Any],
         which: Sequence[int],
@@ -320,7 +318,7 @@ def _inverse(unit: Array) -> tuple[Array, Array]:
 
 
 def fits(
-    problem: RegressionProblem, sets: Sequence[OpenSet]
+    problem: LinearProblem, sets: Sequence[OpenSet]
 ) -> Iterator[tuple[list[int], StreamedFits]]:
     """Yield positions in ``sets`` and their fits, those beside the same terms together."""
     order = sorted(range(len(sets)), key=[hash(frozenset(s.still)) for s in sets].__getitem__)
@@ -343,7 +341,7 @@ def fits(
 
 
 def _made(
-    problem: RegressionProblem,
+    problem: LinearProblem,
     sets: Sequence[OpenSet],
     members: Sequence[int],
     stills: dict[tuple[Term, ...], Still],
@@ -354,7 +352,7 @@ def _made(
     return StreamedFits(problem, own, list(stills.values()), which)
 
 
-def _still(problem: RegressionProblem, terms: Sequence[Term]) -> Still:
+def _still(problem: LinearProblem, terms: Sequence[Term]) -> Still:
     """Return an orthonormal basis of the fixed columns and of terms that do not move."""
     problem.check()
     fixed = problem.basis.T

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from jaxsr.diagnosis.contest.converters import Converters, converters_of
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.integration import with_steps
 from jaxsr.diagnosis.contest.widths import BEGIN, Jumps
@@ -43,6 +44,12 @@ class Arena:
     def has_jumps(self, entry: Entry) -> bool:
         """Whether an entry has a law that jumps."""
         return any(self.super_model.candidates[i].sharp for i in entry.members)
+
+    @property
+    def converters(self) -> Converters:
+        """Converters of the residuals as they are scaled here."""
+        own = converters_of(self.super_model.given, self.prepared)
+        return own.scaled(self.problem.scale)
 
 
 def parameter_bounds(super_model: SuperModel) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,9 +14,6 @@ from jaxsr.models.segments import Prepared
 from jaxsr.recordings import quantisation_step
 from jaxsr.recordings.converter import effective_samples, uniform_variance
 from jaxsr.recordings.noise import level_spacing, on_grid
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.contest.arena import Arena
 
 LEVELS = 6
 """Levels from which their spacing tells a step (`quantisation_step`)."""
@@ -69,12 +65,6 @@ def converters_of(model: Model, prepared: tuple[Prepared, ...]) -> Converters:
     steps = steps_of(model, prepared)
     held = [_held([p.outputs[:, k] for p in prepared], step) for k, step in enumerate(steps)]
     return Converters(np.array([uniform_variance(s) for s in steps]), np.array(held))
-
-
-def converters_in(arena: Arena) -> Converters:
-    """Return the converters of residuals as an arena scales them."""
-    own = converters_of(arena.super_model.given, arena.prepared)
-    return own.scaled(arena.problem.scale)
 
 
 def _held(readings: Sequence[np.ndarray], step: float) -> float:

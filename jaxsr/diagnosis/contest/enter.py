@@ -11,7 +11,6 @@ from jaxsr._clock import now
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import held_back
 from jaxsr.diagnosis.contest.carried import carried_on, starts_told
-from jaxsr.diagnosis.contest.converters import converters_in
 from jaxsr.diagnosis.contest.entry import Entry, told_starts
 from jaxsr.diagnosis.contest.estimation import Estimation
 from jaxsr.diagnosis.contest.integration import accurate, rounded_share, steady
@@ -87,7 +86,7 @@ def enter(
     errors = held_back(arena.pieces, arena.problem.segments, result)
     changed = own.problem.stepping != given
     stepping = _everywhere(arena, own.problem) if changed else None
-    took, steps = now() - begun, converters_in(arena)
+    took, steps = now() - begun, arena.converters
     return Entry(members, result, errors, stepping, share, took, steps, told_starts(result))
 
 

@@ -9,7 +9,7 @@ import scipy.special
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import column_sizes
-from jaxsr.diagnosis.contest.converters import converters_in, correlated
+from jaxsr.diagnosis.contest.converters import correlated
 from jaxsr.diagnosis.contest.reduced import resolved
 from jaxsr.diagnosis.contest.tangent import Tangent
 from jaxsr.models.least_squares import Fit
@@ -32,7 +32,7 @@ def covariance(arena: Arena, result: Fit) -> np.ndarray:
     hessian, gradient = result.normal_equations()
     used = arena.problem.segments.weights.sum()
     unknowns = result.active.size + np.sum(arena.problem.segments.free_start)
-    length = correlated(result.residual, converters_in(arena))
+    length = correlated(result.residual, arena.converters)
     variance = result.cost / max(used - unknowns, 1.0) * length
     blocks = _in_blocks(arena, hessian), _in_blocks(arena, gradient)
     return covariance_of(hessian.sum(0), variance, blocks)
@@ -227,7 +227,7 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     strength = np.maximum(np.diag(gram), 0.0)
     angle = np.degrees(np.arcsin(np.sqrt(np.clip(strength / (raw[position] + 1e-300), 0, 1))))
     used = problem.segments.weights.sum()
-    length = correlated(result.residual, converters_in(arena))
+    length = correlated(result.residual, arena.converters)
     variance = result.cost / max(used - len(base), 1.0) * length
     error = np.sqrt(variance) / np.sqrt(strength + 1e-300)  # one root would overflow
     size = np.sqrt(raw[position])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.special
@@ -13,15 +13,13 @@ import scipy.special
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.uncertainty import Sensitivities
+from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.locating.responses import Responses
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.site import Threshold, sites_of
 from jaxsr.expressions import evaluate
 from jaxsr.models import Model
 from jaxsr.models.lifting import liftable
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.explaining.judge import Ingredients
 
 POWER = 0.95
 """Share of such recordings in which the smallest effect would be found."""

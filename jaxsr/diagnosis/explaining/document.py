@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from jaxsr._deadline import OutOfTime, limited, unlimited
 from jaxsr._progress import Repeated
 from jaxsr._result import InputError, StoppedBy
-from jaxsr._versions import environment
+from jaxsr._versions import environment, own_version
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.scoring import FreeRun, not_run
@@ -23,7 +22,8 @@ from jaxsr.diagnosis.explaining.explain import (
     calibration_rows,
     confusable_rows,
 )
-from jaxsr.diagnosis.explaining.judge import Ingredients, Judged, explained, judge
+from jaxsr.diagnosis.explaining.ingredients import Ingredients
+from jaxsr.diagnosis.explaining.judge import Judged, explained, judge
 from jaxsr.diagnosis.explaining.whole_runs import Runs, whole_horizons, whole_runs
 from jaxsr.diagnosis.input_noise import quieted
 from jaxsr.diagnosis.rectified import Rectified, signed
@@ -257,7 +257,7 @@ def _document(
         ),
         "data_checks": checks,
         "provenance": {
-            "version": _version(),
+            "version": own_version(),
             **environment(),
             "seed": parts.seed,
             "command": parts.command,
@@ -356,10 +356,3 @@ def _checks(model: Model, recording: Recording) -> list[dict[str, str]]:
         {"file": c.file, "channel": c.channel, "check": c.check, "message": c.message}
         for c in checked
     ]
-
-
-def _version() -> str:
-    try:
-        return version("jaxsr-dynamics")
-    except PackageNotFoundError:
-        return "unknown"

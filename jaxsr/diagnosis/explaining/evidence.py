@@ -24,7 +24,8 @@ from jaxsr.recordings import Recording, noise_level
 from jaxsr.report.formatting import number
 
 if TYPE_CHECKING:
-    from jaxsr.diagnosis.explaining.judge import Ingredients, Judged
+    from jaxsr.diagnosis.explaining.ingredients import Ingredients
+    from jaxsr.diagnosis.explaining.judge import Judged
 
 FEWEST_FOR_NOISE = 20
 """Samples of a sensor from which neighbours tell its noise."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.reduced import Lean, lean
+from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.judging.alternatives import Alternative
 from jaxsr.diagnosis.judging.equivalence import equivalent
 from jaxsr.models import Model
@@ -19,9 +19,6 @@ from jaxsr.models.segments import Prepared, build_segments
 from jaxsr.models.states import StateEstimate
 from jaxsr.recordings import Recording
 from jaxsr.report.words import capital, mechanism_at, mechanism_words
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.explaining.judge import Ingredients
 
 SAMPLES, STRIDE = 300, 3
 """Samples of an experiment, each at most so many sample times of the recordings long."""

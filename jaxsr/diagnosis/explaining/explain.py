@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from jaxsr.diagnosis.contest.uncertainty import RANK, Sensitivities
 from jaxsr.diagnosis.explaining.acting import where_acting
 from jaxsr.diagnosis.explaining.coarse import coarse_sensors, rounded_reading
+from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.judging.alternatives import Alternative
 from jaxsr.diagnosis.judging.refine import Estimate
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.models import Edit, Model, with_values
 from jaxsr.report.formatting import digits_of, number, plainly, unit_text
 from jaxsr.report.words import capital
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.explaining.judge import Ingredients
 
 CONFUSED = 30.0
 """Degrees below which two effects are listed as confusable."""

@@ -10,8 +10,7 @@ import numpy as np
 
 from jaxsr._deadline import OutOfTime, limited
 from jaxsr._result import StoppedBy, Verdict
-from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest.arena import Arena, neutral_values
+from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.blocks import gain
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
@@ -21,6 +20,7 @@ from jaxsr.diagnosis.explaining.explain import (
     rounding_rows,
     where,
 )
+from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.explaining.member_costs import costs_of_sets
 from jaxsr.diagnosis.explaining.portions import portions
 from jaxsr.diagnosis.explaining.recalibrating import completed, not_worse
@@ -29,14 +29,12 @@ from jaxsr.diagnosis.explaining.value_findings import REFINING, moved_values, to
 from jaxsr.diagnosis.explaining.wrong_values import frozen
 from jaxsr.diagnosis.judging.alternatives import TIE, Alternative, alternatives, odds
 from jaxsr.diagnosis.judging.criteria import most_credible
-from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
+from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, detect_in_noise
 from jaxsr.diagnosis.judging.equivalence import equivalent
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, model_limited, residual_to_noise
 from jaxsr.diagnosis.judging.parsimony import without_given, worth_their_constants
 from jaxsr.diagnosis.judging.refine import Estimate, Ground, plain, refine
-from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.open_mass import OpenMass, Proposal, open_mass
-from jaxsr.diagnosis.thinning import Whole
 from jaxsr.diagnosis.verdict import Claim
 from jaxsr.models import Edit, Model, apply_edit
 
@@ -52,28 +50,6 @@ CONSTANT = 1.0
 """Free-run error (NRMSE) of the best constant, the mean of the readings."""
 MATTERS = 1e-3
 """Share of the free-run error that physics left out must remove to be claimed."""
-
-
-@dataclass(frozen=True, eq=False)
-class Ingredients:
-    """The course of a diagnosis up to the decision."""
-
-    case: Case
-    arena: Arena
-    entries: list[Entry]
-    null: Entry
-    chosen: Entry
-    detection: Detection
-    headline: float
-    horizons: list[float]
-    held_out: Sequence[Any]
-    rng: np.random.Generator
-    seed: int
-    command: str | None
-    stopped: StoppedBy  # why no more sets were tried
-    whole: Whole | None = None  # all recordings, where the search worked on a part of them
-    weights: Weights | None = None  # probabilities of sets, where the evidence decided,
-    claim: Claim | None = None  # and its verdict
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,8 @@ from jaxsr.report.formatting import digits_of, plainly
 from jaxsr.report.words import capital, mechanism_at
 
 if TYPE_CHECKING:
-    from jaxsr.diagnosis.explaining.judge import Ingredients, Judged
+    from jaxsr.diagnosis.explaining.ingredients import Ingredients
+    from jaxsr.diagnosis.explaining.judge import Judged
 
 NAMED = 0.05
 """Share of the residual's power from which a dependence is named."""

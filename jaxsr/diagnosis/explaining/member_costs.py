@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,10 +10,8 @@ from jaxsr._deadline import OutOfTime
 from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.explaining.value_findings import REFINING
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.explaining.judge import Ingredients
 
 
 def costs_of_sets(parts: Ingredients, entry: Entry) -> dict[frozenset[int], float]:

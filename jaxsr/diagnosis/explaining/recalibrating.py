@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxsr._deadline import OutOfTime
 from jaxsr.diagnosis.contest.arena import neutral_values
+from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.judging.refine import Estimate
 from jaxsr.diagnosis.judging.whole import over_all
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.explaining.judge import Ingredients
 
 COMPLETING = 0.25
 """Share of the time left that an estimate over all recordings may take."""

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from jaxsr.diagnosis.contest.reduced import lean
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.explaining.judge import Ingredients
+from jaxsr.diagnosis.explaining.ingredients import Ingredients
 
 MOST = 3
 """Sets that are run."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from jaxsr.diagnosis.contest.blocks import column_sizes
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.uncertainty import RANK
 from jaxsr.diagnosis.explaining.explain import CONFUSED, Weight, wrong_value_row
+from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.explaining.wrong_values import (
     Wrong,
     angle,
@@ -27,9 +28,6 @@ from jaxsr.diagnosis.explaining.wrong_values import (
 )
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
 from jaxsr.diagnosis.judging.refine import Estimate, Ground, refine
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.explaining.judge import Ingredients
 
 REFINING = 0.15
 """Share of the time left that leading estimates out of corners and checking them may take."""

@@ -14,7 +14,7 @@ import numpy as np
 from jaxsr._deadline import OutOfTime, limited
 from jaxsr.diagnosis.contest.arena import Arena, build_arena
 from jaxsr.diagnosis.contest.blocks import column_sizes
-from jaxsr.diagnosis.contest.converters import converters_in, correlated
+from jaxsr.diagnosis.contest.converters import correlated
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.uncertainty import (
@@ -234,7 +234,7 @@ def _of(arena: Arena, entry: Entry, own: _Own, parts: int) -> Told | None:
         fit.cost,
         int(arena.problem.segments.weights.sum()),
         int(arena.problem.segments.free_start.sum()),
-        correlated(fit.residual, converters_in(arena)),
+        correlated(fit.residual, arena.converters),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxsr._machine_code import compiled
 from jaxsr.diagnosis.likelihood.local import LocalModel
-from jaxsr.diagnosis.likelihood.recursions import filtered, returned
+from jaxsr.diagnosis.likelihood.recursions import Choices, filtered, returned
 
 FEW = 2
 """Readings up to which one after the other is faster than all at once."""
@@ -203,7 +203,8 @@ def whitened(system: System) -> Whitened:
     rows = np.zeros((choices * pieces, times * outputs, width))
     determinants = np.zeros((choices, pieces))
     by_lane = rows.reshape(choices, pieces, times, outputs, width)
-    recursion(*system.plain, by_lane, determinants)
+    *shared, decay, start, process, noise = system.plain
+    recursion(*shared, Choices(decay, start, process, noise), by_lane, determinants)
     return Whitened(rows, determinants.reshape(-1), int(system.seen.sum()))
 
 

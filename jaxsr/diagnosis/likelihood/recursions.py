@@ -6,9 +6,26 @@ matrices of a few rows cost NumPy its calls, not its arithmetic.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 Array = np.ndarray
+
+
+class Choices(NamedTuple):
+    """Constants of the noises, chosen in several ways: a tuple of arrays to the compiler.
+
+    Attributes
+    ----------
+    decay, start, process : ndarray, shape (choices, size)
+    noise : ndarray, shape (choices, outputs)
+    """
+
+    decay: Array
+    start: Array
+    process: Array
+    noise: Array
 
 
 def filtered(
@@ -17,10 +34,7 @@ def filtered(
     reading: Array,
     measured: Array,
     seen: Array,
-    decay: Array,
-    start: Array,
-    process: Array,
-    noise: Array,
+    chosen: Choices,
     rows: Array,
     log_determinant: Array,
 ) -> None:
@@ -33,13 +47,13 @@ def filtered(
     ----------
     transition, entering, reading, measured, seen : ndarray
         Of a `System`.
-    decay, start, process : ndarray, shape (choices, size)
-    noise : ndarray, shape (choices, outputs)
+    chosen : Choices
     rows : ndarray, shape (choices, pieces, samples, outputs, width)
         Zero before; filled.
     log_determinant : ndarray, shape (choices, pieces)
         Filled.
     """
+    decay, start, process, noise = chosen
     times, pieces, outputs, width = measured.shape
     choices, size = start.shape
     whole = size + width

@@ -121,7 +121,7 @@ def columns_of(model: Model, u: str) -> list[tuple[str, str]] | None:
             return None
         if slope.is_constant and slope.value == 0.0:
             continue
-        force = as_force(model, state, slope)
+        force = as_force(model.force_factors, state, slope)
         if force is None:
             return None
         text = to_text(force)

@@ -90,7 +90,7 @@ def loads(site: Site) -> list[str]:
         driven = bool(summand.variables & set(model.inputs))
         if not (driven or _holds(site, summand)):
             continue
-        force = as_force(model, state, summand)
+        force = as_force(model.force_factors, state, summand)
         if force is None:
             return []
         force = force if (sign > 0.0) == driven else built("neg", force)

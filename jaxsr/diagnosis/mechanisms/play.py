@@ -97,7 +97,7 @@ def springs_of(model: Model) -> list[Spring]:
 def _force(model: Model, spring: Spring) -> str | None:
     """Return the stiffness of a spring as a force's, where it was read off a rate."""
     if model.base is None:
-        force = as_force(model, spring.state, spring.stiffness)
+        force = as_force(model.force_factors, spring.state, spring.stiffness)
         return None if force is None else to_text(force)
     rows = model.entries(spring.state)
     if [state for state, _ in rows] != [spring.state]:

@@ -13,8 +13,8 @@ from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.tangent import linearised
 from jaxsr.diagnosis.judging.plausible import sound_members
 from jaxsr.diagnosis.screening.screen import redundant
-from jaxsr.models.arrow import levenberg_step
 from jaxsr.models.least_squares import Fit, squares
+from jaxsr.models.levenberg import levenberg_step
 
 
 @dataclass(frozen=True, eq=False)

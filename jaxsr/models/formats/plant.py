@@ -77,19 +77,6 @@ class Plant:
     mjcf: str = ""
     loops: Mapping[int, Loop] = field(default_factory=dict)
 
-    @staticmethod
-    def read(path: str | Path) -> Plant:
-        """Compile an MJCF.
-
-        Raises
-        ------
-        InputError
-            The file cannot be read, is no MJCF, or has an element that formulas do not cover.
-        """
-        from jaxsr.models.formats.loading import read_plant_file
-
-        return read_plant_file(path)[0]
-
     def called(self, kind: str, index: int) -> str:
         """Return the name of an element, such as ``joint`` 0, or its kind and number."""
         library = mujoco()

@@ -15,7 +15,7 @@ from jaxsr.models.native.laws import Region, recognised
 from jaxsr.models.native.process import Native
 from jaxsr.models.native.terms import Rows, asked
 from jaxsr.models.segments import Prepared
-from jaxsr.models.vector_field import VectorField
+from jaxsr.models.traced_rates import VectorField
 from jaxsr.recordings import Recording
 
 TRIALS = 32
