@@ -14,8 +14,9 @@ import sympy
 
 import jaxsr
 from jaxsr._result import InputError
+from jaxsr.discovery.fronts import front_table, latex_text
 from jaxsr.discovery.page import fits_of, shown
-from jaxsr.discovery.result import front_table, latex_text, relative_error
+from jaxsr.discovery.result import relative_error
 from jaxsr.evolution import SearchConfig
 from jaxsr.expressions import parse
 

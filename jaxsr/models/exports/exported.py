@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+from jaxsr._result import InputError
 
 if TYPE_CHECKING:
     from jaxsr.models.exports.functions import Rates
@@ -16,26 +18,73 @@ class Exported:
 
     model: Model
 
-    def sympy(self) -> dict[str, Any]:
-        """Return the rate of every state as a SymPy expression of real symbols.
+    @overload
+    def sympy(self) -> dict[str, Any]: ...
 
-        Parameters of the model stay symbols; a mass matrix is solved.
+    @overload
+    def sympy(self, state: str) -> Any: ...
+
+    def sympy(self, state: str | None = None) -> Any:
+        """Return the rate of a state, or of every state by name, as SymPy expressions.
+
+        Symbols are real. Parameters of the model stay symbols; a mass matrix is solved.
+
+        Parameters
+        ----------
+        state : str, optional
+
+        Raises
+        ------
+        InputError
+            There is no such state.
         """
         from jaxsr.expressions import to_sympy
         from jaxsr.models.exports.system import system_of
 
+        if state is not None:
+            return self._rate(state)
         return {state: to_sympy(term) for state, term in system_of(self.model).rates.items()}
 
-    def latex(self) -> str:
-        """Return the equations of motion and the readings in LaTeX, an ``align*``."""
-        return self.export("latex")
+    def latex(self, state: str | None = None, digits: int = 4) -> str:
+        """Return the rate of a state in LaTeX, or the whole model as an ``align*``.
+
+        Parameters
+        ----------
+        state : str, optional
+            Without it, equations of motion (a mass matrix on the left) and readings.
+        digits : int
+            Significant digits of numbers.
+
+        Raises
+        ------
+        InputError
+            There is no such state.
+        """
+        from jaxsr.models.exports.latex import model_latex, rounded_latex
+        from jaxsr.models.exports.system import system_of
+
+        if state is not None:
+            return rounded_latex(self._rate(state), digits)
+        return model_latex(system_of(self.model), digits)
+
+    def _rate(self, state: str) -> Any:
+        """Return the rate of a state in SymPy."""
+        from jaxsr.expressions import to_sympy
+        from jaxsr.models.exports.system import system_of
+
+        rates = system_of(self.model).rates
+        if state not in rates:
+            remedy = f"There are {', '.join(rates)}"
+            raise InputError(f"no state {state!r:.80}", self.model.name, remedy)
+        return to_sympy(rates[state])
 
     def to_numpy(self) -> Rates:
         """Return the rates as a NumPy function ``f(t, x, u=(), p=None) -> dx``.
 
         States x and inputs u stand in the order of the model, each entry a number or an array of
         samples, so that f is a right-hand side for ``scipy.integrate.solve_ivp``; p replaces
-        parameters by name. Steps, such as that of ``sign``, are exact.
+        parameters by name. Steps, such as that of ``sign``, are exact. ``f(values)`` takes named
+        arrays instead and returns the rates by state.
         """
         from jaxsr.models.exports.functions import numpy_function
         from jaxsr.models.exports.system import system_of
@@ -43,7 +92,7 @@ class Exported:
         return numpy_function(system_of(self.model))
 
     def to_jax(self) -> Rates:
-        """Return the rates as a JAX function ``f(t, x, u=(), p=None) -> dx``, see `to_numpy`."""
+        """Return the rates as a JAX function, of the two forms of `to_numpy`."""
         from jaxsr.models.exports.functions import jax_function
         from jaxsr.models.exports.system import system_of
 
