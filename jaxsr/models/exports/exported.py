@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from jaxsr.models.model import Model
 
 Language = Literal["c", "matlab", "modelica", "numpy", "jax", "sympy", "latex"]
+"""Programs that take a text."""
 
 
 class Exported:
@@ -98,20 +99,28 @@ class Exported:
 
         return jax_function(system_of(self.model))
 
-    def export(self, to: Language, name: str | None = None) -> str:
-        """Return the model as source for another program.
+    @overload
+    def export(self, to: Language, name: str | None = None) -> str: ...
+
+    @overload
+    def export(self, to: Literal["fmu"], name: str | None = None) -> bytes: ...
+
+    def export(self, to: str, name: str | None = None) -> str | bytes:
+        """Return the model as source for another program, or as the file of an FMU.
 
         Parameters
         ----------
-        to : {"c", "matlab", "modelica", "numpy", "jax", "sympy", "latex"}
+        to : {"c", "matlab", "modelica", "numpy", "jax", "sympy", "latex", "fmu"}
         name : str, optional
             Of the function or class; from the model's name by default.
 
         Raises
         ------
         InputError
-            The language is none of these, or a formula is missing.
+            The language is none of these, a formula is missing, or for an FMU pythonfmu is.
         """
-        from jaxsr.models.exports.texts import export_text
+        from jaxsr.models.exports.texts import export_fmu, export_text
 
+        if to == "fmu":
+            return export_fmu(self.model, name)
         return export_text(self.model, to, name)
