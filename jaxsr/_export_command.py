@@ -18,7 +18,10 @@ def export(
         str, typer.Argument(metavar="RESULT", help="A folder of results, or a model file.")
     ],
     to: Annotated[
-        str, typer.Option(metavar="LANGUAGE", help="c, matlab, modelica, numpy, jax, sympy, latex.")
+        str,
+        typer.Option(
+            metavar="LANGUAGE", help="c, matlab, modelica, numpy, jax, sympy, latex, fmu."
+        ),
     ],
     out: Annotated[
         str | None, typer.Option(metavar="FILE", help="File to write; standard output by default.")
@@ -32,19 +35,23 @@ def export(
         raise InputError("would overwrite an input", f"--out {out}", "Name another file")
     if out is not None and Path(out).is_dir():
         raise InputError("is a directory", f"--out {out}", "Name a file")
+    if to == "fmu" and out is None:
+        raise InputError("an FMU is no text", "--to fmu", "Name its file with --out")
 
     def job(command: str) -> None:
         from jaxsr._files import atomic_write_text, check_writable
 
         if out is not None:
             check_writable(Path(out))
-        from jaxsr.models.exports import export_text
+        from jaxsr.models.exports import export_fmu, export_text
 
-        text = export_text(_model(result), to, name)
         if out is None:
-            print_line(text.removesuffix("\n"))
+            print_line(export_text(_model(result), to, name).removesuffix("\n"))
             return
-        atomic_write_text(Path(out), text)
+        model = _model(result)
+        fmu = to == "fmu"
+        content = export_fmu(model, name) if fmu else export_text(model, to, name)
+        atomic_write_text(Path(out), content)
         RUN.get().outcome = f"{out} is whole"
         print_line(f"{to} in {out}")
 

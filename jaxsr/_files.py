@@ -64,8 +64,8 @@ def check_writable_directory(out: Path) -> None:
             (folder / _LONGEST).write_bytes(b"x")
 
 
-def atomic_write_text(path: Path, text: str) -> None:
-    """Write `text` to `path` in UTF-8 so that a reader sees the old or the new file, whole.
+def atomic_write_text(path: Path, text: str | bytes) -> None:
+    """Write text, in UTF-8, or bytes so that a reader sees the old or the new file, whole.
 
     Raises
     ------
@@ -76,8 +76,7 @@ def atomic_write_text(path: Path, text: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         sweep(path.parent)
         with staging_file(path.parent) as temporary:
-            with open(temporary, "w", encoding="utf-8", newline="\n") as stream:
-                stream.write(text)
+            temporary.write_bytes(text.encode("utf-8") if isinstance(text, str) else text)
             _usual_permissions(temporary)
             _sync(temporary)
             with placing():

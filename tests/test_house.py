@@ -214,6 +214,7 @@ OWN_TEMPORARIES = {
     "_staging.py",
     "_output.py",  # results that their folder did not take: they are to stay
     "models/native/process.py",  # removed by the process that works in it, when this one is gone
+    "models/exports/fmu.py",  # asks for the place alone
     "models/formats/write_back.py",  # asks for the place alone
     "batch/task.py",  # without a name
 }

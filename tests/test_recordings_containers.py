@@ -117,6 +117,49 @@ def test_bags_of_ros_name_the_joints(tmp_path: Path) -> None:
     assert found.channel("/joint_states.effort[elbow]") == pytest.approx(TORQUE)
 
 
+@pytest.mark.parametrize("storage", ["db3", "mcap"])
+def test_bags_of_ros_2_name_the_joints(tmp_path: Path, storage: str) -> None:
+    """Its numbers come back bit for bit, at the times of the headers, in s from the first."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    typesys = pytest.importorskip("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    kind, twist = "sensor_msgs/msg/JointState", "geometry_msgs/msg/Vector3"
+    header, stamp = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    plugin = {"db3": rosbag2.StoragePlugin.SQLITE3, "mcap": rosbag2.StoragePlugin.MCAP}[storage]
+    begin = 1_700_000_000_250_000_000
+    with rosbag2.Writer(tmp_path / "bag", version=8, storage_plugin=plugin) as writer:
+        joints = writer.add_connection("/joint_states", kind, typestore=store)
+        wrench = writer.add_connection("/torque", twist, typestore=store)
+        for k, t in enumerate(TIME):
+            at = begin + round(1e9 * t)
+            message = store.types[kind](
+                header=header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id="base"),
+                name=["elbow", "wrist"],
+                position=np.array([ANGLE[k], 0.5]),
+                velocity=np.array([]),
+                effort=np.array([TORQUE[k], np.nan]),
+            )
+            late = at + 3_000_000 * (k % 2)  # the log is late, the header is not
+            writer.write(joints, late, store.serialize_cdr(message, kind))
+            if k % 5 == 0:  # a type without a header: the time of the log
+                vector = store.types[twist](x=TORQUE[k], y=0.0, z=0.0)
+                writer.write(wrench, at, store.serialize_cdr(vector, twist))
+    (path,) = (tmp_path / "bag").glob(f"*.{storage}")
+    found = read_recording(path)
+    assert set(found.channels) == {
+        *(f"/joint_states.position[{joint}]" for joint in ("elbow", "wrist")),
+        *(f"/joint_states.effort[{joint}]" for joint in ("elbow", "wrist")),
+        *(f"/torque.{axis}" for axis in "xyz"),
+    }
+    assert found.time == pytest.approx(TIME, abs=1e-9) and found.time_stated
+    np.testing.assert_array_equal(found.channel("/joint_states.position[elbow]"), ANGLE)
+    np.testing.assert_array_equal(found.channel("/joint_states.effort[elbow]"), TORQUE)
+    assert np.isnan(found.channels["/joint_states.effort[wrist]"]).all()
+    slow = found.channel("/torque.x")
+    np.testing.assert_array_equal(slow[::5], TORQUE[::5])
+    assert np.isfinite(slow).sum() == 40
+
+
 @pytest.fixture
 def damaged(tmp_path: Path) -> Iterator[Path]:
     path = tmp_path / "run.h5"

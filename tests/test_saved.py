@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import jaxsr
@@ -63,6 +64,25 @@ def test_a_discovery_reads_back(tmp_path: Path) -> None:
     (term,) = found["x"].terms
     assert term.interval == term.ci95 and term.coefficient in term.interval
     assert found.export("c") == again.export("c") and "dx[0] = " in again.export("c")
+    (same,) = again["x"].terms
+    for name in ("term", "expression", "coefficient", "ci95", "interval"):
+        assert getattr(same, name) == getattr(term, name), name
+    for name in ("state", "expression", "term", "complexity", "operators", "train_mse"):
+        assert getattr(again["x"], name) == getattr(found["x"], name), name
+    assert again["x"].sympy() == found["x"].sympy() == found.sympy("x") == again.sympy("x")
+    assert again.latex("x", 2) == found.latex("x", 2) and again.latex() == found.latex()
+    assert again.sympy() == found.sympy() and list(again.sympy()) == ["x"]
+    assert again.free_run_nrmse == found.free_run_nrmse
+    shared = ["state", "complexity", "mse", "expression"]
+    pd.testing.assert_frame_equal(again.pareto, found.pareto[shared].reset_index(drop=True))
+    for rates in (found.to_numpy(), again.to_numpy(), found.simulator.to_numpy()):
+        np.testing.assert_allclose(rates({"t": t, "x": np.exp(-t)})["x"], -np.exp(-t), rtol=1e-3)
+        np.testing.assert_allclose(rates(t, [np.exp(-t)]), [-np.exp(-t)], rtol=1e-3)
+    by_jax = again.to_jax()({"t": 0.0, "x": 2.0})["x"], again.to_jax()(0.0, [2.0])[0]
+    assert by_jax == pytest.approx((-2.0, -2.0), rel=1e-3)
+    for result in (found, again, again.simulator):
+        with pytest.raises(jaxsr.InputError, match=r"no (equation of|state) 'y'"):
+            result.latex("y")
     run = jaxsr.Recording.from_arrays(t, {"x": np.exp(-t)})
     np.testing.assert_allclose(again.simulator.simulate(run).channels["x"], np.exp(-t), atol=1e-4)
 

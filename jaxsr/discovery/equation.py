@@ -18,6 +18,7 @@ from jaxsr.expressions.term import Term
 
 if TYPE_CHECKING:
     import sympy
+    from jaxtyping import Float
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +122,7 @@ class Equation:
         """Return the number of operators over all terms."""
         return sum(t.term.operators for t in self.terms)
 
-    def predict(self, samples: Samples) -> np.ndarray:
+    def predict(self, samples: Samples) -> Float[np.ndarray, " rows"]:
         """Return the right-hand side on samples (rows,)."""
         terms = [t.term for t in self.terms]
         weights = np.array([t.coefficient for t in self.terms])

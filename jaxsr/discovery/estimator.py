@@ -26,6 +26,7 @@ from jaxsr.expressions.editing import ONE, edit
 from jaxsr.expressions.term import Term
 
 if TYPE_CHECKING:
+    from jaxtyping import Float
     from matplotlib.axes import Axes
 
 Guess = str | Sequence[str]
@@ -232,7 +233,9 @@ class SymbolicSparseRegressor(RegressorMixin, BaseEstimator):
         usable = len(set(columns)) == count and all(is_identifier(n) for n in columns)
         return columns if usable else [f"x{k}" for k in range(count)]
 
-    def predict(self, X: Any, index: int | None = None) -> np.ndarray:
+    def predict(
+        self, X: Any, index: int | None = None
+    ) -> Float[np.ndarray, " samples"] | Float[np.ndarray, "samples outputs"]:
         """Return the picked equation, or row ``index`` of ``equations_``, on X.
 
         Where a term is not finite on a sample (the root of a negative number, say), the

@@ -35,11 +35,9 @@ def term_at(equation: Equation, index: int | None = None) -> Term:
 
 def latex_text(term: Term, digits: int = 4) -> str:
     """Return a term in LaTeX, its numbers to ``digits`` significant ones."""
-    import sympy
+    from jaxsr.models.exports.latex import rounded_latex
 
-    expression = to_sympy(term)
-    rounded = {n: sympy.Float(n, digits) for n in expression.atoms(sympy.Float)}
-    return sympy.latex(expression.xreplace(rounded))
+    return rounded_latex(to_sympy(term), digits)
 
 
 def front_table(equation: Equation) -> pd.DataFrame:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,14 +15,13 @@ from jaxsr._progress import Budget
 from jaxsr._result import InputError
 from jaxsr._versions import environment, own_version
 from jaxsr.discovery.equation import Equation, weighted_sum
-from jaxsr.discovery.fronts import front_table, latex_text
+from jaxsr.discovery.forms import EquationForms, equation_of
+from jaxsr.discovery.fronts import front_table
 from jaxsr.discovery.hybrid import Hybrid, Mode, RareMode
 from jaxsr.discovery.samples import Samples
 from jaxsr.discovery.verdict import OUT_OF_TIME, SEVERAL, UNDECIDED, Verdict
-from jaxsr.expressions import to_jax, to_numpy, to_sympy, to_text
-from jaxsr.models.exports import export_text
+from jaxsr.expressions import Term, to_text
 from jaxsr.models.model import Model
-from jaxsr.models.simulator import Simulator
 from jaxsr.models.writing import model_text
 from jaxsr.recordings import DataCheck
 from jaxsr.report.evidence import ModelRun
@@ -31,13 +30,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from jaxsr.discovery.plots import Fitted
-    from jaxsr.models.exports.exported import Language
 
 _SAID = ("time_unit", "wrap", "reading")  # checks that a terminal shows too
 
 
 @dataclass(frozen=True, repr=False)
-class Discovery:
+class Discovery(EquationForms):
     """Equations of motion found in recordings.
 
     Attributes
@@ -152,39 +150,12 @@ class Discovery:
 
     def __getitem__(self, state: str) -> Equation:
         """Return the equation of a state."""
-        for equation in self.equations:
-            if equation.state == state:
-                return equation
-        known = ", ".join(equation.state for equation in self.equations)
-        raise InputError(f"no equation of {state!r}", "", f"There are those of {known}.")
-
-    def sympy(self, state: str) -> Any:
-        """Return the right-hand side of a state's equation as a SymPy expression."""
-        return to_sympy(self[state].term)
-
-    def latex(self, state: str, digits: int = 4) -> str:
-        """Return the right-hand side in LaTeX, its numbers to ``digits`` significant ones."""
-        return latex_text(self[state].term, digits)
-
-    def to_numpy(self) -> Callable[[Mapping[str, Any]], dict[str, np.ndarray]]:
-        """Return a NumPy function: named arrays (time, states, inputs) to the states' rates."""
-        functions = {e.state: to_numpy(e.term) for e in self.equations}
-        return lambda values: {state: f(values) for state, f in functions.items()}
-
-    def to_jax(self) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
-        """Return a JAX function: named arrays (time, states, inputs) to the states' rates."""
-        states = [e.state for e in self.equations]
-        function = to_jax([e.term for e in self.equations])
-        return lambda values: dict(zip(states, function(values), strict=True))
+        return equation_of(self.equations, state)
 
     @property
-    def simulator(self) -> Simulator:
-        """The equations found, to be run: ``found.simulator.simulate(recording)``."""
-        return Simulator(self.model)
-
-    def export(self, to: Language, name: str | None = None) -> str:
-        """Return the equations found as source for another program, see `Simulator.export`."""
-        return export_text(self.model, to, name)
+    def terms_by_state(self) -> dict[str, Term]:
+        """Return the right-hand side of every state's equation."""
+        return {equation.state: equation.term for equation in self.equations}
 
     def plot_front(self, state: str, ax: Axes | None = None) -> Axes:
         """Plot the candidates of a state: error over size, the pick ringed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,9 @@ from jaxsr.evaluation.interpreter import interpret
 from jaxsr.expressions.parsing import parse
 from jaxsr.expressions.postfix import OPERATORS, PostfixBatch, compile_postfix, decompile
 from jaxsr.expressions.term import CONSTANT, VARIABLE, Term
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 Method = Literal["machine", "columns", "interpreter"]
 _IN_POSTFIX = frozenset(OPERATORS) | {CONSTANT, VARIABLE}
@@ -72,8 +75,8 @@ class TermBatch:
         data: ArrayLike,
         engine: Method = "machine",
         *,
-        out: NDArray[np.floating] | None = None,
-    ) -> NDArray[np.floating]:
+        out: Float[np.ndarray, "samples terms"] | None = None,
+    ) -> Float[np.ndarray, "samples terms"]:
         """Return theta (samples, terms) for data (samples, variables).
 
         float32 data give float32, anything else float64. A sample at which a term has no finite

@@ -1,12 +1,14 @@
 """The simulator: a vector field plus readings, differentiable in states and parameters."""
 
+# JAX and pandas state the types of some members in part alone.
+# pyright: reportUnknownMemberType=false
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,13 +17,15 @@ import numpy as np
 from jaxsr._files import sha256
 from jaxsr._result import InputError
 from jaxsr.expressions import DISCONTINUOUS, Term, evaluate
+from jaxsr.models.arrays import Array, Arrays
 from jaxsr.models.exports.exported import Exported
 from jaxsr.models.mass_matrix import pivoted_rows
 from jaxsr.models.model import Model
 from jaxsr.models.stepping import factorised
 from jaxsr.recordings import Recording
 
-Array = Any
+Named = dict[str, Any]
+Shared = dict[Term, Any]
 SMOOTHED = frozenset({"sign", "heaviside"})
 DEFAULT_WIDTH = 1e-4
 
@@ -103,7 +107,7 @@ class Simulator(Exported, eqx.Module):
             raise InputError("two model files", f"{text} and {model}", "Name one of them")
         document = read_document(Path(path))
         head = document.get("model")
-        base = head.get("base") if isinstance(head, Mapping) else None
+        base = cast("Any", head).get("base") if isinstance(head, Mapping) else None
         if isinstance(base, str) and is_format(base):
             remedy = f"Name {Path(text).parent / base} itself"
             raise InputError(f"is the sidecar of {base}", text, remedy)
@@ -234,16 +238,16 @@ class Simulator(Exported, eqx.Module):
         changes = changes or {}
         return tuple(changes.get(n, p.value) for n, p in self.model.parameters.items())
 
-    def environment(self, t: Array, x: tuple, u: tuple, p: tuple) -> dict[str, Any]:
+    def environment(self, t: Array, x: Arrays, u: Arrays, p: Arrays) -> Named:
         """Names to arrays."""
         model = self.model
-        env: dict[str, Any] = {model.time: t}
+        env: Named = {model.time: t}
         env.update(zip(model.states, x, strict=True))
         env.update(zip(model.inputs, u, strict=True))
         env.update(zip(model.parameters, p, strict=True))
         return env
 
-    def rates(self, t: Array, x: tuple, u: tuple, p: tuple, widths: tuple = ()) -> tuple:
+    def rates(self, t: Array, x: Arrays, u: Arrays, p: Arrays, widths: Arrays = ()) -> Arrays:
         """Return dx/dt, one array per state (inputs and outputs alike are tuples of arrays)."""
         model = self.model
         env, shared = self._prepared(t, x, u, p, widths)
@@ -252,7 +256,7 @@ class Simulator(Exported, eqx.Module):
             for state, term in self.smooth_equations.items():
                 i = model.states.index(state)
                 forces[i] = forces[i] + evaluate(term, env, "jax", shared)
-            rates: dict[str, Any] = dict(zip(model.states, forces, strict=True))
+            rates: Named = dict(zip(model.states, forces, strict=True))
         else:
             rates = {s: evaluate(e, env, "jax", shared) for s, e in self.smooth_equations.items()}
         if model.inertia:
@@ -260,7 +264,7 @@ class Simulator(Exported, eqx.Module):
         like = jnp.zeros_like(sum(x) + 0.0 * t)
         return tuple(rates[s] + like for s in model.states)
 
-    def forces(self, t: Array, x: tuple, u: tuple, p: tuple, widths: tuple = ()) -> tuple:
+    def forces(self, t: Array, x: Arrays, u: Arrays, p: Arrays, widths: Arrays = ()) -> Arrays:
         """Return the right-hand sides: generalised forces where a mass matrix stands."""
         env, shared = self._prepared(t, x, u, p, widths)
         if self.function is not None:
@@ -269,17 +273,17 @@ class Simulator(Exported, eqx.Module):
             evaluate(self.smooth_equations[s], env, "jax", shared) for s in self.model.states
         )
 
-    def inertia(self, t: Array, x: tuple, u: tuple, p: tuple) -> dict[tuple[str, str], Array]:
+    def inertia(self, t: Array, x: Arrays, u: Arrays, p: Arrays) -> dict[tuple[str, str], Array]:
         """Return the mass matrix entries (row, column); identity rows are left out."""
         env = self.environment(t, x, u, p)
-        shared: dict[Term, Any] = {}
+        shared: Shared = {}
         return {
             (i, j): evaluate(term, env, "jax", shared)
             for i, row in self.model.inertia_terms.items()
             for j, term in row.items()
         }
 
-    def readings(self, t: Array, x: tuple, u: tuple, p: tuple, widths: tuple = ()) -> tuple:
+    def readings(self, t: Array, x: Arrays, u: Arrays, p: Arrays, widths: Arrays = ()) -> Arrays:
         """Return what the sensors read, one array per output."""
         env, shared = self._prepared(t, x, u, p, widths)
         return tuple(
@@ -289,7 +293,9 @@ class Simulator(Exported, eqx.Module):
     def _all_terms(self) -> list[Term]:
         return [*self.model.equation_terms.values(), *self.model.reading_terms.values()]
 
-    def _prepared(self, t: Array, x: tuple, u: tuple, p: tuple, widths: tuple) -> tuple:
+    def _prepared(
+        self, t: Array, x: Arrays, u: Arrays, p: Arrays, widths: Arrays
+    ) -> tuple[Named, Shared]:
         env = self.environment(t, x, u, p)
         widths = widths or self.default_widths
         env.update({f"width {i}": w for i, w in enumerate(widths)})
@@ -327,11 +333,11 @@ class Simulator(Exported, eqx.Module):
         """States with a row in [inertia], in the order in which the rows are eliminated."""
         return pivoted_rows(self.model)
 
-    def _accelerations(self, rates: dict, env: dict, shared: dict) -> dict:
+    def _accelerations(self, rates: Named, env: Named, shared: Shared) -> Named:
         """Solve the mass matrix for the rates of the states that have a row in it."""
         rows = tuple(s for s in self.model.states if s in self.model.inertia)
         matrix = [[0.0 for _ in rows] for _ in rows]
-        right = []
+        right: list[Any] = []
         for i, row in enumerate(self.mass_rows):
             force = rates[row]
             for column, term in self.model.inertia_terms[row].items():
@@ -344,7 +350,7 @@ class Simulator(Exported, eqx.Module):
         solved = factorised(matrix)(tuple(right))
         return {**rates, **dict(zip(rows, solved, strict=True))}
 
-    def _python_rates(self, t: Array, x: tuple, u: tuple, env: dict) -> tuple:
+    def _python_rates(self, t: Array, x: Arrays, u: Arrays, env: Named) -> Arrays:
         p = {name: env[name] for name in self.model.parameters}
         # One call per segment through vmap: users write f for one state vector.
         import jax
@@ -356,9 +362,12 @@ class Simulator(Exported, eqx.Module):
         if xs.ndim == 1:
             return tuple(jnp.moveaxis(jnp.asarray(function(t, xs, us, p)), -1, 0))
         ts = jnp.broadcast_to(t, xs.shape[:-1])
-        batched = jax.vmap(lambda a, b, c, q: jnp.asarray(function(a, b, c, q)))
+
+        def rates(t: Any, x: Any, u: Any, p: Any) -> jax.Array:
+            return jnp.asarray(function(t, x, u, p))
+
         p = {name: jnp.broadcast_to(v, xs.shape[:-1]) for name, v in p.items()}
-        return tuple(jnp.moveaxis(batched(ts, xs, us, p), -1, 0))
+        return tuple(jnp.moveaxis(jax.vmap(rates)(ts, xs, us, p), -1, 0))
 
 
 def _with_table(table: Path, base: str) -> str:
@@ -378,7 +387,7 @@ def width_scales(simulator: Simulator, environment: Mapping[str, np.ndarray]) ->
     """
     terms = simulator.model.reading_terms.values()
     seen = {n.args[0] for t in terms for n in t.distinct() if n.op in SMOOTHED}
-    widths = []
+    widths: list[float] = []
     for argument in simulator.smoothed_arguments:
         value = np.asarray(evaluate(argument, environment, "numpy"), dtype=float)
         rms = float(np.sqrt(np.nanmean(value**2)))

@@ -20,8 +20,12 @@ zero last is Page's estimate of the change: Page, Biometrika 41 (1954) 100-115.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 STRETCHES, FEWEST = (1, 4, 16), 8
 """Blocks in a row over which expected ratios are checked, and the fewest such stretches."""
@@ -48,9 +52,9 @@ class Watch:
         Where these left 0, in s.
     """
 
-    log_r: np.ndarray
-    cusum: np.ndarray
-    since: np.ndarray
+    log_r: Float[np.ndarray, " alternatives"]
+    cusum: Float[np.ndarray, " alternatives"]
+    since: Float[np.ndarray, " alternatives"]
 
     @staticmethod
     def begun(alternatives: int, time: float = -np.inf) -> Watch:
@@ -58,7 +62,7 @@ class Watch:
         nothing = np.full(alternatives, -np.inf)
         return Watch(nothing, np.zeros(alternatives), np.full(alternatives, time))
 
-    def after(self, gains: np.ndarray, start: float) -> Watch:
+    def after(self, gains: Float[np.ndarray, " alternatives"], start: float) -> Watch:
         """Return the evidence behind a block.
 
         Parameters
@@ -79,12 +83,12 @@ class Watch:
         return float(np.logaddexp.reduce(self.log_r) - np.log(self.log_r.size))
 
     @property
-    def shares(self) -> np.ndarray:
+    def shares(self) -> Float[np.ndarray, " alternatives"]:
         """Share of every alternative in it."""
         return np.exp(self.log_r - np.logaddexp.reduce(self.log_r))
 
 
-def exponent(gains: np.ndarray) -> float:
+def exponent(gains: Float[np.ndarray, "alternatives blocks"]) -> float:
     """Return the largest exponent, at most 1, with which normal ratios are 1 on average.
 
     Parameters

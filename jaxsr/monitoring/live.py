@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from jaxsr.monitoring.normal import Normal, calibrated, densities
 from jaxsr.monitoring.stream import Samples, Stream
 from jaxsr.monitoring.windows import Rhythm, batches
 from jaxsr.recordings import Recording
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 WORST = 0.1
 """Exponent below which normal running itself is far from what its model says."""
@@ -102,8 +106,8 @@ def _gains(
     ways: Sequence[Alternative],
     prepared: Sequence[Prepared],
     windows: Sequence[Window],
-) -> np.ndarray:
-    """Return logarithms of the ratios of densities, shape (alternatives, windows).
+) -> Float[np.ndarray, "alternatives windows"]:
+    """Return logarithms of the ratios of densities.
 
     Each is the ratio to normal running as it was estimated, or as it is most like the alternative
     within what the estimate leaves open, whichever makes the block likelier.

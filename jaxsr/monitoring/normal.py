@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize
@@ -13,6 +14,9 @@ from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.models.segments import Prepared
 from jaxsr.monitoring.following import LANES, Filter, Followed, Follower, Window
 from jaxsr.monitoring.windows import batches
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 MOST = 2 * LANES
 """Windows that noise and unknown force are estimated on."""
@@ -42,8 +46,8 @@ class Units:
     size : ndarray, shape (forces,)
     """
 
-    white: np.ndarray
-    size: np.ndarray
+    white: Float[np.ndarray, " outputs"]
+    size: Float[np.ndarray, " forces"]
 
     @staticmethod
     def of(follower: Follower) -> Units:
@@ -51,20 +55,20 @@ class Units:
         return Units(follower.noise.white, np.where(follower.size > 0.0, follower.size, 1.0))
 
     @property
-    def begin(self) -> np.ndarray:
+    def begin(self) -> Float[np.ndarray, " logarithms"]:
         """Logarithms with which an estimate begins."""
         k, m = len(self.white), len(self.size)
         parts = np.zeros(k), np.full(k, np.log(BEGIN)), np.full(k, np.log(SLOW))
         return np.concatenate([*parts, np.full(m, np.log(FAINT)), [np.log(SLOW)]])
 
     @property
-    def bounds(self) -> np.ndarray:
-        """Least and largest of every logarithm, shape (logarithms, 2)."""
+    def bounds(self) -> Float[np.ndarray, "logarithms 2"]:
+        """Least and largest of every logarithm."""
         k, m = len(self.white), len(self.size)
         every = [*[(LEAST, MOST_SIZE)] * (2 * k), *[TIMES] * k, *[(1e-6, 10.0)] * m, TIMES]
         return np.log(every)
 
-    def filter(self, logs: np.ndarray) -> Filter:
+    def filter(self, logs: Float[np.ndarray, " logarithms"]) -> Filter:
         """Return the filter of some logarithms."""
         k, m = len(self.white), len(self.size)
         white, coloured = self.white * np.exp(logs[:k]), self.white * np.exp(logs[k : 2 * k])
@@ -72,7 +76,7 @@ class Units:
         scale = self.size * np.exp(logs[3 * k : 3 * k + m])
         return Filter(Noise(white, coloured, correlation), scale, float(np.exp(-np.exp(-logs[-1]))))
 
-    def around(self, logs: np.ndarray) -> list[Filter]:
+    def around(self, logs: Float[np.ndarray, " logarithms"]) -> list[Filter]:
         """Return the filter of some logarithms, and of each of them a little larger."""
         return [self.filter(p) for p in (logs, *(logs + STEP * np.eye(len(logs))))]
 
@@ -91,8 +95,8 @@ class Normal:
     """
 
     units: Units
-    logs: np.ndarray
-    scores: np.ndarray
+    logs: Float[np.ndarray, " logarithms"]
+    scores: Float[np.ndarray, "blocks logarithms"]
 
     @property
     def filter(self) -> Filter:
@@ -100,12 +104,12 @@ class Normal:
         return self.units.filter(self.logs)
 
     @property
-    def covariance(self) -> np.ndarray:
+    def covariance(self) -> Float[np.ndarray, "logarithms logarithms"]:
         """Uncertainty of the logarithms, by the scores of the blocks (Berndt et al. 1974)."""
         precision = self.scores.T @ self.scores + np.eye(len(self.logs)) / VAGUE**2
         return np.linalg.inv(precision)
 
-    def least_favourable(self, gains: np.ndarray) -> Filter:
+    def least_favourable(self, gains: Float[np.ndarray, " blocks"]) -> Filter:
         r"""Return the normal running, as near as the estimate leaves open, most like a change.
 
         With the covariance C of the logarithms and the mean score g of blocks as the change has
@@ -171,8 +175,8 @@ def calibrated(
 
 def densities(
     follower: Follower, parts: Sequence[Followed], filters: Sequence[Filter]
-) -> np.ndarray:
-    """Return log densities of all that was followed, shape (filters, windows)."""
+) -> Float[np.ndarray, "filters windows"]:
+    """Return log densities of all that was followed."""
     return np.concatenate([follower.log_likelihoods(p, filters) for p in parts], axis=1)
 
 

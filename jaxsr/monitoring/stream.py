@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,10 +11,14 @@ from jaxsr._result import InputError
 from jaxsr.models import Model
 from jaxsr.recordings import Recording
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 KEPT = 20_000
 """Samples that a stream keeps, for a diagnosis of the stretch behind an alarm."""
 
-Samples = Recording | Mapping[str, np.ndarray]
+Samples = Recording | Mapping[str, "Float[np.ndarray, ' samples']"]
+"""The next rows of a stream, by column."""
 
 
 class Stream:
@@ -53,7 +58,9 @@ class Stream:
         rows = np.stack([np.asarray(v, dtype=float) for v in columns.values()])
         self.values = np.concatenate([self.values, rows], axis=1)[:, -KEPT:]
 
-    def _read(self, samples: Samples) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def _read(
+        self, samples: Samples
+    ) -> tuple[Float[np.ndarray, " samples"], dict[str, Float[np.ndarray, " samples"]]]:
         if isinstance(samples, Recording):
             return samples.time, {n: samples.channel(n) for n in self.columns}
         clock = self.model.columns.get(self.model.time, self.model.time)

@@ -17,6 +17,7 @@ from jaxsr.recordings.table import listed, quoted
 
 if TYPE_CHECKING:
     import pandas as pd
+    from jaxtyping import Bool, Float, Integer
     from matplotlib.figure import Figure
 
 MIN_SAMPLES = 3
@@ -60,8 +61,8 @@ class Recording:
     """
 
     name: str
-    time: np.ndarray
-    channels: Mapping[str, np.ndarray]
+    time: Float[np.ndarray, " samples"]
+    channels: Mapping[str, Float[np.ndarray, " samples"]]
     source: Path | None = None
     sha256: str | None = None
     set_aside: Mapping[str, str] = field(default_factory=dict[str, str])
@@ -183,7 +184,7 @@ class Recording:
         """Median interval between samples, in seconds."""
         return float(np.median(np.diff(self.time)))
 
-    def channel(self, name: str) -> np.ndarray:
+    def channel(self, name: str) -> Float[np.ndarray, " samples"]:
         """Return a channel that is to be used, checked for being usable.
 
         Parameters
@@ -225,7 +226,13 @@ class Recording:
             )
         return values
 
-    def select(self, indices: slice | Sequence[int] | np.ndarray) -> Recording:
+    def select(
+        self,
+        indices: slice
+        | Sequence[int]
+        | Integer[np.ndarray, " kept"]
+        | Bool[np.ndarray, " samples"],
+    ) -> Recording:
         """Return the recording restricted to some samples, in increasing time.
 
         Parameters

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from jaxsr.views.savitzky_golay import LocalFit, choose_fit, local_fit, savitzky
 from jaxsr.views.tikhonov import fit_adaptive, tikhonov
 from jaxsr.views.total_variation import total_variation, total_variation_score
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 CLEAN = 1e-6  # noise next to the signal's standard deviation up to which nothing is changed
 VARIATIONS = (0, 1, 2)  # derivatives whose total variation is tried
 _FEWEST = 8  # samples; fewer come back as they are
@@ -26,12 +29,22 @@ Noise = float | np.ndarray | None
 class Smoother(Protocol):
     """One method: samples and noise in, the smoothed signal at every time out."""
 
-    def __call__(self, t: np.ndarray, y: np.ndarray, noise: Noise, **config: Any) -> np.ndarray: ...
+    def __call__(
+        self,
+        t: Float[np.ndarray, " samples"],
+        y: Float[np.ndarray, " samples *columns"],
+        noise: Noise,
+        **config: Any,
+    ) -> Float[np.ndarray, " samples *columns"]: ...
 
 
 def smooth(
-    t: np.ndarray, y: np.ndarray, method: str = "auto", noise: Noise = None, **config: Any
-) -> np.ndarray:
+    t: Float[np.ndarray, " samples"],
+    y: Float[np.ndarray, " samples *columns"],
+    method: str = "auto",
+    noise: Noise = None,
+    **config: Any,
+) -> Float[np.ndarray, " samples *columns"]:
     """Smooth a signal or the columns of an array.
 
     Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol, cast, overload
 
 import numpy as np
 
@@ -12,16 +12,46 @@ from jaxsr._result import InputError
 from jaxsr.expressions import Term, evaluate
 from jaxsr.models.exports.system import System
 
-Rates = Callable[..., Any]
-"""``f(t, x, u=(), p=None)``."""
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
-def numpy_function(system: System) -> Rates:
-    """Return ``f(t, x, u=(), p=None) -> dx`` on NumPy arrays, see `Exported.to_numpy`."""
+class Rates(Protocol):
+    """Rates of states: by place, or by name where a mapping of named arrays is given."""
+
+    @overload
+    def __call__(self, t: Mapping[str, Any], /) -> dict[str, Float[Any, "*samples"]]: ...
+
+    @overload
+    def __call__(
+        self, t: Any, x: Any, u: Sequence[Any] = (), p: Mapping[str, Any] | None = None
+    ) -> Float[Any, " states *samples"]: ...
+
+
+Named = Callable[[Mapping[str, Any]], dict[str, Any]]
+
+
+def numpy_function(system: System, named: Named | None = None) -> Rates:
+    """Return ``f(t, x, u=(), p=None) -> dx`` on NumPy arrays, see `Exported.to_numpy`.
+
+    Parameters
+    ----------
+    system : System
+    named : callable, optional
+        What ``f(values)`` returns, in place of the rates of the system by name.
+    """
+
+    def by_name(given: Mapping[str, Any]) -> dict[str, Any]:
+        environment, shared = {**system.values, **given}, dict[Term, Any]()
+        with np.errstate(all="ignore"):
+            rates = {s: evaluate(r, environment, "numpy", shared) for s, r in system.rates.items()}
+        return {state: np.asarray(rate, dtype=float) for state, rate in rates.items()}
 
     def rates(
-        t: Any, x: Any, u: Sequence[Any] = (), p: Mapping[str, float] | None = None
-    ) -> np.ndarray:
+        t: Any, x: Any = None, u: Sequence[Any] = (), p: Mapping[str, Any] | None = None
+    ) -> Any:
+        if isinstance(t, Mapping):
+            return (named or by_name)(cast("Mapping[str, Any]", t))
         environment = _environment(system, (t, x, u, p))
         shared: dict[Term, Any] = {}
         with np.errstate(all="ignore"):
@@ -32,11 +62,19 @@ def numpy_function(system: System) -> Rates:
     return rates
 
 
-def jax_function(system: System) -> Rates:
+def jax_function(system: System, named: Named | None = None) -> Rates:
     """Return ``f(t, x, u=(), p=None) -> dx`` in JAX, see `Exported.to_jax`."""
     jnp: Any = importlib.import_module("jax.numpy")
 
-    def rates(t: Any, x: Any, u: Sequence[Any] = (), p: Mapping[str, Any] | None = None) -> Any:
+    def by_name(given: Mapping[str, Any]) -> dict[str, Any]:
+        environment, shared = {**system.values, **given}, dict[Term, Any]()
+        return {s: evaluate(rate, environment, "jax", shared) for s, rate in system.rates.items()}
+
+    def rates(
+        t: Any, x: Any = None, u: Sequence[Any] = (), p: Mapping[str, Any] | None = None
+    ) -> Any:
+        if isinstance(t, Mapping):
+            return (named or by_name)(cast("Mapping[str, Any]", t))
         environment = _environment(system, (t, x, u, p))
         shared: dict[Term, Any] = {}
         values = [evaluate(rate, environment, "jax", shared) for rate in system.rates.values()]

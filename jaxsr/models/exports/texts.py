@@ -38,11 +38,29 @@ def export_text(model: Model, to: str, name: str | None = None) -> str:
         The language is none of these, a formula is missing, or the name is no identifier.
     """
     if to not in ENDINGS:
-        raise InputError(f"cannot export to {to!r:.80}", "", f"Use one of {', '.join(ENDINGS)}")
+        remedy = f"Use one of {', '.join(ENDINGS)} or fmu"
+        raise InputError(f"cannot export to {to!r:.80}", "", remedy)
+    return _writer(to)(system_of(model), _named(model, name))
+
+
+def export_fmu(model: Model, name: str | None = None) -> bytes:
+    """Return a model as the file of an FMU.
+
+    Raises
+    ------
+    InputError
+        pythonfmu is missing, a formula is, or the name is no identifier.
+    """
+    from jaxsr.models.exports.fmu import fmu_bytes
+
+    return fmu_bytes(system_of(model), _named(model, name))
+
+
+def _named(model: Model, name: str | None) -> str:
     name = identifier(model.name) if name is None else name
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise InputError(f"{name!r:.80} cannot name a function", "", "Use letters, digits and _")
-    return _writer(to)(system_of(model), name)
+    return name
 
 
 def _writer(to: str) -> Callable[[System, str], str]:

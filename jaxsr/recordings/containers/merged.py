@@ -44,7 +44,8 @@ def container_table(kind: str, path: Path) -> Table:
     whole = every[np.concatenate([[True], np.diff(every) > same])[: every.size]]
     if whole.size > MOST_ROWS:
         raise InputError(f"holds {whole.size} different times", path.name, "Save a shorter stretch")
-    numbers = {_free(TIME, channels): whole}
+    name = _free(TIME, channels)
+    numbers, units = {name: whole}, {**units, name: "s"}
     for channel in channels:
         numbers[channel.name] = _laid(channel, whole, same)
     rates = sorted({size / max(np.ptp(whole), 1e-300) for size in sizes.values()})

@@ -26,8 +26,8 @@ class Columns:
             self._rows.setdefault(topic, []).append((at, row))
 
     def channels(self) -> list[tuple[str, np.ndarray, np.ndarray, str]]:
-        """Return name, time in s from the first message on, values, and no unit."""
-        first = min((rows[0][0] for rows in self._rows.values()), default=0)
+        """Return name, time in s from the earliest message on, values, and no unit."""
+        first = min((at for rows in self._rows.values() for at, _ in rows), default=0)
         found = []
         for topic, rows in self._rows.items():
             rows.sort(key=lambda row: row[0])
