@@ -106,21 +106,12 @@ def test_of_a_law_that_jumps_nowhere_along_a_path_no_width_is_sought() -> None:
     assert fitted == (arena.problem, still.fit)
 
 
-CORNER = "22 of 30 recordings lead to this width, that of seed 0 into a corner of the cost"
-
-
 @pytest.mark.parametrize(
     ("share", "law"),
     [
         (2.0, "coulomb_friction"),
         (5.0, "coulomb_friction"),
         (14.0, "coulomb_friction"),
-        # which of the recordings depends on rounding
-        pytest.param(
-            2.0,
-            "stribeck_friction",
-            marks=[pytest.mark.xfail(reason=CORNER), pytest.mark.slow],
-        ),
         (5.0, "stribeck_friction"),
         (14.0, "stribeck_friction"),
     ],
@@ -135,6 +126,22 @@ def test_the_width_is_found_and_with_it_the_constants(share: float, law: str) ->
     for name in own.super_model.names[0]:
         value, half = refined.interval(name)
         assert abs(value - TRUE[name]) < half < 0.35 * TRUE[name]
+
+
+@pytest.mark.slow
+def test_a_sharp_peak_of_friction_is_found_or_its_cost_tells_that_it_is_not() -> None:
+    """Some recordings lead into a corner of the cost, which stands far above the noise.
+
+    Which ones depends on rounding: about three in four lead to the width, and fewer than three of
+    eight do with a probability of 0.6 %.
+    """
+    law, share = "stribeck_friction", 2.0
+    true = share * width_of(rail(0.01, law)[0]) / BEGIN
+    ends = [estimated(law, share, seed) for seed in range(8)]
+    cost = np.array([entry.fit.cost / own.problem.segments.weights.sum() for own, _, entry in ends])
+    found = np.array([width_of(own) == pytest.approx(true, rel=0.25) for own, _, _ in ends])
+    assert found.sum() >= 3
+    assert (cost[found] < 1.2).all() and (cost[~found] > 5.0).all()
 
 
 @pytest.mark.slow
