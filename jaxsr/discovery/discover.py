@@ -113,7 +113,7 @@ def discover(
     table = {naming.symbol(n): unit for n, unit in unit_table(prior.units).items()}
     signed = signed_terms(prior.signs, part.states, names)
     bound = binding_units(table, prior.bind_units, part.time, (*states, *inputs))
-    guessed = {state: guessed_terms(prior.guesses, state, names) for state in part.states}
+    guessed = guessed_terms(prior.guesses, part.states, names)
     admits = admission(bound, part) if bound or integrals else None
     kept = Checkpoint(Path(run.checkpoint), run.every) if run.checkpoint is not None else None
     stated_terms = PriorTerms(given, guessed, signed, admits)

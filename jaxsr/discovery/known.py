@@ -54,14 +54,22 @@ def unit_table(units: str | Path | Mapping[str, str] | None) -> dict[str, str]:
 
 
 def guessed_terms(
-    guesses: Mapping[str, Sequence[str]] | None, state: str, names: Sequence[str]
-) -> tuple[tuple[Term, ...], ...]:
-    """Return the sets of terms of a state's guessed expressions."""
-    texts = (guesses or {}).get(state, ())
-    if isinstance(texts, str):
-        texts = (texts,)
-    where = f"guesses of {state}"
-    return tuple(edit([parse(text, names, where, integrals=True)]) for text in texts)
+    guesses: Mapping[str, Sequence[str]] | None, states: Sequence[str], names: Sequence[str]
+) -> dict[str, tuple[tuple[Term, ...], ...]]:
+    """Return, for each state, the sets of terms of its guessed expressions.
+
+    Raises
+    ------
+    InputError
+        A state is unknown, or an expression is not of the grammar.
+    """
+    out: dict[str, tuple[tuple[Term, ...], ...]] = {state: () for state in states}
+    for state, texts in (guesses or {}).items():
+        if state not in states:
+            raise InputError(f"{state!r} is no state", "guesses", f"Known: {', '.join(states)}.")
+        where, each = f"guesses of {state}", (texts,) if isinstance(texts, str) else texts
+        out[state] = tuple(edit([parse(text, names, where, integrals=True)]) for text in each)
+    return out
 
 
 def signed_terms(
