@@ -65,10 +65,10 @@ def simulate(
         from jaxsr._files import atomic_write_text, check_writable
 
         check_writable(target)
-        run = _table(model, tables, data, grid)
+        run, start = _table(model, tables, data, grid)
         atomic_write_text(target, run.to_csv(index=False, lineterminator="\n"))
         RUN.get().outcome = f"{target} is whole"
-        print_line(f"{len(run)} rows in {target}")
+        print_line(f"{len(run)} rows in {target}; {start}")
 
     return job
 
@@ -83,19 +83,20 @@ def _target(out: str, inputs: Sequence[str]) -> Path:
     return target
 
 
-def _table(model: str, tables: Sequence[str], data: str | None, grid: Grid) -> Any:
-    """Return the run of a model as a table."""
+def _table(model: str, tables: Sequence[str], data: str | None, grid: Grid) -> tuple[Any, str]:
+    """Return the run of a model as a table, and how it starts."""
     import jaxsr
     from jaxsr.models.formats.opening import open_simulator, simulated_table
+    from jaxsr.models.simulation import start_told
 
     opened = open_simulator(model, tables, [data] if data is not None else [])
     with contextlib.closing(opened):
         if opened.drafted is not None:
             say(f"drafted {opened.drafted}: what it assumes stands in it")
-        recording = None
+        recording, given = None, opened.simulator.model
         if data is not None:
-            given = opened.simulator.model
             recording = jaxsr.read_recording(
                 data, time=given.columns.get(given.time), sample_time=given.sample_time
             )
-        return simulated_table(opened, recording, grid.duration, grid.dt)
+        run = simulated_table(opened, recording, grid.duration, grid.dt)
+        return run, start_told(given, recording)
