@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from jaxsr._files import sha256
 from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.samples import Roles
@@ -41,6 +42,12 @@ def known_terms(
                 f"Known: {', '.join((time, *names))}.",
             )
     return {s: term for s, term in out.items() if s in names}
+
+
+def known_checksum(known: str | Path | Model | None) -> dict[str, str]:
+    """Return the SHA-256 of the file of the known part, by its name."""
+    path = Path(known) if isinstance(known, str | Path) else None
+    return {} if path is None else {path.name: sha256(path)}
 
 
 def unit_table(units: str | Path | Mapping[str, str] | None) -> dict[str, str]:

@@ -17,6 +17,13 @@ from jaxsr.report.style import Pace
 _SHARE = 0.2  # of the budget, at most, for the report
 _WRITING, _FIGURE = 0.6, 0.4  # seconds for the page and for a figure
 
+_CHECKSUMS = {
+    "validation_sha256": "Validation",
+    "held_out_sha256": "Held out",
+    "known_sha256": "Known part",
+}
+_DIGITS = 12  # of a checksum in the report, which is enough to tell files apart
+
 
 def reserve(limit: Budget, states: int) -> Budget:
     """Return a budget that leaves time for the report of so many states."""
@@ -56,6 +63,11 @@ def shown(discovery: Discovery) -> dict[str, Any]:
     for state, front in document["pareto"].items():
         front[:] = _undominated([point for point in points if point["state"] == state])
     computed = document["provenance"].pop("estimated_derivatives", ())
+    for key, words in _CHECKSUMS.items():
+        files = document["provenance"].pop(key, {})
+        if files:
+            told = (f"{name} (SHA-256 {digest[:_DIGITS]}…)" for name, digest in files.items())
+            document["provenance"][words] = ", ".join(told)
     if discovery.columns:
         told = (f"{symbol} is {column}" for symbol, column in discovery.columns.items())
         document["provenance"]["Columns"] = ", ".join(told)
