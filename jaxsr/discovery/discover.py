@@ -80,8 +80,8 @@ def discover(
     run : Run, optional
         Recordings to choose and to report by, seed, budget, checkpoint.
     **keywords
-        Fields of ``roles``, ``prior`` and ``run`` by themselves, as in earlier versions; they go
-        away in the next one.
+        ``states`` and ``seed``, which may stand by themselves. Other fields of ``roles``, ``prior``
+        and ``run`` may as well, as in earlier versions; that goes away in the next one.
 
     Returns
     -------
