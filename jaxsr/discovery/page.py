@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jaxsr._progress import Budget
+from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.hybrid.picture import mode_plane
 from jaxsr.discovery.result import Discovery, relative_error
 from jaxsr.report import EquationFit, write_discovery_report
@@ -46,9 +48,12 @@ def shown(discovery: Discovery) -> dict[str, Any]:
     """Return ``discovery.json`` as the report shows it.
 
     Of each front the pick, and the best of every other number of terms that beats all fewer;
-    relative errors; no interval where a coefficient is exact by definition.
+    relative errors; no interval where a coefficient is exact by definition; equations with the
+    digits that intervals justify.
     """
     document = discovery.to_dict()
+    for equation, entry in _written(discovery, document):
+        entry["shown"] = equation.shown
     for equation, entry in zip(discovery.equations, document["equations"], strict=True):
         entry["relative_error"] = relative_error(equation, discovery.samples)
         for term in entry["terms"]:
@@ -74,6 +79,19 @@ def shown(discovery: Discovery) -> dict[str, Any]:
     if computed:
         document["provenance"]["Rates computed for"] = ", ".join(computed)
     return document
+
+
+def _written(
+    discovery: Discovery, document: dict[str, Any]
+) -> Iterator[tuple[Equation, dict[str, Any]]]:
+    """Yield every equation that the report shows, and its entry."""
+    modes = zip(discovery.modes, document["modes"], strict=True)
+    laws = [(mode.equations, entry["equations"]) for mode, entry in modes]
+    others = zip(discovery.judgement.alternatives, document["alternatives"], strict=True)
+    laws += [(other.equations, entries) for other, entries in others]
+    laws.append((discovery.equations, document["equations"]))
+    for equations, entries in laws:
+        yield from zip(equations, entries, strict=True)
 
 
 def _undominated(points: list[dict[Any, Any]]) -> list[dict[Any, Any]]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from jaxsr._interval import MOST_DIGITS
 from jaxsr.report.equation_figures import (
     MOST_FRONTS,
     fit_figures,
@@ -184,6 +185,8 @@ def _equation(equation: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "state": str(equation.get("state")),
         "expression": equation.get("expression"),
+        "shown": equation.get("shown") or equation.get("expression"),
+        "digits": MOST_DIGITS if equation.get("shown") else 4,
         "terms": terms,
         "errors": facts,
         "complexity": number(equation.get("complexity")),
