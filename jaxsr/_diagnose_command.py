@@ -18,10 +18,12 @@ from jaxsr._arguments import (
     table_of,
     written_back,
 )
-from jaxsr._job import before_writing, command_budget, loaded, save, session, verdict_line
+from jaxsr._job import RUN, before_writing, command_budget, loaded, save, session, verdict_line
 from jaxsr._options import HeldOut, Job, Out, Seconds, Seed, Table, grouped
+from jaxsr._output import print_line
 from jaxsr._progress import Budget, Progress
 from jaxsr._result import InputError
+from jaxsr._resume import Asked, earlier, why_anew
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,15 @@ class SearchOptions:
             "is so many times as probable as all others.",
         ),
     ] = None
+
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Leave alone what the same command brought to its end; begin anew what was "
+            "stopped.",
+        ),
+    ] = False
 
     def keywords(self) -> dict[str, Any]:
         """Return what `jaxsr.diagnose` takes, its budget aside."""
@@ -90,65 +101,98 @@ def diagnose(
     written += (() if model else ("learned.toml",)) + written_back(model)
     folder = results_folder(out, files, written)
     states = split_names(given.states, "--states")
+    if search.resume and not (model or "").lower().endswith(".toml"):
+        # What else a robot, a function or a learnt simulator rests on is nowhere hashed.
+        raise InputError("--resume goes with a model file", "", "Leave it out")
     limit = command_budget(search.budget)
-    searching = before_writing(limit)
+    return _Work(model, tables, data, states, given.simulated or [], search, folder, limit)
 
-    def job(command: str) -> None:
-        with session(limit) as progress, contextlib.ExitStack() as ending:
+
+@dataclass(frozen=True)
+class _Work:
+    """A diagnosis whose arguments were checked."""
+
+    model: str | None
+    tables: Sequence[str]
+    data: Sequence[str]
+    states: Sequence[str]
+    simulated: Sequence[str]
+    search: SearchOptions
+    folder: Path
+    limit: Budget
+
+    def __call__(self, command: str) -> None:
+        """Do it and write the results."""
+        searching = before_writing(self.limit)
+        with session(self.limit) as progress, contextlib.ExitStack() as ending:
             import jaxsr
 
-            if model is None:
-                pair = given.simulated or [], data
-                simulator, more = _learned(pair, states, search.seed, searching, progress)
-                opened = None
+            opened, more = None, {}
+            if self.model is None:
+                simulator, more = self._learned(searching, progress)
             else:
-                opened = _opened(model, tables, data, folder, progress)
+                if self.search.resume and self._is_done(command, progress):
+                    return
+                opened = self._opened(self.model, progress)
                 ending.callback(opened.close)
-                simulator, more = opened.simulator, {}
+                simulator = opened.simulator
             diagnosis = loaded(jaxsr.diagnose)(
                 simulator,
-                data,
+                self.data,
                 budget=searching,
                 progress=progress,
                 command=command,
-                **search.keywords(),
+                **self.search.keywords(),
             )
             if opened is not None:
-                more = opened.written_back(diagnosis, folder)
+                more = opened.written_back(diagnosis, self.folder)
         options = {"more": more} if more else {}
-        save(diagnosis, folder, verdict_line(diagnosis), budget=limit, **options)
+        save(diagnosis, self.folder, verdict_line(diagnosis), budget=self.limit, **options)
         for error in diagnosis.unread:
-            what = f"{error.what}; what was found without it is in {folder}"
+            what = f"{error.what}; what was found without it is in {self.folder}"
             raise InputError(what, error.where, error.remedy)
 
-    return job
+    def _is_done(self, command: str, progress: Progress) -> bool:
+        """Return whether the folder holds what is asked for, and say what it holds."""
+        import jaxsr
 
+        folder, held_out = self.folder, self.search.held_out or []
+        before = earlier(folder)
+        if before is None:
+            progress.stage(f"no diagnosis in {folder} yet: it begins")
+            return False
+        asked = Asked(command, str(self.model), self.data, held_out, jaxsr.__version__)
+        why = why_anew(before, asked, folder)
+        if why is not None:
+            what = f"the diagnosis in {folder} {why}"
+            progress.stage(f"{what}: it begins anew, with the time given now")
+            return False
+        RUN.get().outcome = f"the diagnosis in {folder} is whole"
+        print_line(f"Verdict: {before['verdict']}. Complete in {folder}: nothing to do")
+        return True
 
-def _learned(
-    pair: tuple[Sequence[str], Sequence[str]],
-    states: Sequence[str],
-    seed: int,
-    budget: Budget,
-    progress: Progress,
-) -> tuple[Any, dict[str, str]]:
-    """Return the simulator behind its output and recordings, and its text under a file's name."""
-    import jaxsr
-    from jaxsr.models import model_text
+    def _learned(self, budget: Budget, progress: Progress) -> tuple[Any, dict[str, str]]:
+        """Return the simulator behind its output, and its text under the name of a file."""
+        import jaxsr
+        from jaxsr.models import model_text
 
-    learned = loaded(jaxsr.learn_simulator)(
-        *pair, states=states, seed=seed, budget=budget, progress=progress
-    )
-    return learned.simulator, {"learned.toml": model_text(learned.simulator.model)}
+        learned = loaded(jaxsr.learn_simulator)(
+            self.simulated,
+            self.data,
+            states=self.states,
+            seed=self.search.seed,
+            budget=budget,
+            progress=progress,
+        )
+        return learned.simulator, {"learned.toml": model_text(learned.simulator.model)}
 
+    def _opened(self, model: str, progress: Progress) -> Any:
+        """Return the simulator that the command names, and say what was drafted for it."""
+        import jaxsr
+        from jaxsr.models.formats.opening import open_simulator
 
-def _opened(
-    model: str, tables: Sequence[str], data: Sequence[str], folder: Path, progress: Progress
-) -> Any:
-    """Return the simulator that the command names, and say what was drafted for it."""
-    import jaxsr
-    from jaxsr.models.formats.opening import open_simulator
-
-    opened = open_simulator(model, tables, data, folder, jaxsr.Simulator.from_file)
-    if opened.drafted is not None:
-        progress.stage(f"drafted {opened.drafted}: what it assumes stands in it")
-    return opened
+        read = jaxsr.Simulator.from_file
+        opened = open_simulator(model, self.tables, self.data, self.folder, read)
+        if opened.drafted is not None:
+            progress.stage(f"drafted {opened.drafted}: what it assumes stands in it")
+        return opened

@@ -25,6 +25,7 @@ LAYERS = {
     "_quoting": 0,
     "_arguments": 0,
     "_options": 0,
+    "_resume": 0,
     "_discover_options": 0,
     "_bar": 0,
     "expressions": 1,
