@@ -23,7 +23,6 @@ from jaxsr._options import HeldOut, Job, Out, Seconds, Seed, Table, grouped
 from jaxsr._output import print_line
 from jaxsr._progress import Budget, Progress
 from jaxsr._result import InputError
-from jaxsr._resume import Asked, earlier, why_anew
 
 
 @dataclass(frozen=True)
@@ -155,6 +154,7 @@ class _Work:
     def _is_done(self, command: str, progress: Progress) -> bool:
         """Return whether the folder holds what is asked for, and say what it holds."""
         import jaxsr
+        from jaxsr._resume import Asked, earlier, why_anew
 
         folder, held_out = self.folder, self.search.held_out or []
         before = earlier(folder)
