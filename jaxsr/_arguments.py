@@ -151,7 +151,7 @@ def split_names(text: str | None, option: str) -> tuple[str, ...]:
     """
     if text is None:
         return ()
-    names = tuple(_unquoted(name) for name in _split_outside_quotes(text))
+    names = tuple(_unquoted(name) for name in split_outside(text))
     if not all(names):
         raise InputError(f"an empty name in {text!r}", option, "Write names as a,b,c")
     if len(set(names)) < len(names):
@@ -168,7 +168,7 @@ def split_pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
         If a part is no such pair, or a name stands twice.
     """
     out: dict[str, str] = {}
-    for part in (part for text in texts or () for part in _split_outside_quotes(text)):
+    for part in (part for text in texts or () for part in split_outside(text)):
         name, equals, column = part.partition("=")
         name, column = _unquoted(name), _unquoted(column)
         if not (equals and name and column):
@@ -181,12 +181,14 @@ def split_pairs(texts: Sequence[str] | None, option: str) -> dict[str, str]:
     return out
 
 
-def _split_outside_quotes(text: str) -> list[str]:
-    """Split at commas that stand outside of double quotes."""
-    parts, inside = [""], False
+def split_outside(text: str, brackets: bool = False) -> list[str]:
+    """Split at commas that stand outside of double quotes, and of `brackets` if asked."""
+    parts, inside, depth = [""], False, 0
     for letter in text:
         inside ^= letter == '"'
-        if letter == "," and not inside:
+        if brackets and not inside:
+            depth += (letter in "([") - (letter in ")]")
+        if letter == "," and not inside and depth <= 0:
             parts.append("")
         else:
             parts[-1] += letter

@@ -26,7 +26,7 @@ def demo(
 
     def job(command: str) -> None:
         model, train, held_out = _files()
-        with session() as progress:
+        with session(limit) as progress:
             import jaxsr
 
             simulator = jaxsr.Simulator.from_file(model)

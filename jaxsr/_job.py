@@ -41,12 +41,12 @@ def before_writing(budget: Budget) -> Budget:
 
 
 @contextlib.contextmanager
-def session() -> Iterator[Progress]:
-    """Show progress, and keep what is compiled."""
+def session(budget: Budget | None = None) -> Iterator[Progress]:
+    """Show progress, with what is left of a budget, and keep what is compiled."""
     from jaxsr.evaluation import keep_compiled
 
     keep_compiled()
-    with progress_on() as progress:
+    with progress_on(budget=budget or command_budget(None)) as progress:
         yield progress
 
 

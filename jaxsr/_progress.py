@@ -36,66 +36,6 @@ class Silent:
         """Do nothing."""
 
 
-class Lines:
-    """Write one plain line per stage, for a pipe or a log file.
-
-    Parameters
-    ----------
-    stream : TextIO
-        Where to write.
-    """
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-
-    def stage(self, text: str) -> None:
-        """Write the stage's line."""
-        # A closed reader must not end the job.
-        with contextlib.suppress(OSError, ValueError):
-            print(f"jaxsr: {text}", file=self._stream, flush=True)
-
-    def update(self, fraction: float, text: str = "") -> None:
-        """Do nothing: updates are for terminals."""
-
-
-@contextlib.contextmanager
-def progress_on(stream: TextIO | None = None) -> Iterator[Progress]:
-    """Yield a `Progress`: a live bar if `stream` is a terminal, else one line per stage.
-
-    Parameters
-    ----------
-    stream : TextIO, optional
-        Standard error by default.
-    """
-    target = sys.stderr if stream is None else stream
-    if target is None:  # a program without standard streams
-        yield Silent()
-        return
-    if not target.isatty():
-        yield Lines(target)
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-    from rich.progress import Progress as Live
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Live(*columns, console=Console(file=target), transient=True) as live:
-        task = live.add_task("", total=1.0)
-
-        class Bar:
-            name = ""
-
-            def stage(self, text: str) -> None:
-                self.name = text
-                live.update(task, description=text, completed=0.0)
-
-            def update(self, fraction: float, text: str = "") -> None:
-                label = f"{self.name}: {text}" if text else self.name
-                live.update(task, description=label, completed=fraction)
-
-        yield Bar()
-
-
 @dataclasses.dataclass(frozen=True)
 class Budget:
     """Tell a long job when to stop: out of time, or asked to by Ctrl-C.
@@ -166,6 +106,56 @@ class Budget:
         if math.isinf(self.seconds):
             return self
         return Budget(max(self.seconds - seconds, sys.float_info.min), self._start, self._interrupt)
+
+
+class Lines:
+    """Write one plain line per stage, with the time since the start, for a pipe or a log file.
+
+    Parameters
+    ----------
+    stream : TextIO
+        Where to write.
+    budget : Budget
+        Began with the job.
+    """
+
+    def __init__(self, stream: TextIO, budget: Budget) -> None:
+        self._stream, self._budget = stream, budget
+
+    def stage(self, text: str) -> None:
+        """Write the stage's line."""
+        # A closed reader must not end the job.
+        with contextlib.suppress(OSError, ValueError):
+            line = f"jaxsr: {self._budget.elapsed:.1f} s: {text}"
+            print(line, file=self._stream, flush=True)
+
+    def update(self, fraction: float, text: str = "") -> None:
+        """Do nothing: updates are for terminals."""
+
+
+@contextlib.contextmanager
+def progress_on(stream: TextIO | None = None, budget: Budget | None = None) -> Iterator[Progress]:
+    """Yield a `Progress`: a live bar if `stream` is a terminal, else one line per stage.
+
+    Parameters
+    ----------
+    stream : TextIO, optional
+        Standard error by default.
+    budget : Budget, optional
+        Of the job, for the time since its start and what is left; unlimited, from now, by default.
+    """
+    target = sys.stderr if stream is None else stream
+    limit = budget or Budget()
+    if target is None:  # a program without standard streams
+        yield Silent()
+        return
+    if not target.isatty():
+        yield Lines(target, limit)
+        return
+    from jaxsr._bar import live_bar
+
+    with live_bar(target, limit) as bar:
+        yield bar
 
 
 class Repeated:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -156,6 +157,29 @@ def test_findings_have_names_and_keep_their_keys() -> None:
         assert "\n" not in repr(part)
     assert repr(finding) == "<Finding coulomb_friction at equation:v, probability 0.97>"
     assert str(finding).startswith("Coulomb friction, equation of v: Fc = 20.4")
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "text"),
+    [
+        (9.819206, 0.012746, "9.819"),
+        (-0.12125, 0.00017, "-0.12125"),
+        (20.4, 0.13, "20.40"),  # a zero is a digit
+        (9.9996, 0.013, "10.000"),
+        (49.9412, 0.0997, "49.94"),  # the half width is 0.10
+        (123456.0, 3000.0, "1.235e+05"),
+        (0.05, 3.0, "0.050"),  # wider than the value
+        (0.0, 0.1, "0.0"),
+        (20.0, 1e-12, "20"),
+        (20.0, 0.0, None),
+        (20.0, math.inf, None),
+        (20.0, math.nan, None),
+    ],
+)
+def test_a_value_has_the_digits_that_its_interval_justifies(
+    value: float, half: float, text: str | None
+) -> None:
+    assert jaxsr.Interval(value - half, value + half).text(value) == text
 
 
 def test_the_document_is_that_of_the_file(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 from diagnosis_systems import ARM, DEMO, RAIL
 
 from jaxsr._files import dump_json
+from jaxsr._progress import Silent
 from jaxsr.diagnosis import Diagnosis, diagnose
 from jaxsr.models import Simulator, apply_edit, model_text, parse_model, read_model
 from jaxsr.models.edits import Edit
@@ -52,6 +53,18 @@ def rail_recording(name: str, coulomb: float, seed: int, push: float = 0.0) -> R
     return Recording(name, time, {"force": force, "y": y}, sha256="0" * 64)
 
 
+class Told(Silent):
+    """Keep what a terminal would show besides stages."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def update(self, fraction: float, text: str = "") -> None:
+        assert 0.0 <= fraction <= 1.0
+        self.texts.append(text)
+
+
+TOLD: dict[Diagnosis, Told] = {}
 FRICTION = (4.0, 2.0, 2, 0, 40.0)
 """Arguments of a rail with friction, in N; the budget in s is several times what finds it."""
 
@@ -64,7 +77,10 @@ def rail(
     data = [rail_recording("a.csv", coulomb, 1)]
     held_out = [rail_recording("b.csv", coulomb, held)] if held else []
     simulator = Simulator(parse_model(RAIL.replace("value = 2.0", f"value = {mass}")))
-    return diagnose(simulator, data, held_out=held_out, seed=3, budget=budget)
+    told = Told()
+    found = diagnose(simulator, data, held_out=held_out, seed=3, budget=budget, progress=told)
+    TOLD[found] = told
+    return found
 
 
 def plain(document: dict[str, Any], without_held_out: bool = False) -> dict[str, Any]:
@@ -96,6 +112,13 @@ def test_planted_coulomb_friction_is_found_and_its_interval_covers():
     for role in ("train", "held_out"):
         at = found.fit["horizons_s"].index(found.fit["headline_s"])
         assert found.fit[role]["explained"][at] < 0.5 * found.fit[role]["recalibrated"][at]
+
+
+def test_who_waits_is_told_the_leading_explanation_and_what_it_leaves():
+    told = [t for t in TOLD[rail(*FRICTION)].texts if "coulomb_friction@equation:v" in t]
+    assert told and "of re-calibration's error" in told[-1]
+    percent = float(told[-1].split(", ")[-1].split(" %")[0])
+    assert 0.0 <= percent < 50.0
 
 
 def test_nothing_planted_and_true_values_given_is_nothing():

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 import jaxsr
 from jaxsr._result import InputError
 from jaxsr.discovery.choose import choose
+from jaxsr.discovery.page import shown
 from jaxsr.discovery.samples import hold_back
 from jaxsr.evolution import SearchConfig
 from jaxsr.expressions import parse
@@ -39,6 +40,11 @@ def _duffing(start, name, seconds=10.0, n=400, noise=0.0):
 
 
 DATA = [_duffing([1.0, 0.0], "a"), _duffing([0.0, -2.0], "bb")]
+KNOWN = (
+    '[model]\nname = "k"\nstates = ["q", "v"]\ninputs = ["u"]\noutputs = ["y"]\n'
+    '[equations]\nq = "v"\nv = "u - k*q"\n[readings]\ny = "q"\n'
+    "[parameters]\nk = { value = 4.0 }\n"
+)
 QUICK = SearchConfig(population=80, refined=5, generations=25)
 
 
@@ -137,11 +143,7 @@ def test_displacements_alone_give_a_second_order_law():
 
 def test_known_part_is_kept_and_only_the_rest_searched(tmp_path):
     known = tmp_path / "known.toml"
-    known.write_text(
-        '[model]\nname = "k"\nstates = ["q", "v"]\ninputs = ["u"]\noutputs = ["y"]\n'
-        '[equations]\nq = "v"\nv = "u - k*q"\n[readings]\ny = "q"\n'
-        "[parameters]\nk = { value = 4.0 }\n"
-    )
+    known.write_text(KNOWN)
     found = jaxsr.discover(
         DATA, states=["q", "v"], derivatives=["dq", "dv"], inputs=["u"], known=known, config=QUICK
     )
@@ -184,18 +186,26 @@ def test_paths_are_read_and_missing_samples_left_out(tmp_path):
     channels = {k: np.array(v) for k, v in record.channels.items()}
     channels["u"][50:60] = np.nan
     write_csv(jaxsr.Recording("a.csv", record.time, channels), tmp_path / "a.csv")
-    write_csv(jaxsr.Recording("b.csv", record.time, record.channels), tmp_path / "b.csv")
+    for name in ("b.csv", "c.csv"):
+        write_csv(jaxsr.Recording(name, record.time, record.channels), tmp_path / name)
+    (tmp_path / "k.toml").write_text(KNOWN.replace("u - k*q", "-k*q"))
     found = jaxsr.discover(
         [tmp_path / "a.csv"], states=["q", "v"], derivatives=["dq", "dv"], inputs=["u"],
-        config=QUICK, held_out=[tmp_path / "b.csv"],
+        config=QUICK, held_out=[tmp_path / "b.csv"], validation=[tmp_path / "c.csv"],
+        known=tmp_path / "k.toml",
     )  # fmt: skip
     assert _terms(found.equations[1])["u"] == pytest.approx(1.0, rel=1e-6)
     files = {
         name: hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()
-        for name in ("a.csv", "b.csv")
+        for name in ("a.csv", "b.csv", "c.csv", "k.toml")
     }
     assert found.provenance["data_sha256"] == {"a.csv": files["a.csv"]}
     assert found.provenance["held_out_sha256"] == {"b.csv": files["b.csv"]}
+    assert found.provenance["validation_sha256"] == {"c.csv": files["c.csv"]}
+    assert found.provenance["known_sha256"] == {"k.toml": files["k.toml"]}
+    shown_there = shown(found)["provenance"]
+    assert shown_there["Held out"] == f"b.csv (SHA-256 {files['b.csv'][:12]}…)"
+    assert not any("sha256" in key for key in shown_there.keys() - {"data_sha256"})
 
 
 @pytest.mark.parametrize(

@@ -40,9 +40,20 @@ def test_groups_and_keywords_ask_for_the_same() -> None:
     assert str(found) == str(before)
     assert found.provenance["seed"] == before.provenance["seed"] == 3
     text = str(caught[0].message)
+    assert text.startswith("derivatives, autonomous, modes of discover()")
     assert "Roles(states=..., derivatives=..., autonomous=...)" in text
     assert "prior=Prior(modes=...), run=Run(seed=...)" in text
     assert caught[0].filename == __file__
+
+
+def test_states_and_seed_may_stand_alone() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        roles, prior, run = asked(None, None, None, {"states": ["x"], "seed": 3})
+        assert roles == Roles(["x"]) and prior == Prior() and run == Run(seed=3)
+        assert asked(None, None, Run(seed=3), {"states": ["x"]})[2] == run
+    with pytest.warns(DeprecationWarning, match=r"^order of discover\(\) will not stand alone"):
+        asked(None, None, None, {"states": ["x"], "order": 2})
 
 
 def test_every_keyword_of_earlier_versions_has_a_place() -> None:

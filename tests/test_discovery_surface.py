@@ -14,7 +14,7 @@ import sympy
 
 import jaxsr
 from jaxsr._result import InputError
-from jaxsr.discovery.equation import relative_error
+from jaxsr.discovery.equation import Equation, FittedTerm, relative_error
 from jaxsr.discovery.fronts import front_table, latex_text
 from jaxsr.discovery.page import fits_of, shown
 from jaxsr.evolution import SearchConfig
@@ -69,6 +69,20 @@ def test_forms_agree(found):
     assert "q" in found.latex("v", digits=2)
     with pytest.raises(InputError, match="no equation of 'w'"):
         found.latex("w")
+
+
+def test_every_coefficient_is_printed_as_its_interval_justifies():
+    fitted = (
+        FittedTerm(parse("sin(2.3456789*t)"), -0.12125, (-0.12142, -0.12108)),
+        FittedTerm(parse("x + t"), -20.4, (-20.53, -20.27)),
+        FittedTerm(parse("1.0"), 9.819206, (9.80646, 9.83195)),
+        FittedTerm(parse("x"), 1.23456789, (1.23456789, 1.23456789), given=True),
+    )
+    equation = Equation("x", fitted, 0.0, None)
+    text = "-0.12125*sin(2.34568*t) - 20.40*(x + t) + 9.819 + 1.23457*x"
+    assert equation.shown == text
+    assert "1.23456789*x" in equation.expression and "2.3456789*t" in equation.expression
+    parse(text, ["t", "x"])  # still an expression of the grammar
 
 
 def test_it_prints_its_equations(found):

@@ -214,7 +214,9 @@ def test_simulate_takes_the_steps_of_the_file(tmp_path: Path) -> None:
     assert pd.read_csv(out)["hinge_pos"].to_numpy() == pytest.approx(expected, abs=1e-12)
 
 
-def test_without_a_recording_a_robot_starts_where_its_file_says(tmp_path: Path) -> None:
+def test_without_a_recording_a_robot_starts_where_its_file_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     xml = PENDULUM.replace('axis="0 1 0"', 'axis="0 1 0" ref="0.5"')
     xml = xml[: xml.index("<actuator>")] + "</mujoco>"
     (tmp_path / "robot.xml").write_text(xml)
@@ -222,6 +224,7 @@ def test_without_a_recording_a_robot_starts_where_its_file_says(tmp_path: Path) 
     command = ["simulate", str(tmp_path / "robot.xml"), "--duration", "1", "--dt", "0.01"]
     assert main([*command, "--out", str(out)]) == 0
     assert pd.read_csv(out)["hinge"][0] == 0.5
+    assert "start: all states at rest, where the file puts them" in capsys.readouterr().out
 
 
 def test_a_robot_is_opened_by_its_name(tmp_path: Path) -> None:

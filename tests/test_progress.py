@@ -24,11 +24,25 @@ def work(progress: Progress) -> None:
             progress.update(step / 50, f"generation {step}")
 
 
-def test_a_pipe_gets_one_plain_line_per_stage() -> None:
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Return the time that budgets read, to be set."""
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    return now
+
+
+def test_a_pipe_gets_one_plain_line_per_stage_with_the_time_since_the_start(
+    clock: list[float],
+) -> None:
     stream = io.StringIO()
-    with progress_on(stream) as progress:
+    with progress_on(stream, Budget(60.0, 99.0)) as progress:
         work(progress)
-    assert stream.getvalue() == "jaxsr: reading\njaxsr: searching\n"
+        clock[0] = 111.34
+        progress.stage("writing")
+    assert stream.getvalue() == (
+        "jaxsr: 1.0 s: reading\njaxsr: 1.0 s: searching\njaxsr: 12.3 s: writing\n"
+    )
 
 
 def test_a_terminal_gets_a_live_bar(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -37,7 +51,21 @@ def test_a_terminal_gets_a_live_bar(monkeypatch: pytest.MonkeyPatch) -> None:
     with progress_on(stream) as progress:
         work(progress)
     assert "searching: generation 49" in stream.getvalue()
-    assert "\x1b[" in stream.getvalue()
+    assert "\x1b[" in stream.getvalue() and " left" not in stream.getvalue()
+
+
+def test_a_terminal_is_told_what_is_left_and_a_long_line_hides_none_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "60")
+    stream = Terminal()
+    with progress_on(stream, Budget(5000.0)) as progress:
+        progress.stage("estimating")
+        progress.update(0.5, "a set of mechanisms " * 9)
+    shown = stream.getvalue()
+    assert "estimating: a set" in shown and "…" in shown
+    assert "0 s, 5000 s left" in shown
 
 
 def test_the_default_is_silent_and_a_closed_stream_ends_no_job(
@@ -92,10 +120,8 @@ def test_as_budget() -> None:
 
 
 def test_a_step_like_those_before_is_not_begun_where_it_would_end_too_late(
-    monkeypatch: pytest.MonkeyPatch,
+    clock: list[float],
 ) -> None:
-    clock = [100.0]
-    monkeypatch.setattr("time.monotonic", lambda: clock[0])
     budget = Budget(10.0, 100.0)
     figures, unlimited = Repeated(budget), Repeated(Budget())
     asked = []

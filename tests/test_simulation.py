@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from jaxsr import cli
 from jaxsr._result import InputError
 from jaxsr.models import Simulator, parse_model, simulation
-from jaxsr.models.simulation import simulate_to_csv
+from jaxsr.models.simulation import simulate_to_csv, start_told
 from jaxsr.recordings import Recording, read_recording
 
 OSCILLATOR = """
@@ -116,6 +117,18 @@ def test_free_start_is_estimated_on_the_first_samples() -> None:
     assert np.abs(table.q - again.q).max() < 1e-6
 
 
+def test_how_a_run_starts_is_told_as_it_is_done() -> None:
+    long = Recording("a.csv", np.arange(2000) * 0.01, {})
+    short = Recording("b.csv", np.arange(30) * 0.01, {})
+    free, given = forced(free=True).model, forced(free=False).model
+    mixed = replace(given, initial={"q": 0.5, "v": "free"})
+    assert start_told(free, long) == "start: all states estimated on the first 100 samples of a.csv"
+    assert start_told(free, short).endswith("the first 30 samples of b.csv")
+    assert start_told(given, long) == "start: q, v given in [initial]"
+    told = "start: q given in [initial]; v estimated on the first 100 samples of a.csv"
+    assert start_told(mixed, long) == told
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -139,7 +152,7 @@ def test_command_writes_a_recording(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert (
         cli.main(["simulate", str(model), "--duration", "1", "--dt", "0.1", "--out", str(out)]) == 0
     )
-    assert "11 rows" in capsys.readouterr().out
+    assert "11 rows" in (said := capsys.readouterr().out) and "start: q, v given in" in said
     recording = read_recording(out)
     assert np.abs(recording.channel("position") - 0.5 * np.cos(3 * recording.time)).max() < 1e-6
     again = tmp_path / "again.csv"

@@ -23,6 +23,7 @@ from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.integration import choose_stepping, with_smooth
 from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.contest.scoring import horizons
+from jaxsr.diagnosis.judging.leading import leading_beside
 from jaxsr.diagnosis.judging.noise_ratio import in_noise, residual_to_noise
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
@@ -228,7 +229,8 @@ def _screened(
             break
         if len(members) > 1 and (calm or broken >= MOST_BROKEN):
             continue
-        case.progress.update(number / len(starts), _label(arena.super_model, members))
+        label = _label(arena.super_model, members)
+        case.progress.update(number / len(starts), leading_beside(label, arena, entries))
         path = null.fit.path if null.fit.usable else None
         entry = enter(arena, members, start, path, stop)
         promise = promised.get(members, 1.0)
@@ -261,7 +263,11 @@ def _grown(case: Case, arena: Arena, entries: list[Entry]) -> tuple[list[Entry],
     Less time is theirs where a law without a name promises far more than any mechanism.
     """
     growing = case.search.share(GROWING)
-    tell, compared = case.progress.update, case.compared
+    compared = case.compared
+
+    def tell(fraction: float, text: str) -> None:
+        case.progress.update(fraction, leading_beside(text, arena, entries))
+
     rounds = grow(arena, entries, lambda: growing.exhausted, tell, compared)
     for size in itertools.count(1):
         larger = case.failures.attempt("growing sets", lambda: next(rounds, None), None)

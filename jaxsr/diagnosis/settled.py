@@ -28,9 +28,11 @@ from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.explanations import labels_of
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
+from jaxsr.diagnosis.judging.leading import best_so_far, leading
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.loop import State
 from jaxsr.diagnosis.likelihood.paths import path_over
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -61,9 +63,17 @@ def weighed(case: Case) -> Posterior | None:
     def stop() -> bool:
         return patience.exhausted
 
+    def tell(state: State) -> None:
+        null, leader = state.known[()], state.leader
+        labels = (state.work.super_model.candidates[i].label for i in leader.members)
+        lacking = null.share if null is not None else 0.0
+        left = leader.share / lacking if lacking > 0.0 else float("nan")
+        text = best_so_far(labels, left, "the force that re-calibration lacks")
+        case.progress.update(min(patience.elapsed / patience.seconds, 1.0), text)
+
     return case.failures.attempt(
         "weighing mechanisms",
-        lambda: posterior(model, told, case.screened, stop),
+        lambda: posterior(model, told, case.screened, stop, tell),
         None,
     )
 
@@ -189,7 +199,7 @@ def _entered(
     for number, (members, start) in enumerate(starts):
         if number and stop():
             break
-        case.progress.update(number / len(starts))
+        case.progress.update(number / len(starts), leading(arena, entries))
         entries.append(enter(arena, members, start, path, stop, near=near))
         if number == 0:
             arena, entries = in_widths_of_best(arena, entries)

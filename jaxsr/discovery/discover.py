@@ -17,7 +17,13 @@ from jaxsr.discovery.affordable import affordable, evenly
 from jaxsr.discovery.clock import on_clock, origin_of, since
 from jaxsr.discovery.equation import Equation, cut_short
 from jaxsr.discovery.errors import stated
-from jaxsr.discovery.experiments import Source, opened, read_experiments, remarks
+from jaxsr.discovery.experiments import (
+    Source,
+    checksums,
+    opened,
+    read_experiments,
+    remarks,
+)
 from jaxsr.discovery.find import Checkpoint
 from jaxsr.discovery.found import found_model
 from jaxsr.discovery.hybrid import ModeFinder, cut_at, find_resets
@@ -27,6 +33,7 @@ from jaxsr.discovery.known import (
     admission,
     binding_units,
     guessed_terms,
+    known_checksum,
     known_terms,
     signed_terms,
     unit_table,
@@ -73,8 +80,8 @@ def discover(
     run : Run, optional
         Recordings to choose and to report by, seed, budget, checkpoint.
     **keywords
-        Fields of ``roles``, ``prior`` and ``run`` by themselves, as in earlier versions; they go
-        away in the next one.
+        ``states`` and ``seed``, which may stand by themselves. Other fields of ``roles``, ``prior``
+        and ``run`` may as well, as in earlier versions; that goes away in the next one.
 
     Returns
     -------
@@ -110,10 +117,11 @@ def discover(
     integrals = bool(INTEGRALS.keys() & set(config.primitives.functions))
     names = (part.time, *part.states, *part.inputs)
     given = known_terms(prior.known, part.time, names[1:])
+    known_file = known_checksum(prior.known)
     table = {naming.symbol(n): unit for n, unit in unit_table(prior.units).items()}
     signed = signed_terms(prior.signs, part.states, names)
     bound = binding_units(table, prior.bind_units, part.time, (*states, *inputs))
-    guessed = {state: guessed_terms(prior.guesses, state, names) for state in part.states}
+    guessed = guessed_terms(prior.guesses, part.states, names)
     admits = admission(bound, part) if bound or integrals else None
     kept = Checkpoint(Path(run.checkpoint), run.every) if run.checkpoint is not None else None
     stated_terms = PriorTerms(given, guessed, signed, admits)
@@ -168,7 +176,7 @@ def discover(
     judged_by, unseen_files, runs = rest.stopped_by, {}, ()
     if run.held_out:
         unread = opened(run.held_out, part, naming, time)
-        unseen_files = {"held_out_sha256": {r.name: r.sha256 for r in unread if r.sha256}}
+        unseen_files = {"held_out_sha256": checksums(unread)}
         unread = since(unread, origin)
         unread = cut_at(unread, resets) if resets else unread
         unseen = thin(unread, part, limit.seconds, joined=integrals)
@@ -183,8 +191,10 @@ def discover(
         "seconds": now() - began,
         "stopped_by": reason or StoppedBy.CONVERGED,
         "estimated_derivatives": sorted(experiments.rows.estimated),
-        "data_sha256": {r.name: r.sha256 for r in read if r.sha256},
+        "data_sha256": checksums(read),
+        **({"validation_sha256": checksums(unjudged)} if unjudged else {}),
         **unseen_files,
+        **({"known_sha256": known_file} if known_file else {}),
     }
     if str(data):
         provenance["thinned"] = f"{data}; estimated on {used} rows"

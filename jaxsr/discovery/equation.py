@@ -14,11 +14,15 @@ from jaxsr.discovery.choose import Candidate, predict
 from jaxsr.discovery.samples import Samples
 from jaxsr.expressions import to_sympy, to_text
 from jaxsr.expressions.editing import ONE
+from jaxsr.expressions.printing import number_text
 from jaxsr.expressions.term import Term
 
 if TYPE_CHECKING:
     import sympy
     from jaxtyping import Float
+
+DIGITS = 6
+"""Significant digits of numbers without an interval, where they are printed for a reader."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +47,11 @@ class FittedTerm:
     def interval(self) -> Interval:
         """Return the 95 % interval of the coefficient."""
         return Interval(*self.ci95)
+
+    @property
+    def shown(self) -> str:
+        """Return the coefficient with the digits that its interval justifies, else with six."""
+        return self.interval.text(self.coefficient) or number_text(self.coefficient, DIGITS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +100,14 @@ class Equation:
         """Return the right-hand side in the model grammar."""
         return to_text(self.term)
 
+    @property
+    def shown(self) -> str:
+        """Return the right-hand side for a reader: every number with the digits it deserves."""
+        terms = [t.term for t in self.terms]
+        weights = [t.coefficient for t in self.terms]
+        texts = [t.shown.removeprefix("-") for t in self.terms]
+        return to_text(weighted_sum(terms, weights, texts), DIGITS)
+
     def trimmed(self) -> Equation:
         """Return the equation with what nothing smaller beats on its front, and its pick.
 
@@ -137,20 +154,28 @@ def cut_short(reasons: Iterable[StoppedBy]) -> StoppedBy | None:
     return next((reason for reason in early if reason in given), None)
 
 
-def weighted_sum(terms: Sequence[Term], coefficients: Sequence[float]) -> Term:
-    """Return coefficient times term, summed, written with as few signs as can be."""
+def weighted_sum(
+    terms: Sequence[Term], coefficients: Sequence[float], texts: Sequence[str] | None = None
+) -> Term:
+    """Return coefficient times term, summed, written with as few signs as can be.
 
-    def part(c: float, term: Term) -> Term:
-        if term == ONE:
-            return Term.constant(c)
-        return term if c == 1.0 else Term.apply("mul", Term.constant(c), term)
+    With `texts`, sizes of the coefficients as they shall read, it is a term to be printed alone.
+    """
 
-    pairs = [(float(c), term) for c, term in zip(coefficients, terms, strict=True)]
-    if not pairs:
+    def part(k: int, c: float) -> Term:
+        number = Term.constant(c)
+        if texts is not None:
+            number = Term.variable(f"-{texts[k]}" if c < 0.0 else texts[k])
+        if terms[k] == ONE:
+            return number
+        return terms[k] if c == 1.0 else Term.apply("mul", number, terms[k])
+
+    values = [float(c) for c in coefficients]
+    if not values:
         return Term.constant(0.0)
-    total = part(*pairs[0])
-    for c, term in pairs[1:]:
-        total = Term.apply("sub" if c < 0.0 else "add", total, part(abs(c), term))
+    total = part(0, values[0])
+    for k, c in enumerate(values[1:], start=1):
+        total = Term.apply("sub" if c < 0.0 else "add", total, part(k, abs(c)))
     return total
 
 

@@ -80,6 +80,11 @@ def read_experiments(
     return Experiments(roles, known, rows, train, judge)
 
 
+def checksums(recordings: Sequence[Recording]) -> dict[str, str]:
+    """Return the SHA-256 of recordings that came from files, by name."""
+    return {r.name: r.sha256 for r in recordings if r.sha256}
+
+
 def opened(
     sources: Sequence[Source], part: Roles, naming: Naming, time: str | None
 ) -> list[Recording]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from jaxsr._files import sha256
 from jaxsr._result import InputError
 from jaxsr.discovery.equation import Equation
 from jaxsr.discovery.samples import Roles
@@ -43,6 +44,12 @@ def known_terms(
     return {s: term for s, term in out.items() if s in names}
 
 
+def known_checksum(known: str | Path | Model | None) -> dict[str, str]:
+    """Return the SHA-256 of the file of the known part, by its name."""
+    path = Path(known) if isinstance(known, str | Path) else None
+    return {} if path is None else {path.name: sha256(path)}
+
+
 def unit_table(units: str | Path | Mapping[str, str] | None) -> dict[str, str]:
     """Return the unit of each column, from a mapping or the [units] table of a file."""
     if units is None or isinstance(units, Mapping):
@@ -54,14 +61,22 @@ def unit_table(units: str | Path | Mapping[str, str] | None) -> dict[str, str]:
 
 
 def guessed_terms(
-    guesses: Mapping[str, Sequence[str]] | None, state: str, names: Sequence[str]
-) -> tuple[tuple[Term, ...], ...]:
-    """Return the sets of terms of a state's guessed expressions."""
-    texts = (guesses or {}).get(state, ())
-    if isinstance(texts, str):
-        texts = (texts,)
-    where = f"guesses of {state}"
-    return tuple(edit([parse(text, names, where, integrals=True)]) for text in texts)
+    guesses: Mapping[str, Sequence[str]] | None, states: Sequence[str], names: Sequence[str]
+) -> dict[str, tuple[tuple[Term, ...], ...]]:
+    """Return, for each state, the sets of terms of its guessed expressions.
+
+    Raises
+    ------
+    InputError
+        A state is unknown, or an expression is not of the grammar.
+    """
+    out: dict[str, tuple[tuple[Term, ...], ...]] = {state: () for state in states}
+    for state, texts in (guesses or {}).items():
+        if state not in states:
+            raise InputError(f"{state!r} is no state", "guesses", f"Known: {', '.join(states)}.")
+        where, each = f"guesses of {state}", (texts,) if isinstance(texts, str) else texts
+        out[state] = tuple(edit([parse(text, names, where, integrals=True)]) for text in each)
+    return out
 
 
 def signed_terms(

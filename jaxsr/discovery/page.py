@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,9 +11,10 @@ import pandas as pd
 
 from jaxsr._progress import Budget
 from jaxsr.discovery.equation import Equation, relative_error
-from jaxsr.discovery.hybrid import Hybrid
+from jaxsr.discovery.hybrid import Hybrid, Mode
 from jaxsr.discovery.hybrid.picture import mode_plane
 from jaxsr.discovery.samples import Samples
+from jaxsr.discovery.verdict import Verdict
 from jaxsr.report import EquationFit, write_discovery_report
 from jaxsr.report.equation_figures import MOST_FITS
 from jaxsr.report.evidence import ModelRun
@@ -22,6 +23,13 @@ from jaxsr.report.style import Pace
 
 _SHARE = 0.2  # of the budget, at most, for the report
 _WRITING, _FIGURE = 0.6, 0.4  # seconds for the page and for a figure
+
+_CHECKSUMS = {
+    "validation_sha256": "Validation",
+    "held_out_sha256": "Held out",
+    "known_sha256": "Known part",
+}
+_DIGITS = 12  # of a checksum in the report, which is enough to tell files apart
 
 
 class Found(Protocol):
@@ -39,6 +47,10 @@ class Found(Protocol):
     def provenance(self) -> Mapping[str, Any]: ...
     @property
     def pareto(self) -> pd.DataFrame: ...
+    @property
+    def modes(self) -> tuple[Mode, ...]: ...
+    @property
+    def judgement(self) -> Verdict: ...
     @property
     def held_out_runs(self) -> tuple[ModelRun, ...]: ...
     def to_dict(self) -> dict[str, Any]: ...
@@ -66,9 +78,12 @@ def shown(discovery: Found) -> dict[str, Any]:
     """Return ``discovery.json`` as the report shows it.
 
     Of each front the pick, and the best of every other number of terms that beats all fewer;
-    relative errors; no interval where a coefficient is exact by definition.
+    relative errors; no interval where a coefficient is exact by definition; equations with the
+    digits that intervals justify.
     """
     document = discovery.to_dict()
+    for equation, entry in _written(discovery, document):
+        entry["shown"] = equation.shown
     for equation, entry in zip(discovery.equations, document["equations"], strict=True):
         entry["relative_error"] = relative_error(equation, discovery.samples)
         for term in entry["terms"]:
@@ -83,12 +98,30 @@ def shown(discovery: Found) -> dict[str, Any]:
     for state, front in document["pareto"].items():
         front[:] = _undominated([point for point in points if point["state"] == state])
     computed = document["provenance"].pop("estimated_derivatives", ())
+    for key, words in _CHECKSUMS.items():
+        files = document["provenance"].pop(key, {})
+        if files:
+            told = (f"{name} (SHA-256 {digest[:_DIGITS]}…)" for name, digest in files.items())
+            document["provenance"][words] = ", ".join(told)
     if discovery.columns:
         told = (f"{symbol} is {column}" for symbol, column in discovery.columns.items())
         document["provenance"]["Columns"] = ", ".join(told)
     if computed:
         document["provenance"]["Rates computed for"] = ", ".join(computed)
     return document
+
+
+def _written(
+    discovery: Found, document: dict[str, Any]
+) -> Iterator[tuple[Equation, dict[str, Any]]]:
+    """Yield every equation that the report shows, and its entry."""
+    modes = zip(discovery.modes, document["modes"], strict=True)
+    laws = [(mode.equations, entry["equations"]) for mode, entry in modes]
+    others = zip(discovery.judgement.alternatives, document["alternatives"], strict=True)
+    laws += [(other.equations, entries) for other, entries in others]
+    laws.append((discovery.equations, document["equations"]))
+    for equations, entries in laws:
+        yield from zip(equations, entries, strict=True)
 
 
 def _undominated(points: list[dict[Any, Any]]) -> list[dict[Any, Any]]:

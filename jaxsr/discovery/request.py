@@ -120,10 +120,16 @@ class Run:
     command: str = "jaxsr.discover"
 
 
+STABLE = ("states", "seed")
+"""Fields that may stand by themselves in a call of ``discover`` for good."""
+
+
 def asked(
     roles: Roles | None, prior: Prior | None, run: Run | None, old: Mapping[str, Any]
 ) -> tuple[Roles, Prior, Run]:
-    """Return the three, with keywords of earlier versions put where they belong.
+    """Return the three, with keywords that stand by themselves put where they belong.
+
+    Those that are not `STABLE` are of earlier versions and warned of.
 
     Raises
     ------
@@ -139,7 +145,8 @@ def asked(
             kind = _KINDS[home[name]].__name__
             raise TypeError(f"discover() got {name!r} beside a {kind}; write it in {kind}(...)")
     own = {g: {n: v for n, v in old.items() if home[n] == g} for g in _KINDS}
-    if old:
+    going = [name for name in old if name not in STABLE]
+    if going:
         parts = [
             f"{'' if group == 'roles' else f'{group}='}{_KINDS[group].__name__}"
             f"({', '.join(f'{name}=...' for name in values)})"
@@ -147,7 +154,7 @@ def asked(
             if values
         ]
         warnings.warn(
-            "these keywords of discover() go away in the next version; write "
+            f"{', '.join(going)} of discover() will not stand alone in the next version; write "
             f"discover(recordings, {', '.join(parts)})",
             DeprecationWarning,
             stacklevel=3,

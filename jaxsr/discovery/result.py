@@ -111,8 +111,8 @@ class Discovery(EquationForms):
         return pd.DataFrame(rows, columns=[*names, "expression", "picked"])
 
     def __str__(self) -> str:
-        """Return the equations, one a line, coefficients to six digits."""
-        return "\n".join(f"d({e.state})/dt = {to_text(e.term, 6)}" for e in self.equations)
+        """Return the equations, one a line, coefficients as their intervals justify."""
+        return "\n".join(f"d({e.state})/dt = {e.shown}" for e in self.equations)
 
     def summary(self) -> str:
         """Return the verdict and the equations in words, for a terminal."""
@@ -129,7 +129,7 @@ class Discovery(EquationForms):
         told.append(str(self))
         for place, other in enumerate(judged.alternatives):
             lines = "; ".join(
-                f"d({e.state})/dt = {to_text(e.term, 6)}"
+                f"d({e.state})/dt = {e.shown}"
                 for e, own in zip(other.equations, self.equations, strict=True)
                 if e is not own
             )

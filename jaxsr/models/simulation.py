@@ -98,6 +98,26 @@ def start_on(simulator: Simulator, recording: Recording) -> tuple[Prepared, np.n
     return item, _start(simulator, item, np.array(simulator.values(), dtype=float))[:, 0]
 
 
+def start_told(model: Model, recording: Recording | None) -> str:
+    """Return how a run starts, in words: which states as given, which as estimated on what."""
+    free = [s for s in model.states if model.initial.get(s, FREE) == FREE]
+    given = [s for s in model.states if s not in free]
+    parts = [f"{', '.join(given)} given in [initial]"] if given else []
+    if free:
+        names = ", ".join(free) if given else "all states"
+        if recording is None:  # only a robot has a place of its own to start from
+            parts.append(f"{names} at rest, where the file puts them")
+        else:
+            count = _start_samples(len(recording))
+            parts.append(f"{names} estimated on the first {count} samples of {recording.name}")
+    return f"start: {'; '.join(parts)}"
+
+
+def _start_samples(samples: int) -> int:
+    """Return how many samples a free start is estimated on."""
+    return min(samples, max(START_SAMPLES, int(np.ceil(START_SHARE * samples))))
+
+
 def _filled(model: Model, item: Prepared) -> tuple[Prepared, np.ndarray | slice]:
     """Add rows where others are missing, so that no step between two rows is a long one.
 
@@ -175,7 +195,7 @@ def _start(simulator: Simulator, item: Prepared, theta: np.ndarray) -> np.ndarra
     guess = np.where(free, item.states.values[0], given)[:, None]
     if not free.any():
         return guess
-    count = min(item.time.size, max(START_SAMPLES, int(np.ceil(START_SHARE * item.time.size))))
+    count = _start_samples(item.time.size)
     widths = _widths(simulator, item, item.states.values.T, theta)
     stepping = Stepping("rodas3", 4, widths)
     segments = build_segments(model, [item], [(0, 0, count)], stepping.substeps)

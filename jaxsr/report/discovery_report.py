@@ -8,6 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from jaxsr._interval import MOST_DIGITS
 from jaxsr.report.equation_figures import (
     MOST_FRONTS,
     fit_figures,
@@ -203,6 +204,8 @@ def _equation(equation: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "state": str(equation.get("state")),
         "expression": equation.get("expression"),
+        "shown": equation.get("shown") or equation.get("expression"),
+        "digits": MOST_DIGITS if equation.get("shown") else 4,
         "terms": terms,
         "errors": facts,
         "complexity": number(equation.get("complexity")),

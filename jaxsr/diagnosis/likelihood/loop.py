@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 
@@ -125,7 +125,9 @@ def begun(work: Workspace, near: Hypothesis | None = None) -> tuple[State, Table
     return State(work, {(): null}), table
 
 
-def search(work: Workspace, near: Hypothesis | None = None) -> State:
+def search(
+    work: Workspace, near: Hypothesis | None = None, tell: Callable[[State], None] | None = None
+) -> State:
     """Grow the leading set until nothing that was offered adds to it, or time is over.
 
     Where the largest set that is weighed leads, more is missing than can be told: the search ends.
@@ -134,6 +136,8 @@ def search(work: Workspace, near: Hypothesis | None = None) -> State:
     ----------
     near : Hypothesis, optional
         Re-calibration as it was estimated before.
+    tell : callable, optional
+        Hears what is known before each step.
     """
     state, table = begun(work, near)
     if state.known[()] is None:
@@ -141,6 +145,8 @@ def search(work: Workspace, near: Hypothesis | None = None) -> State:
     while not work.stop() and state.leader.members not in state.grown:
         if len(state.leader.members) == MOST_MEMBERS:
             return replace(state, grown=state.grown | {state.leader.members})
+        if tell is not None:
+            tell(state)
         state = step(state, table)
     return state
 

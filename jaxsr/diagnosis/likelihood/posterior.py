@@ -156,6 +156,7 @@ def posterior(
     prepared: Sequence[Prepared],
     screened: Screened | None = None,
     stop: Callable[[], bool] = lambda: False,
+    tell: Callable[[State], None] | None = None,
 ) -> Posterior | None:
     """Search by evidence; None where not even re-calibration can be followed.
 
@@ -167,9 +168,11 @@ def posterior(
         The weak view, where equations can be read off the sensors.
     stop : callable
         Whether time is over.
+    tell : callable, optional
+        Hears what is known before each step of the search.
     """
     course = followed(model, prepared, stop)
-    return None if course is None else posterior_along(model, course, screened, stop)
+    return None if course is None else posterior_along(model, course, screened, stop, tell)
 
 
 def posterior_along(
@@ -177,12 +180,13 @@ def posterior_along(
     course: Course,
     screened: Screened | None = None,
     stop: Callable[[], bool] = lambda: False,
+    tell: Callable[[State], None] | None = None,
 ) -> Posterior | None:
     """Search by evidence from what re-calibration follows (`followed`)."""
     seen = () if screened is None else screened.super_model.candidates
     super_model = SuperModel.build(model, offered(model, course, seen))
     work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise, stop)
-    state = search(work, course.null)
+    state = search(work, course.null, tell)
     null = state.known[()]
     if null is None:
         return None

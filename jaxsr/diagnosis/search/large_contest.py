@@ -16,6 +16,7 @@ from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.integration import choose_stepping, rounded_explicit
 from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.judging.alternatives import shares
+from jaxsr.diagnosis.judging.leading import leading_beside
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.mechanisms import sensor_candidates
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
@@ -114,7 +115,8 @@ def _settled(
             expected = around.entry(members)
             start = best.fit.theta if expected is None else expected.fit.theta
             start = np.clip(start, *arena.bounds)
-            case.progress.update(0.0, f"set {len(tried)}: {_change(arena, best, members)}")
+            doing = f"set {len(tried)}: {_change(arena, best, members)}"
+            case.progress.update(0.0, leading_beside(doing, arena, [entries[0], best]))
             entry = enter(arena, members, start, best.fit.path, _stop(case), WHOLE)
             entries.append(entry)
             if entry.fit.usable and _share(arena, best, entry, rng) > 0.5:
