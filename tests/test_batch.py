@@ -19,7 +19,7 @@ import pytest
 
 import jaxsr
 from jaxsr import cli
-from jaxsr.batch import Case, Fleet, diagnose_many, engine, many, read_cases
+from jaxsr.batch import Case, Fleet, cluster, diagnose_many, engine, many, read_cases
 from jaxsr.batch.task import DONE, Outcome, Task
 
 DECAY = """
@@ -253,7 +253,7 @@ def test_paths_start_at_the_file_of_the_cases(folder: Path) -> None:
 
 def test_dask_is_asked_for_in_a_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(jaxsr.InputError, match="no scheduler answers"):
-        monkeypatch.setattr(engine, "_PATIENCE", 0.2)
+        monkeypatch.setattr(cluster, "PATIENCE", 0.2)
         diagnose_many("cases.toml", "out", scheduler="tcp://127.0.0.1:9")
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(jaxsr.InputError, match=r"needs Dask.*jaxsr-dynamics\[batch\]"):

@@ -1,0 +1,50 @@
+"""How far a batch is, told as it goes."""
+
+from __future__ import annotations
+
+from jaxsr._progress import Progress
+from jaxsr.batch.board import Board
+from jaxsr.batch.task import Outcome
+
+
+class Tally:
+    """Tell how many tasks are done, failed, run and wait: a line for each that ends, and a bar.
+
+    Parameters
+    ----------
+    progress : Progress
+    board : Board
+        What ended, before the first line too.
+    """
+
+    def __init__(self, progress: Progress, board: Board) -> None:
+        self._progress, self._board = progress, board
+        self._total, self._running = len(board.tasks), 0
+        done = len(board.ended)
+        already = f"{done} of {self._total} cases are done already"
+        progress.stage(already if done else f"{self._total} cases")
+
+    def run(self, running: int) -> None:
+        """Hear how many tasks run."""
+        self._running = running
+        self._progress.update(self._fraction, self._words)
+
+    def end(self, outcome: Outcome, repeated: bool) -> None:
+        """Tell how a task ended, and what is left."""
+        self._running = max(self._running - 1, 0)
+        again = "tried again: " if repeated else ""
+        told = f"{again}{outcome.name}: {outcome.message or 'done'}"
+        self._progress.stage(f"{self._words}: {told}")
+        self._progress.update(self._fraction)
+
+    @property
+    def _fraction(self) -> float:
+        return len(self._board.ended) / self._total
+
+    @property
+    def _words(self) -> str:
+        ended = self._board.ended.values()
+        done = sum(outcome.done for outcome in ended)
+        waiting = max(self._total - len(ended) - self._running, 0)
+        failed = len(ended) - done
+        return f"{done} of {self._total} done, {failed} failed, {self._running} run, {waiting} wait"
