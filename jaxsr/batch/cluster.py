@@ -155,7 +155,7 @@ def _client(distributed: Any, workers: int, scheduler: str | None) -> Any:
         threads_per_worker=1,
         processes=False,
         memory_limit=None,
-        dashboard_address=None,
+        dashboard_address="127.0.0.1:0",
         silence_logs=logging.ERROR,
         set_as_default=False,
     )

@@ -54,15 +54,15 @@ def regression(design: Vector, values: Vector, errors: Vector) -> Regression:
     floor = (_TINY * max(float(np.max(np.abs(values))), np.finfo(float).tiny)) ** 2
     own = errors**2 + floor
 
-    def excess(variance: float) -> float:
-        weights = 1.0 / (variance + own)
+    def excess(share: float) -> float:
+        weights = 1.0 / (share * most + own)
         left = values - design @ _solved(design, values, weights)[0]
         return float(np.sum(weights * left**2)) - freedom
 
-    # At the plain variance of the residuals the sum is no more than the degrees of freedom.
+    # With the plain variance of the residuals the sum is no more than the degrees of freedom.
     variance = 0.0
     if excess(0.0) > 0.0:
-        variance = float(cast("Any", optimize).brentq(excess, 0.0, most))
+        variance = most * float(cast("Any", optimize).brentq(excess, 0.0, 2.0))
     return Regression(*_solved(design, values, 1.0 / (variance + own)), variance, freedom)
 
 

@@ -61,7 +61,7 @@ def batch_page(shown: Shown) -> str:
         "cases": cases,
         "laws": [_law(name, document) for name, document in laws.items()],
         "remarks": [remark for constant in shown.constants for remark in constant.remarks()],
-        "alarm": percent(shown.alarm),
+        "alarm": f"{100.0 * shown.alarm:g} %",
         "constants": [constant.card() for constant in shown.constants],
         "failures": list(shown.failures.items()),
         "waiting": list(shown.waiting),
