@@ -258,6 +258,7 @@ def passes(folder: Path, count: int, budget: float, few: int) -> dict[str, Any]:
     }
     return {
         **{"count": count, "budget_s": budget, "one": one, "two": two, "killed": kills},
+        "alone": len(list(folder.glob("alone/*/diagnosis.json"))),
         "rate_ratio": round(one["seconds"] / two["seconds"], 3),
         "ended_by_budget": {out: len(names) for out, names in cut.items()},
         "differing": promised,
@@ -284,6 +285,7 @@ def main() -> int:
     print(f"ended by the budget: {shown['ended_by_budget']}; differing: {shown['differing']}")
     if not args.quick:
         write("batch_rate", "many diagnoses on two workers", [SEED], shown)
+        shutil.rmtree(folder)  # the next run measures anew
     kills = shown["killed"]
     whole = not (kills["status"] or kills["lost"] or kills["done_twice"])
     met = whole and kills["worker_killed"] and kills["command_killed"]
