@@ -285,7 +285,8 @@ def main() -> int:
     print(f"ended by the budget: {shown['ended_by_budget']}; differing: {shown['differing']}")
     if not args.quick:
         write("batch_rate", "many diagnoses on two workers", [SEED], shown)
-        shutil.rmtree(folder)  # the next run measures anew
+        if args.folder is None:
+            shutil.rmtree(folder)  # the next run measures anew
     kills = shown["killed"]
     whole = not (kills["status"] or kills["lost"] or kills["done_twice"])
     met = whole and kills["worker_killed"] and kills["command_killed"]

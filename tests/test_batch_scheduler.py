@@ -6,11 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from batch_stand_in import DOCUMENT, MODEL, stand_in
@@ -20,6 +23,7 @@ import jaxsr
 from jaxsr import cli
 from jaxsr.batch import Case, cluster, diagnose_many, engine
 from jaxsr.batch.claim import claimed
+from jaxsr.batch.task import NOT_BEGUN
 
 PATIENCE = 60.0
 
@@ -51,11 +55,11 @@ class Machines:
         self.all.append(process)
         return process
 
-    def scheduler(self) -> subprocess.Popen[bytes]:
+    def scheduler(self, port: str = "0") -> subprocess.Popen[bytes]:
         file = self.folder / "scheduler.json"
         file.unlink(missing_ok=True)
         process = self.start(
-            *("distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard"),
+            *("distributed.cli.dask_scheduler", "--port", port, "--no-dashboard"),
             *("--host", "127.0.0.1", "--scheduler-file", str(file)),
         )
         until(file.exists)
@@ -101,8 +105,6 @@ def words(word: str) -> Counter[str]:
 @contextmanager
 def killing(process: subprocess.Popen[bytes], when: Callable[[], bool]) -> Iterator[None]:
     """Kill a process outright as soon as something is true."""
-    import threading
-
     over = threading.Event()
 
     def watch() -> None:
@@ -161,8 +163,6 @@ def test_what_was_given_up_and_goes_on_is_not_done_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A second worker waits for the first, which a scheduler believed dead, and takes its word."""
-    import threading
-
     monkeypatch.chdir(tmp_path)
     Path("m.toml").write_text(MODEL)
     Path("a.csv").write_text("t,x\n0,1\n")
@@ -182,6 +182,105 @@ def test_what_was_given_up_and_goes_on_is_not_done_twice(
     assert (
         not task.claim.exists() and (tmp_path / "out/case/diagnosis.json").read_text() == DOCUMENT
     )
+
+
+@dataclass(eq=False)
+class Given:
+    """A future of the client below."""
+
+    key: str
+    status: str = "pending"
+
+
+class Client:
+    """A client of Dask whose futures do what they are told."""
+
+    status = "running"
+
+    def __init__(self) -> None:
+        self.given: list[Any] = []
+
+    def submit(self, work: Any, task: Any, *, key: str, pure: bool) -> Any:
+        self.given.append(Given(key))
+        return self.given[-1]
+
+
+@pytest.mark.parametrize("status", ["lost", "cancelled"])
+def test_what_dask_loses_is_given_out_once_more(tmp_path: Path, status: str) -> None:
+    client = Client()
+    futures = cluster.Futures(client, stand_in)
+    task = engine.Task("case", Case("m.toml", "a.csv"), "out", str(tmp_path))
+    futures.submit(task)
+    assert not list(futures.ended())
+    client.given[0].status = status
+    client.status = "connecting"  # its scheduler may come back
+    assert not list(futures.ended()) and len(client.given) == 1
+    client.status = "running"
+    assert not list(futures.ended()) and len(client.given) == 2
+    assert client.given[0].key != client.given[1].key
+    client.given[1].status = status
+    (outcome,) = futures.ended()
+    assert outcome.message == "lost twice by Dask" and outcome.repeatable and not len(futures)
+
+    futures.submit(task)
+    client.given[2].status, client.status = status, "closed"
+    with pytest.raises(jaxsr.InputError, match="the scheduler is gone"):
+        list(futures.ended())
+    task.mark.parent.mkdir()
+    task.mark.write_text("")  # what its process wrote counts, who heard of it or not
+    (outcome,) = futures.ended()
+    assert outcome.done and not len(futures)
+
+
+def test_workers_that_are_asked_to_end_begin_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed")
+    began: list[str] = []
+
+    def run(task: engine.Task, stop: Callable[[], bool]) -> engine.Outcome:
+        if stop():
+            return engine.Outcome(task.name, 130, NOT_BEGUN)
+        began.append(task.name)
+        while not stop():
+            time.sleep(0.02)
+        return engine.Outcome(task.name, 130)
+
+    monkeypatch.setattr(engine, "run_task", run)
+    case = Case("m.toml", "a.csv")
+    tasks = [engine.Task(f"case_{k}", case, "out", str(tmp_path)) for k in range(9)]
+    asked = engine.Engine(workers=2, stop=lambda: len(began) >= 2)
+    ended = [outcome.name for outcome in asked.outcomes(tasks)]
+    assert sorted(ended) == sorted(began) and 2 <= len(ended) < 9
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_comes_back_is_used_again(
+    machines: Machines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "_task", stand_in)
+    Path("m.toml").write_text(MODEL)
+    Path("a.csv").write_text("t,x\n0,1\n")
+    names = [f"case_{k}" for k in range(5)]
+    scheduler = machines.scheduler()
+    machines.worker()
+    address = machines.address
+
+    def restart() -> bool:
+        if words("ended").total() < 1:
+            return False
+        scheduler.kill()
+        scheduler.wait()
+        machines.scheduler(port=address.rpartition(":")[2])
+        machines.worker()
+        return True
+
+    with killing(scheduler, restart):
+        fleet = diagnose_many(
+            {name: Case("m.toml", "a.csv") for name in names}, "out", scheduler=address
+        )
+    assert machines.address == address and list(fleet) == names
+    assert words("ended") == Counter(names)
 
 
 @pytest.mark.slow

@@ -47,7 +47,7 @@ class Engine:
     tell: Callable[[int], None] = ignore
 
     def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
-        """Run tasks; yield each outcome as it comes.
+        """Run tasks; yield each outcome as it comes, none of what did not begin.
 
         Raises
         ------
@@ -61,7 +61,9 @@ class Engine:
             if self.stop():
                 return
             self.tell(1)
-            yield run_task(task, self.stop)
+            outcome = run_task(task, self.stop)
+            if outcome.begun:
+                yield outcome
 
     def _on_dask(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
         """Run tasks on workers; Dask gives those of a worker that is lost to another one."""
@@ -78,7 +80,7 @@ class Engine:
                 if time.monotonic() - counted >= _COUNT:
                     self.tell(futures.running())
                     counted = time.monotonic()
-                yield from futures.ended()
+                yield from (outcome for outcome in futures.ended() if outcome.begun)
                 time.sleep(_LOOK)
 
 

@@ -26,12 +26,12 @@ class Tally:
 
     def run(self, running: int) -> None:
         """Hear how many tasks run."""
-        self._running = running
-        self._progress.update(self._fraction, self._words)
+        if running != self._running:
+            self._running = running
+            self._progress.update(self._fraction, self._words)
 
     def end(self, outcome: Outcome, repeated: bool) -> None:
         """Tell how a task ended, and what is left."""
-        self._running = max(self._running - 1, 0)
         again = "tried again: " if repeated else ""
         told = f"{again}{outcome.name}: {outcome.message or 'done'}"
         self._progress.stage(f"{self._words}: {told}")
@@ -44,7 +44,7 @@ class Tally:
     @property
     def _words(self) -> str:
         ended = self._board.ended.values()
-        done = sum(outcome.done for outcome in ended)
-        waiting = max(self._total - len(ended) - self._running, 0)
-        failed = len(ended) - done
-        return f"{done} of {self._total} done, {failed} failed, {self._running} run, {waiting} wait"
+        left, done = self._total - len(ended), sum(outcome.done for outcome in ended)
+        running = min(self._running, left)  # who ended a task begins the next one
+        failed, waiting = len(ended) - done, left - running
+        return f"{done} of {self._total} done, {failed} failed, {running} run, {waiting} wait"

@@ -17,6 +17,7 @@ from jaxsr._process import INTERRUPTED
 from jaxsr.batch.claim import claimed
 
 DONE, REFUSED = 0, 2  # exit statuses of the command
+NOT_BEGUN = "jaxsr: interrupted before it began"
 _POLL = 0.1  # seconds
 _LONGEST = 4000  # characters of what a failed process said
 _GIB = 2**30
@@ -120,6 +121,11 @@ class Outcome:
         return self.status == DONE
 
     @property
+    def begun(self) -> bool:
+        """Whether it ran at all: the batch was not asked to end before."""
+        return self.said != NOT_BEGUN
+
+    @property
     def repeatable(self) -> bool:
         """Whether another try could end otherwise: input that is refused is refused again."""
         return self.status not in (DONE, REFUSED, INTERRUPTED)
@@ -150,7 +156,7 @@ def run_task(task: Task, stop: Callable[[], bool] = lambda: False) -> Outcome:
     task.claim.parent.mkdir(parents=True, exist_ok=True)
     with claimed(task.claim, stop) as held:
         if stop():
-            return Outcome(task.name, INTERRUPTED, "jaxsr: interrupted before it began")
+            return Outcome(task.name, INTERRUPTED, NOT_BEGUN)
         if task.is_done():  # by a worker that a scheduler had given up
             return Outcome(task.name, DONE)
         return _run(task, stop, () if held is None else (held,))
