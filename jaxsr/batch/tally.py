@@ -19,7 +19,7 @@ class Tally:
 
     def __init__(self, progress: Progress, board: Board) -> None:
         self._progress, self._board = progress, board
-        self._total, self._running = len(board.tasks), 0
+        self._total, self._running, self._told = len(board.tasks), 0, False
         done = len(board.ended)
         already = f"{done} of {self._total} cases are done already"
         progress.stage(already if done else f"{self._total} cases")
@@ -28,10 +28,14 @@ class Tally:
         """Hear how many tasks run."""
         if running != self._running:
             self._running = running
-            self._progress.update(self._fraction, self._words)
+            # The line of the last end has the other counts.
+            words = f"{running} run" if self._told else self._words
+            self._progress.update(self._fraction, words)
 
     def end(self, outcome: Outcome, repeated: bool) -> None:
         """Tell how a task ended, and what is left."""
+        self._told, left = True, self._total - len(self._board.ended)
+        self._running = min(self._running, left)  # who ended a task begins the next one
         again = "tried again: " if repeated else ""
         told = f"{again}{outcome.name}: {outcome.message or 'done'}"
         self._progress.stage(f"{self._words}: {told}")
@@ -44,7 +48,7 @@ class Tally:
     @property
     def _words(self) -> str:
         ended = self._board.ended.values()
-        left, done = self._total - len(ended), sum(outcome.done for outcome in ended)
-        running = min(self._running, left)  # who ended a task begins the next one
-        failed, waiting = len(ended) - done, left - running
+        done, running = sum(outcome.done for outcome in ended), self._running
+        # A task that is tried again runs, and counts as failed until it is done.
+        failed, waiting = len(ended) - done, max(self._total - len(ended) - running, 0)
         return f"{done} of {self._total} done, {failed} failed, {running} run, {waiting} wait"
