@@ -19,7 +19,7 @@ import pytest
 
 import jaxsr
 from jaxsr import cli
-from jaxsr.batch import Case, Fleet, diagnose_many, engine, many, read_cases
+from jaxsr.batch import Case, Fleet, cluster, diagnose_many, engine, many, read_cases
 from jaxsr.batch.task import DONE, Outcome, Task
 
 DECAY = """
@@ -253,7 +253,7 @@ def test_paths_start_at_the_file_of_the_cases(folder: Path) -> None:
 
 def test_dask_is_asked_for_in_a_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(jaxsr.InputError, match="no scheduler answers"):
-        monkeypatch.setattr(engine, "_PATIENCE", 0.2)
+        monkeypatch.setattr(cluster, "PATIENCE", 0.2)
         diagnose_many("cases.toml", "out", scheduler="tcp://127.0.0.1:9")
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(jaxsr.InputError, match=r"needs Dask.*jaxsr-dynamics\[batch\]"):
@@ -266,3 +266,32 @@ def test_dask_is_asked_for_in_a_line(folder: Path, monkeypatch: pytest.MonkeyPat
 def test_an_empty_fleet_says_so(tmp_path: Path) -> None:
     fleet: Any = Fleet(tmp_path, ("a",), {}, {})
     assert str(fleet).splitlines()[1].split() == ["a", "-", "did", "not", "run"]
+
+
+def test_counts_are_told_as_cases_end(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines: list[str] = []
+    shares: list[float] = []
+
+    class Heard:
+        def stage(self, text: str) -> None:
+            lines.append(text)
+
+        def update(self, fraction: float, text: str = "") -> None:
+            shares.append(fraction)
+
+    def run(task: Task, stop: Callable[[], bool]) -> Outcome:
+        if task.name == "bad" and not any("bad" in line for line in lines):
+            return Outcome(task.name, 1, "error: by chance")
+        return finished(task)
+
+    monkeypatch.setattr(engine, "run_task", run)
+    cases = dict.fromkeys(("bad", "good", "late"), Case("decay.toml", ("a.csv",)))
+    diagnose_many(cases, "out", progress=Heard())
+    assert lines == [
+        "3 cases",
+        "0 of 3 done, 1 failed, 1 run, 1 wait: bad: by chance",
+        "1 of 3 done, 1 failed, 1 run, 0 wait: good: done",
+        "2 of 3 done, 1 failed, 0 run, 0 wait: late: done",
+        "3 of 3 done, 0 failed, 0 run, 0 wait: tried again: bad: done",
+    ]
+    assert shares[0] == 0.0 and shares[-1] == 1.0

@@ -15,6 +15,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from docs.generate import (
+    batch_tables,
     budget_tables,
     diagnosis_tables,
     discovery_tables,
@@ -40,6 +41,7 @@ def pages() -> dict[Path, str]:
         trim_blocks=True,
     )
     names = {
+        "batch": batch_tables,
         "budgets": budget_tables,
         "diagnosis": diagnosis_tables,
         "discovery": discovery_tables,

@@ -1,24 +1,20 @@
-"""Cases of a batch: a model and recordings each, as CASES.toml lists them."""
+"""A case of a batch: a diagnosis of one machine."""
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, cast
+from datetime import UTC, date, datetime
+from typing import Any
 
 from jaxsr._arguments import check_roles, is_model
-from jaxsr._files import sha256
 from jaxsr._quoting import quoted
 from jaxsr._result import InputError
-from jaxsr.models.document import read_document
+from jaxsr.batch.checking import check_limits, check_seed, checksum, words
 
 _NAME = re.compile(r"[A-Za-z0-9][\w.-]{0,79}", re.ASCII)
-_KEYS = ("model", "data", "held_out", "seed", "budget", "memory")
-_REMEDY = f"Use {', '.join(_KEYS)}"
 
 
 @dataclass(frozen=True)
@@ -37,6 +33,11 @@ class Case:
         Seconds; unlimited by default.
     memory : float, optional
         Most memory of its process in GiB, where the system can limit it.
+    machine : str, optional
+        Cases of one machine count as one where machines are compared; its own by default.
+    date : datetime, optional
+        When it was recorded, as a date, a time or in ISO 8601: over the dates of one machine a
+        drift of its constants shows.
 
     Raises
     ------
@@ -50,26 +51,33 @@ class Case:
     seed: int = 0
     budget: float | None = None
     memory: float | None = None
+    machine: str | None = None
+    date: datetime | None = None
 
     def __post_init__(self) -> None:
         for name in ("data", "held_out"):
-            given: Any = getattr(self, name)
-            paths = [given] if isinstance(given, str | Path) else cast("list[str | Path]", given)
-            object.__setattr__(self, name, tuple(os.fspath(path) for path in paths))
+            object.__setattr__(self, name, words(getattr(self, name)))
         object.__setattr__(self, "model", os.fspath(self.model))
         if not is_model(self.model):
             remedy = "Name a .toml, robot.xml or file.py:function"
             raise InputError(f"{quoted(self.model)} is no model", "", remedy)
         if not self.data:
             raise InputError("no data", self.model, 'Write data = ["run.csv"]')
-        seed: Any = self.seed
-        if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-            raise InputError(f"seed {quoted(self.seed)}", self.model, "Write 0, 1, 2, ...")
-        for name in ("budget", "memory"):
-            value = getattr(self, name)
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if value is not None and not (number and 0 < value < float("inf")):
-                raise InputError(f"{name} {quoted(value)}", self.model, "Write more than zero")
+        check_seed(self.seed, self.model)
+        check_limits({"budget": self.budget, "memory": self.memory}, self.model)
+        machine: Any = self.machine
+        if machine is not None and not (isinstance(machine, str) and machine):
+            raise InputError(f"machine {quoted(machine)}", self.model, "Write its name")
+        object.__setattr__(self, "date", _moment(self.date, self.model))
+
+    @property
+    def result(self) -> str:
+        """File that is there when it is done."""
+        return "diagnosis.json"
+
+    def parts(self, name: str) -> Iterator[tuple[str, Case]]:
+        """Yield what runs by itself, under a name that is its folder too: the whole case."""
+        yield name, self
 
     def arguments(self, out: str) -> list[str]:
         """Return the command that makes this diagnosis alone, without the program's name."""
@@ -93,43 +101,9 @@ class Case:
         head, python, _ = self.model.rpartition(".py:")
         return f"{head}.py" if python else self.model
 
-    def key(self, out: str) -> str:
+    def key(self, out: str, directory: str = "") -> str:
         """Return a checksum of the command and of every file that it reads."""
-        files = (self._file, *self.data, *self.held_out)
-        parts = [*self.arguments(out), *(sha256(Path(path)) for path in files)]
-        return hashlib.sha256("\0".join(parts).encode()).hexdigest()
-
-
-def read_cases(path: str | Path) -> dict[str, Case]:
-    """Read CASES.toml.
-
-    Parameters
-    ----------
-    path : path
-        TOML with a table ``[cases.NAME]`` for every case: the fields of `Case`, paths relative to
-        the file's folder. ``[defaults]`` holds what a case does not say.
-
-    Raises
-    ------
-    InputError
-        The file is no such TOML; it names Python, which runs only where a call names it.
-    """
-    path = Path(path)
-    document = read_document(path)
-    unknown = [key for key in document if key not in ("defaults", "cases")]
-    if unknown:
-        what = f"unknown table {quoted(unknown[0])}"
-        raise InputError(what, path.name, "Write [defaults] and [cases.NAME]")
-    tables = _table(document.get("cases", {}), path.name, "[cases.NAME]")
-    defaults = _table(document.get("defaults", {}), path.name, "[defaults]")
-    if not tables:
-        raise InputError("no case", path.name, "Write [cases.NAME] with model and data")
-    return {
-        check_name(name, path.name): _case(
-            {**defaults, **_table(row, path.name, f"[cases.{name}]")}, path, f"[cases.{name}]"
-        )
-        for name, row in tables.items()
-    }
+        return checksum(self.arguments(out), (self._file, *self.data, *self.held_out), directory)
 
 
 def check_name(name: Any, where: str = "cases") -> str:
@@ -146,34 +120,16 @@ def check_name(name: Any, where: str = "cases") -> str:
     return name
 
 
-def _table(value: Any, file: str, where: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise InputError(
-            f"must be a table, got {quoted(value)}", f"{file} {where}", "Write a table"
-        )
-    return cast("Mapping[str, Any]", value)
-
-
-def _case(row: Mapping[str, Any], path: Path, where: str) -> Case:
-    place = f"{path.name} {where}"
-    unknown = [key for key in row if key not in _KEYS]
-    if unknown:
-        raise InputError(f"unknown key {quoted(unknown[0])}", place, _REMEDY)
-    if not isinstance(row.get("model"), str):
-        raise InputError("no model", place, 'Write model = "model.toml"')
-    if ".py:" in row["model"]:
-        what = f"{quoted(row['model'])} is Python, which runs only where a call names it"
-        raise InputError(what, place, "Call jaxsr.diagnose_many with it")
-    paths = {key: _paths(row.get(key, []), path.parent, f"{place} {key}") for key in _KEYS[1:3]}
-    more = {key: row[key] for key in _KEYS[3:] if key in row}
+def _moment(given: Any, where: str) -> datetime | None:
+    """Return a date or time, in UTC where it names no zone."""
+    if given is None:
+        return None
     try:
-        return Case(str(path.parent / row["model"]), **paths, **more)
-    except InputError as error:
-        raise InputError(error.what, place, error.remedy) from None
-
-
-def _paths(value: Any, folder: Path, where: str) -> tuple[str, ...]:
-    given = cast("list[Any]", value) if isinstance(value, list) else [value]
-    if not all(isinstance(item, str) for item in given):
-        raise InputError(f"must name files, got {quoted(value)}", where, 'Write ["a.csv"]')
-    return tuple(str(folder / item) for item in given)
+        moment = datetime.fromisoformat(given) if isinstance(given, str) else given
+    except ValueError:
+        moment = None
+    if isinstance(moment, date) and not isinstance(moment, datetime):
+        moment = datetime(moment.year, moment.month, moment.day)
+    if not isinstance(moment, datetime):
+        raise InputError(f"date {quoted(given)}", where, "Write 2024-05-31 or 2024-05-31T08:00:00")
+    return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)

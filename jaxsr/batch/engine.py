@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import contextlib
-import logging
-import uuid
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from jaxsr._result import InputError
+from jaxsr.batch.cluster import Futures, connected
 from jaxsr.batch.task import Outcome, Task, run_task
 
 Stop = Callable[[], bool]
-_LOOK = 0.5  # seconds between looks at whether to stop
-_PATIENCE = 20.0  # seconds to reach a scheduler
+_LOOK = 0.2  # seconds between looks at what ended, and whether to stop
+_COUNT = 1.0  # seconds between questions to the scheduler of how many run
 _STOPS: list[Stop] = []  # asked by tasks that run in this process
 
 
 def never() -> bool:
     """Return False: nobody asks for an end."""
     return False
+
+
+def ignore(running: int) -> None:
+    """Tell nobody how many tasks run."""
 
 
 @dataclass(frozen=True)
@@ -35,19 +37,22 @@ class Engine:
         Address of a Dask scheduler.
     stop : callable
         Whether to begin no more, and to ask those that run here for the best so far.
+    tell : callable
+        Hears how many tasks run.
     """
 
     workers: int = 1
     scheduler: str | None = None
     stop: Stop = never
+    tell: Callable[[int], None] = ignore
 
     def outcomes(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
-        """Run tasks; yield each outcome as it comes.
+        """Run tasks; yield each outcome as it comes, none of what did not begin.
 
         Raises
         ------
         InputError
-            Dask is needed and not installed, or no scheduler answers at the address.
+            Dask is needed and not installed, no scheduler answers at the address, or it is gone.
         """
         if tasks and (self.workers > 1 or self.scheduler is not None):
             yield from self._on_dask(tasks)
@@ -55,70 +60,30 @@ class Engine:
         for task in tasks:
             if self.stop():
                 return
-            yield run_task(task, self.stop)
+            self.tell(1)
+            outcome = run_task(task, self.stop)
+            if outcome.begun:
+                yield outcome
 
     def _on_dask(self, tasks: Sequence[Task]) -> Iterator[Outcome]:
-        """Run tasks on workers; Dask gives those of a worker that is lost to another one.
-
-        Local workers are threads: every case is a process already.
-        """
-        distributed = _distributed()
+        """Run tasks on workers; Dask gives those of a worker that is lost to another one."""
         with contextlib.ExitStack() as opened:
             _STOPS.append(self.stop)
             opened.callback(_STOPS.remove, self.stop)
-            client = opened.enter_context(_client(distributed, self.workers, self.scheduler))
-            opened.enter_context(client.as_current())
-            names: dict[Any, str] = {}
+            futures = Futures(opened.enter_context(connected(self.workers, self.scheduler)), _task)
             for task in tasks:
-                key = f"jaxsr-{task.name}-{uuid.uuid4().hex}"
-                names[client.submit(_task, task, key=key, pure=False)] = task.name
-            while names:
+                futures.submit(task)
+            counted = -_COUNT
+            while futures:
                 if self.stop():
-                    _cancel_waiting(client, names)
-                with contextlib.suppress(TimeoutError):
-                    distributed.wait(list(names), timeout=_LOOK, return_when="FIRST_COMPLETED")
-                for future in [f for f in names if f.done()]:
-                    name = names.pop(future)
-                    if future.status == "finished":
-                        yield future.result()
-                    elif future.status == "error":  # its worker was lost too often
-                        yield Outcome(name, 1, f"error: {future.exception()}")
-
-
-def _cancel_waiting(client: Any, names: dict[Any, str]) -> None:
-    """Cancel what no worker has taken yet; what one runs is waited for."""
-    taken = {key for keys in client.processing().values() for key in keys}
-    client.cancel([f for f in names if f.key not in taken and not f.done()])
+                    futures.withdraw()
+                if time.monotonic() - counted >= _COUNT:
+                    self.tell(futures.running())
+                    counted = time.monotonic()
+                yield from (outcome for outcome in futures.ended() if outcome.begun)
+                time.sleep(_LOOK)
 
 
 def _task(task: Task) -> Outcome:
     """Run a task on a worker; one in the batch's own process hears when to stop."""
     return run_task(task, lambda: any(stop() for stop in list(_STOPS)))
-
-
-def _client(distributed: Any, workers: int, scheduler: str | None) -> Any:
-    if scheduler is not None:
-        try:
-            return distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
-            what = f"no scheduler answers: {' '.join(str(error).split())[:80]}"
-            remedy = "Give the address that dask scheduler prints, such as tcp://10.0.0.1:8786"
-            raise InputError(what, f"--scheduler {scheduler[:80]}", remedy) from None
-    return distributed.Client(
-        n_workers=workers,
-        threads_per_worker=1,
-        processes=False,
-        memory_limit=None,
-        dashboard_address=None,
-        silence_logs=logging.ERROR,
-        set_as_default=False,
-    )
-
-
-def _distributed() -> Any:
-    try:
-        import distributed
-    except ImportError:
-        remedy = 'Install it: python -m pip install "jaxsr-dynamics[batch]"'
-        raise InputError("more than one worker needs Dask", "batch", remedy) from None
-    return distributed

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
 from jaxsr._files import check_writable_directory
 from jaxsr._progress import Progress, Silent
 from jaxsr._result import InputError
-from jaxsr.batch.cases import Case, check_name, read_cases
+from jaxsr.batch.board import Board
+from jaxsr.batch.cases import check_name
 from jaxsr.batch.engine import Engine, Stop, never
 from jaxsr.batch.fleet import Fleet
-from jaxsr.batch.task import DONE, Outcome, Task
+from jaxsr.batch.listing import AnyCase, read_cases
+from jaxsr.batch.tally import Tally
+from jaxsr.batch.task import DONE, Outcome
 
 
 def diagnose_many(
-    cases: str | Path | Mapping[str, Case],
+    cases: str | Path | Mapping[str, AnyCase],
     out: str | Path,
     *,
     workers: int = 1,
@@ -27,11 +29,12 @@ def diagnose_many(
 ) -> Fleet:
     """Diagnose many machines or recordings, each in a process of its own.
 
-    The files of a case are those of ``jaxsr diagnose`` by itself, byte for byte but for seconds.
+    The files of a case are those of ``jaxsr diagnose`` by itself, byte for byte but for seconds;
+    those of a search that of ``jaxsr discover`` from the best of its seeds.
 
     Parameters
     ----------
-    cases : path or mapping of str to Case
+    cases : path or mapping of str to Case or Islands
         CASES.toml, or the cases by name.
     out : path
         Every case gets a folder in it; ``batch.csv`` and ``batch.html`` are over all.
@@ -53,37 +56,36 @@ def diagnose_many(
     Raises
     ------
     InputError
-        A case names a file that is not there, `out` cannot be written, or Dask is missing.
+        A case names a file that is not there, `out` cannot be written, Dask is missing, or its
+        scheduler is gone: what is done stays, and `resume` goes on.
     """
     table = cases if isinstance(cases, Mapping) else read_cases(cases)
     if workers < 1:
         raise InputError(f"{workers} workers", "--workers", "Give 1 or more")
     if not table:
         raise InputError("no case", "cases", "Give one")
-    folder, progress = str(out), progress or Silent()
+    folder = str(out)
     for name, case in table.items():
         check_name(name)
         case.check()
     check_writable_directory(Path(folder))
-    tasks = [Task(name, case, folder, os.getcwd()) for name, case in table.items()]
-    fleet = Fleet(Path(folder), tuple(table), {}, {})
-    for task in tasks:
+    board = Board.of(table, folder)
+    for task in board.tasks:
         if resume and task.is_done():
-            fleet = fleet.with_outcome(Outcome(task.name, DONE))
+            board.end(Outcome(task.name, DONE))
         else:
             task.mark.unlink(missing_ok=True)
-    if fleet.outcomes:
-        progress.stage(f"{len(fleet.outcomes)} of {len(tasks)} cases are done already")
-    engine = Engine(workers, scheduler, stop)
-    first = [task for task in tasks if task.name not in fleet.outcomes]
-    for outcome in engine.outcomes(first):
-        fleet = fleet.with_outcome(outcome)
-        fleet.write()
-        count = f"{len(fleet.outcomes)} of {len(tasks)}"
-        progress.stage(f"{count}: {outcome.name}: {outcome.message or 'done'}")
-    again = [t for t in tasks if t.name in fleet.outcomes and fleet.outcomes[t.name].repeatable]
-    for outcome in engine.outcomes(again):
-        fleet = fleet.with_outcome(outcome)
-        progress.stage(f"tried again: {outcome.name}: {outcome.message or 'done'}")
-    fleet.write()
-    return fleet
+    tally = Tally(progress or Silent(), board)
+    engine = Engine(workers, scheduler, stop, tally.run)
+    left, again = [task for task in board.tasks if task.name not in board.ended], False
+    while left:
+        for outcome in engine.outcomes(left):
+            repeated = board.end(outcome)
+            tally.end(outcome, repeated)
+            board.write_now_and_then()
+        # What failed is tried once more.
+        ended = [board.ended.get(task.name) for task in left]
+        left = [t for t, o in zip(left, ended, strict=True) if o and o.repeatable and not again]
+        again = True
+    board.fleet.write()
+    return board.fleet

@@ -14,7 +14,7 @@ from jaxsr.discovery.evidence import Bench, Charge, Evidence
 from jaxsr.discovery.experiments import Experiments
 from jaxsr.discovery.forecast import Readings, Row
 from jaxsr.discovery.held_out import HeldOut, held_out_runs
-from jaxsr.discovery.rivals import Rival, experiment, rivals
+from jaxsr.discovery.rivals import Rival, description_length, experiment, rivals
 from jaxsr.discovery.samples import Samples, hold_back, integrated
 from jaxsr.discovery.verdict import (
     CANNOT_RUN,
@@ -93,14 +93,15 @@ class Court:
             why = OUT_OF_TIME if self.limit.exhausted else CANNOT_RUN
             return Verdict(UNDECIDED, why)
         every, by_state = nrmse(taken)
+        length = description_length(taken)
         told, reason = decided(taken, self.rows)
         found: list[Rival] = []
         if told == LAW and compare and not self.limit.exhausted:
             found = rivals(equations, taken, self.samples, self._tried)
         if not found:
-            return Verdict(told, reason, every, by_state)
+            return Verdict(told, reason, every, by_state, description_length=length)
         others = tuple(Alternative(r.equations, *nrmse(r.evidence)) for r in found)
-        return Verdict(SEVERAL, experiment(found, self.samples), every, by_state, others)
+        return Verdict(SEVERAL, experiment(found, self.samples), every, by_state, others, length)
 
     def held_out(
         self, equations: Sequence[Equation], recordings: Sequence[Recording], origin: float

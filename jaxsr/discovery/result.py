@@ -204,6 +204,7 @@ class Discovery(EquationForms):
             "verdict": self.verdict,
             "reason": self.reason,
             "free_run_nrmse": self.free_run_nrmse,
+            "description_length": self.judgement.description_length,
             "alternatives": [
                 _equation_dicts(other.equations, other.by_state)
                 for other in self.judgement.alternatives

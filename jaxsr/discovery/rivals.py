@@ -60,7 +60,7 @@ def rivals(
     at least.
     """
     found = []
-    best = _length(taken)
+    best = description_length(taken)
     for place, equation in enumerate(equations):
         for other in _candidates(equation):
             rival = replace(equation, terms=_terms(other), pick=equation.front.index(other))
@@ -69,14 +69,16 @@ def rivals(
                 continue
             every = (*equations[:place], rival, *equations[place + 1 :])
             evidence = judge(every)
-            if evidence is None or not _length(evidence) <= best + ODDS:
+            if evidence is None or not description_length(evidence) <= best + ODDS:
                 continue
-            found.append((_length(evidence), Rival(every, evidence, equation.state, *apart)))
+            found.append(
+                (description_length(evidence), Rival(every, evidence, equation.state, *apart))
+            )
     found.sort(key=lambda item: item[0])
     return [rival for _, rival in found[:_LISTED]]
 
 
-def _length(evidence: Sequence[Evidence]) -> float:
+def description_length(evidence: Sequence[Evidence]) -> float:
     """Return the description length in nats: what choosing the law costs less what it gains."""
     return -sum(e.net for e in evidence)
 

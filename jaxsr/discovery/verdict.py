@@ -45,6 +45,9 @@ class Verdict:
     by_state : dict of str to float
         The same for every state with a sensor.
     alternatives : tuple of Alternative
+    description_length : float or None
+        Of the free runs, in nats: what choosing the law costs less what it gains on trivial
+        predictions. By it laws of one set of data are compared.
     """
 
     verdict: str
@@ -52,6 +55,7 @@ class Verdict:
     free_run_nrmse: float | None = None
     by_state: dict[str, float] = field(default_factory=dict)
     alternatives: tuple[Alternative, ...] = ()
+    description_length: float | None = None
 
 
 def nrmse(evidence: Sequence[Evidence]) -> tuple[float, dict[str, float]]:

@@ -2,53 +2,82 @@
 
 from __future__ import annotations
 
-import statistics
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from jaxsr.report.formatting import estimate, is_number, number, percent, sureness, unit_text
+from jaxsr.report.fleet_constants import FleetConstant
+from jaxsr.report.formatting import is_number, percent
 from jaxsr.report.page import rendered
 from jaxsr.report.words import (
-    capital,
     errors_at,
     headline_index,
-    mechanism_words,
-    site_words,
     verdict_sentence,
     verdict_title,
     whole_sentence,
 )
 
 
-def batch_page(
-    documents: Mapping[str, Mapping[str, Any]],
-    failures: Mapping[str, str],
-    waiting: Sequence[str],
-) -> str:
-    """Return a page over many diagnoses: which machines lack what, and how they compare.
+@dataclass(frozen=True)
+class Shown:
+    """What the page over a batch shows.
 
-    Parameters
+    Attributes
     ----------
     documents : mapping of str to mapping
-        What each ``diagnosis.json`` holds, by case; the report of a case is ``CASE/report.html``.
+        What each ``diagnosis.json`` or ``discovery.json`` holds, by case; the report of a case is
+        ``CASE/report.html``.
+    constants : sequence of FleetConstant
     failures : mapping of str to str
         Why cases failed.
     waiting : sequence of str
         Cases that did not run.
+    alarm : float
+        Rate of false alarms, of outliers and of drifts, each over the whole page.
     """
-    verdicts = Counter(str(document.get("verdict")) for document in documents.values())
-    cases = [_case(name, document) for name, document in documents.items()]
+
+    documents: Mapping[str, Mapping[str, Any]]
+    constants: Sequence[FleetConstant]
+    failures: Mapping[str, str]
+    waiting: Sequence[str]
+    alarm: float
+
+
+def batch_page(shown: Shown) -> str:
+    """Return a page over many diagnoses: which machines lack what, and how they compare."""
+    found = {n: d for n, d in shown.documents.items() if "equations" not in d}
+    laws = {n: d for n, d in shown.documents.items() if "equations" in d}
+    verdicts = Counter(str(document.get("verdict")) for document in found.values())
+    searches = Counter(str(document.get("verdict")) for document in laws.values())
+    cases = [_case(name, document) for name, document in found.items()]
     cases.sort(key=lambda row: -row["order"])
+    counts = [(len(found), "diagnosis", "diagnoses"), (len(laws), "search", "searches")]
+    words = [f"{n} {one if n == 1 else more}" for n, one, more in counts if n]
     context = {
-        "title": f"{len(documents)} diagnoses",
+        "title": ", ".join(words) or "Nothing done yet",
         "verdicts": [(verdict_title(v), count) for v, count in verdicts.most_common()],
+        "searches": searches.most_common(),
         "cases": cases,
-        "constants": _constants(documents),
-        "failures": list(failures.items()),
-        "waiting": list(waiting),
+        "laws": [_law(name, document) for name, document in laws.items()],
+        "remarks": [remark for constant in shown.constants for remark in constant.remarks()],
+        "alarm": f"{100.0 * shown.alarm:g} %",
+        "constants": [constant.card() for constant in shown.constants],
+        "failures": list(shown.failures.items()),
+        "waiting": list(shown.waiting),
     }
     return rendered("batch.html.j2", context)
+
+
+def _law(name: str, document: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "name": name,
+        "verdict": str(document.get("verdict")),
+        "equations": [f"d({e['state']})/dt = {e['expression']}" for e in document["equations"]],
+        "reason": str(document.get("reason") or ""),
+        "error": percent(document.get("free_run_nrmse")),
+        "seed": (document.get("provenance") or {}).get("seed"),
+    }
 
 
 def _case(name: str, document: Mapping[str, Any]) -> dict[str, Any]:
@@ -65,52 +94,3 @@ def _case(name: str, document: Mapping[str, Any]) -> dict[str, Any]:
         "after": percent(after),
         "order": after if is_number(after) else 0.0,
     }
-
-
-def _constants(documents: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return every constant that was found, its values over the machines, the greatest first."""
-    groups: dict[tuple[str, str, str, str], list[dict[str, Any]]] = {}
-    for case, document in documents.items():
-        for finding in document.get("findings") or []:
-            for name, row in (finding.get("parameters") or {}).items():
-                unit = str(row.get("unit") or "")
-                key = (str(finding.get("mechanism")), str(finding.get("site")), name, unit)
-                entry = {"case": case, "row": row, "probability": finding.get("probability")}
-                groups.setdefault(key, []).append(entry)
-    return [_constant(key, entries) for key, entries in groups.items()]
-
-
-def _constant(
-    key: tuple[str, str, str, str], entries: Sequence[Mapping[str, Any]]
-) -> dict[str, Any]:
-    mechanism, site, name, unit = key
-    known = [entry for entry in entries if is_number(entry["row"].get("value"))]
-    known.sort(key=lambda entry: -entry["row"]["value"])
-    ends = [_interval(entry["row"]) for entry in known]
-    low, high = min((e[0] for e in ends), default=0.0), max((e[1] for e in ends), default=1.0)
-    span = high - low or 1.0
-    rows = []
-    for entry, (start, end) in zip(known, ends, strict=True):
-        value, interval = estimate(entry["row"]["value"], entry["row"].get("ci95"))
-        rows.append(
-            {
-                **{"case": entry["case"], "value": value, "interval": interval},
-                "probability": sureness(entry["probability"]),
-                "left": round(100.0 * (start - low) / span, 2),
-                "width": round(max(100.0 * (end - start) / span, 0.8), 2),
-            }
-        )
-    middle = statistics.median(entry["row"]["value"] for entry in known) if known else None
-    return {
-        "title": f"{capital(mechanism_words(mechanism))}, {site_words(site)}: {name}",
-        "unit": unit_text(unit),
-        "median": number(middle),
-        "rows": rows,
-    }
-
-
-def _interval(row: Mapping[str, Any]) -> tuple[float, float]:
-    ends = row.get("ci95") or ()
-    if len(ends) == 2 and all(is_number(end) for end in ends):
-        return float(ends[0]), float(ends[1])
-    return float(row["value"]), float(row["value"])
