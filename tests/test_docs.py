@@ -145,6 +145,20 @@ def test_commands_are_understood(
     assert callable(job) or (job == 0 and capsys.readouterr().out)
 
 
+def test_every_mechanism_has_a_page_and_a_source() -> None:
+    index = (ROOT / "docs" / "mechanisms.md").read_text(encoding="utf-8")
+    pages = {page.stem: page for page in (ROOT / "docs" / "mechanisms").glob("*.md")}
+    assert set(pages) == set(re.findall(r"\(mechanisms/(\w+)\.md\)", index))
+    bare = [
+        name
+        for name, page in pages.items()
+        if not re.search(
+            r"^\*Source\*: \w.*\w.*\.$", page.read_text(encoding="utf-8"), re.MULTILINE
+        )
+    ]
+    assert not bare
+
+
 def test_generated_pages_are_those_of_the_code_and_the_results() -> None:
     """``python -m docs.generate`` writes them anew."""
     sys.path.insert(0, str(ROOT))

@@ -54,6 +54,8 @@ def pages() -> dict[Path, str]:
     }
     for name, text in mechanisms.pictures().items():
         out[DOCS / "images" / "mechanisms" / name] = text
+    for name, text in mechanisms.sections().items():
+        out[DOCS / "mechanisms" / name] = text
     path = ROOT / "README.md"
     text = path.read_text(encoding="utf-8")
     out[path] = _BLOCK.sub(lambda m: f"{m[1]}\n{readme.results_table()}\n\n{m[2]}", text)
