@@ -16,12 +16,14 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from docs.generate import (
     budget_tables,
+    calibration_tables,
     diagnosis_tables,
     discovery_tables,
     mechanisms,
     monitor_tables,
     readme,
     robot_tables,
+    robustness_tables,
     tables,
 )
 from docs.generate.tables import ROOT
@@ -41,11 +43,13 @@ def pages() -> dict[Path, str]:
     )
     names = {
         "budgets": budget_tables,
+        "calibration": calibration_tables,
         "diagnosis": diagnosis_tables,
         "discovery": discovery_tables,
         "mechanisms": mechanisms,
         "monitor": monitor_tables,
         "robots": robot_tables,
+        "robustness": robustness_tables,
         "tables": tables,
     }
     out = {
