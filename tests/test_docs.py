@@ -7,6 +7,7 @@ import json
 import re
 import shlex
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -23,14 +24,19 @@ from jaxsr.batch import read_cases
 from jaxsr.models import parse_model
 
 README, START = ROOT / "README.md", ROOT / "docs" / "start-here.md"
+CHANGES = ROOT / "CHANGELOG.md"
 _LINK = re.compile(r"(?<!!)\[[^\]]*\]\(([^)\s]+)\)|!\[[^\]]*\]\(([^)\s]+)\)|src=\"([^\"]+)\"")
 _FENCED = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 
 
 def quick(block: Block) -> bool:
-    """Whether a Python block runs in moments: it asks for no search."""
+    """Whether a Python block runs in moments, on nothing but what it makes.
+
+    Those that search run in `test_docs_long`, those that read results in `test_docs_commands`; one
+    asks a queue of Slurm for workers, and is compiled only.
+    """
     slow = re.search(r"\bjaxsr\.(diagnose|discover|load|Symbolic\w+)\(", block.text)
-    return not slow and block.page.name != START.name
+    return not slow and block.page.name != START.name and "dask_jobqueue" not in block.text
 
 
 def page_name(page: Path) -> str:
@@ -50,6 +56,20 @@ def anchors(page: Path) -> set[str]:
 
 def test_readme_is_one_screen() -> None:
     assert len(README.read_text(encoding="utf-8").split()) <= 700
+
+
+def test_every_package_is_in_the_table_of_layers() -> None:
+    table = (ROOT / "docs" / "contributing.md").read_text(encoding="utf-8")
+    packages = {path.parent.name for path in (ROOT / "jaxsr").glob("*/__init__.py")}
+    assert packages <= set(re.findall(r"`(\w+)/`", table))
+
+
+def test_the_release_is_dated_once_and_everywhere_the_same() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    cited = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    released = re.search(r"^## \[(\d[\d.]*)\] - (.+)$", CHANGES.read_text("utf-8"), re.MULTILINE)
+    assert released is not None and released[1] == project["version"]
+    assert f"\nversion: {released[1]}\ndate-released: {released[2]}\n" in cited
 
 
 @pytest.mark.parametrize("page", PAGES, ids=page_name)
@@ -143,6 +163,20 @@ def test_commands_are_understood(
     finally:
         RUN.reset(token)
     assert callable(job) or (job == 0 and capsys.readouterr().out)
+
+
+def test_every_mechanism_has_a_page_and_a_source() -> None:
+    index = (ROOT / "docs" / "mechanisms.md").read_text(encoding="utf-8")
+    pages = {page.stem: page for page in (ROOT / "docs" / "mechanisms").glob("*.md")}
+    assert set(pages) == set(re.findall(r"\(mechanisms/(\w+)\.md\)", index))
+    bare = [
+        name
+        for name, page in pages.items()
+        if not re.search(
+            r"^\*Source\*: \w.*\w.*\.$", page.read_text(encoding="utf-8"), re.MULTILINE
+        )
+    ]
+    assert not bare
 
 
 def test_generated_pages_are_those_of_the_code_and_the_results() -> None:

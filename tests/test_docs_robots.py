@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import shlex
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from docs_blocks import ROOT, Block, blocks
 
+import jaxsr
 from jaxsr.models.formats.mjcf import Robot, read_mjcf
 from jaxsr.models.formats.opening import open_simulator
 
@@ -53,3 +58,31 @@ def test_switches_of_the_page_are_known(tmp_path: Path) -> None:
     (tmp_path / "robot.xml").write_text(xml.replace("</worldbody>", "</body></worldbody>"))
     data = log(tmp_path, "time", "hinge_pos", "drive_ctrl")
     assert read_mjcf(tmp_path / "robot.xml", None, [data]).model.states == ("q_hinge", "v_hinge")
+
+
+@pytest.mark.slow
+def test_the_command_of_the_page_finds_the_friction_that_the_file_lacks(tmp_path: Path) -> None:
+    """Three runs of MuJoCo itself, with dry friction of 0.3 N m in the hinge."""
+    mujoco: Any = pytest.importorskip("mujoco")
+
+    (tmp_path / "pendulum.xml").write_text(BLOCKS["pendulum.xml"].text)
+    plant = mujoco.MjModel.from_xml_path(str(tmp_path / "pendulum.xml"))
+    plant.dof_frictionloss[0] = 0.3
+    plant.dof_solref[0] = (0.001, 1.0)  # friction that holds, as that of a real joint does
+    for number in (1, 2, 3):
+        rng, state = np.random.default_rng(number), mujoco.MjData(plant)
+        rows = []
+        for sample in range(400):
+            state.ctrl[0] = rng.uniform(-1.5, 1.5) if sample % 25 == 0 else state.ctrl[0]
+            angle = state.qpos[0] + 1e-4 * rng.normal()
+            rows.append((0.01 * sample, angle, state.ctrl[0]))
+            mujoco.mj_step(plant, state, 5)
+        columns = BLOCKS["run1.csv"].text.strip().split(",")
+        pd.DataFrame(rows, columns=columns).to_csv(tmp_path / f"run{number}.csv", index=False)
+    (line,) = (b.text for b in blocks(ROOT / "docs" / "robots.md") if b.language == "console")
+    environment = {"PYTHONPATH": str(ROOT), "PATH": "", "JAXSR_CLOCK": "processor"}
+    words = [sys.executable, "-m", *shlex.split(line), "--budget", "60"]
+    subprocess.run(words, cwd=tmp_path, env=environment, check=True, timeout=1200)
+    found: Any = jaxsr.load(tmp_path / "result")
+    assert "coulomb_friction" in [f.mechanism for f in found.findings]
+    assert "frictionloss" in (tmp_path / "result" / "explained.xml").read_text()

@@ -17,12 +17,14 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from docs.generate import (
     batch_tables,
     budget_tables,
+    calibration_tables,
     diagnosis_tables,
     discovery_tables,
     mechanisms,
     monitor_tables,
     readme,
     robot_tables,
+    robustness_tables,
     tables,
 )
 from docs.generate.tables import ROOT
@@ -43,11 +45,13 @@ def pages() -> dict[Path, str]:
     names = {
         "batch": batch_tables,
         "budgets": budget_tables,
+        "calibration": calibration_tables,
         "diagnosis": diagnosis_tables,
         "discovery": discovery_tables,
         "mechanisms": mechanisms,
         "monitor": monitor_tables,
         "robots": robot_tables,
+        "robustness": robustness_tables,
         "tables": tables,
     }
     out = {
@@ -56,6 +60,8 @@ def pages() -> dict[Path, str]:
     }
     for name, text in mechanisms.pictures().items():
         out[DOCS / "images" / "mechanisms" / name] = text
+    for name, text in mechanisms.sections().items():
+        out[DOCS / "mechanisms" / name] = text
     path = ROOT / "README.md"
     text = path.read_text(encoding="utf-8")
     out[path] = _BLOCK.sub(lambda m: f"{m[1]}\n{readme.results_table()}\n\n{m[2]}", text)

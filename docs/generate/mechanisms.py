@@ -1,4 +1,4 @@
-"""The page of mechanisms, and the picture of each."""
+"""The pages of mechanisms, an index of them, and the picture of each."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 
 from docs.generate.signatures import Signature, nearest, offered, picture, signature
+from docs.generate.tables import table
 from jaxsr.diagnosis.mechanisms import Candidate
 from jaxsr.report.words import VERDICT_TITLES, capital, mechanism_words
 
@@ -41,34 +42,47 @@ def known() -> tuple[Mapping[str, list[Candidate]], Mapping[str, Signature]]:
     return every, {name: signature(many[0]) for name, many in every.items()}
 
 
-def sections() -> Iterator[str]:
-    """Yield the Markdown of every mechanism, a heading before each family."""
+def index() -> Iterator[str]:
+    """Yield a table of each family under its heading, every mechanism linked to its page."""
     every, _ = known()
     for family, title in FAMILIES.items():
         names = [name for name, many in every.items() if many[0].family == family]
         if names:
             yield f"## {title}"
-        for name in names:
-            yield section(name, every[name])
+            yield table(["mechanism", "formula", "verdict"], map(_row, names))
+
+
+def _row(name: str) -> tuple[str, str, str]:
+    many = known()[0][name]
+    first = formulas(many)[0]
+    return f"[`{name}`](mechanisms/{name}.md)", f"`{first}`", f"`{many[0].verdict}`"
+
+
+def sections() -> dict[str, str]:
+    """Return the Markdown page of every mechanism, by file name."""
+    return {f"{name}.md": section(name, many) for name, many in known()[0].items()}
 
 
 def section(name: str, many: Sequence[Candidate]) -> str:
-    """Return the Markdown of one mechanism."""
+    """Return the Markdown page of one mechanism."""
     first = many[0]
-    image = f"images/mechanisms/{name}.svg"
+    image = f"../images/mechanisms/{name}.svg"
     alt = f"{mechanism_words(name)} along the reference motion"
     place = PLACES[first.site.partition(":")[0]]
+    family = FAMILIES[first.family]
+    anchor = family.lower().replace(",", "").replace(" ", "-")
     lines = [
-        f"### `{name}`",
+        f"# `{name}`",
         f'<img src="{image}" alt="{alt}" align="right" width="220">',
         f"{capital(mechanism_words(name))}: {_sentence(first)} It is looked for at {place}.",
         "\n".join(f"- `{formula}`" for formula in formulas(many)),
         f"*Constants*: {constants(first)}. *Verdict*: "
         f"{VERDICT_TITLES[first.verdict].lower()} (`{first.verdict}`).",
         f"*Confused with*: {confused(name)}.",
-        *([f"*Source*: {first.source}."] if first.source else []),
+        f"*Source*: {first.source}.",
+        f"[{family}](../mechanisms.md#{anchor}) · [How to read this page](../mechanisms.md)",
     ]
-    return "\n\n".join(lines)
+    return "\n\n".join(lines) + "\n"
 
 
 def _sentence(candidate: Candidate) -> str:
@@ -112,7 +126,7 @@ def confused(name: str) -> str:
     close = [(n, a) for n, a in nearest(known()[1], name) if a < ALIKE]
     if close and close[0][0] == "free parameters":
         return "a wrong value of a free parameter, which reproduces it exactly"
-    texts = [f"`{n}` ({a:.0f}°)" for n, a in close]
+    texts = [f"[`{n}`]({n}.md) ({a:.0f}°)" for n, a in close]
     return ", ".join(texts) or "nothing along this motion"
 
 

@@ -17,7 +17,9 @@ from jaxsr.expressions import affine_slope, to_text
 from jaxsr.models import Model
 from jaxsr.models.force_factor import as_force
 
-_SOURCE = "Tao & Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities"
+_SOURCE = (
+    "Tao & Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities (1996)"
+)
 
 
 def actuator(model: Model, signals: Mapping[str, np.ndarray] | None = None) -> Iterator[Candidate]:

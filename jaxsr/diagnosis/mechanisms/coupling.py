@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Site
 
+_SOURCE = "Ewins, Modal Testing: Theory, Practice and Application (2000)"
+
 
 def coupling(site: Site) -> Iterator[Candidate]:
     """Yield springs and dampers to the axes that come later in the model."""
@@ -26,6 +28,7 @@ def coupling(site: Site) -> Iterator[Candidate]:
             (ParameterSpec("kc", site.per(q)),),
             f"A spring connects {{site}} with equation:{vj}.",
             terms=((v, f"- {{kc}}*({q} - {qj})"), (vj, f"+ {{kc}}*({q} - {qj})")),
+            source=_SOURCE,
         )
         yield Candidate(
             "coupling_damping",
@@ -34,4 +37,5 @@ def coupling(site: Site) -> Iterator[Candidate]:
             (ParameterSpec("cc", site.per(v), low=0.0),),
             f"A damper connects {{site}} with equation:{vj}.",
             terms=((v, f"- {{cc}}*({v} - {vj})"), (vj, f"+ {{cc}}*({v} - {vj})")),
+            source=_SOURCE,
         )

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Site
 
+_RIGID = "Featherstone, Rigid Body Dynamics Algorithms (2008)"
+
 
 def inertial(site: Site) -> Iterator[Candidate]:
     """Yield added mass, gravity, a constant force and centrifugal coupling."""
@@ -21,6 +23,8 @@ def inertial(site: Site) -> Iterator[Candidate]:
             (ParameterSpec("ma", f"{unit}*s" if unit else None),),
             "The moving mass along {site} is larger than modelled.",
             inertia=((v, v, "{ma}"),),
+            source="Newman, Marine Hydrodynamics (1977); Brennen, A Review of Added Mass and Fluid "
+            "Inertial Forces (1982), for bodies in a fluid",
         )
     yield Candidate(
         "constant_force",
@@ -29,6 +33,7 @@ def inertial(site: Site) -> Iterator[Candidate]:
         (ParameterSpec("F0", f),),
         "A constant force or offset acts along {site}.",
         terms=((v, "+ {F0}"),),
+        source="Janot, Gautier & Brunot, Data Set and Reference Models of EMPS (2019), the offset",
     )
     if site.may_turn:
         yield Candidate(
@@ -38,6 +43,7 @@ def inertial(site: Site) -> Iterator[Candidate]:
             (ParameterSpec("mg", f),),
             "A weight hangs on {site}.",
             terms=((v, f"- {{mg}}*sin({q})"),),
+            source=_RIGID,
         )
     for other in site.others:
         if other.position is None or q is None:
@@ -49,4 +55,5 @@ def inertial(site: Site) -> Iterator[Candidate]:
             (ParameterSpec("h", site.per(other.state, other.state)),),
             "A product of velocities couples {site} to another axis.",
             terms=((v, f"+ {{h}}*{other.state}**2"),),
+            source=_RIGID,
         )

@@ -11,6 +11,7 @@ from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.models import Model
 from jaxsr.models.physical_constants import fixed_for_good
 
+_METROLOGY = "JCGM 100, Guide to the Expression of Uncertainty in Measurement (2008)"
 FLAT = 3
 """Equal neighbouring readings at the largest value that show a sensor at its limit."""
 NEVER = 1e-2
@@ -32,6 +33,7 @@ def measurement(
             (ParameterSpec("g", "1", low=0.2, high=5.0, neutral=1.0),),
             "The scale of sensor {site} is wrong.",
             readings=((output, "{g}*({old})"),),
+            source=_METROLOGY,
         )
         yield Candidate(
             "sensor_bias",
@@ -40,6 +42,7 @@ def measurement(
             (ParameterSpec("y0", unit),),
             "Sensor {site} has an offset.",
             readings=((output, "{old} + {y0}"),),
+            source=_METROLOGY,
         )
         top = 1.0 if readings is None else _limit(readings[output])
         if top is None:
@@ -110,4 +113,5 @@ def wrong_values(model: Model) -> Iterator[Candidate]:
             ),
             f"The value of {name} in the model is wrong.",
             fixed_parameter=name,
+            source="Ljung, System Identification (1999)",
         )

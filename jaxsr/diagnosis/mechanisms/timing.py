@@ -38,6 +38,7 @@ def timing_candidates(model: Model, step: float, duration: float) -> list[Candid
             if role == "input"
             else "{site} is read earlier than its time stamps say: it comes late.",
             delays=((signal, "{tau}"),),
+            source="Ljung, System Identification (1999)",
         )
         for mechanism, family, role, signal in signals
         if signal not in model.delays or model.delays[signal] == 0.0
@@ -52,6 +53,7 @@ def timing_candidates(model: Model, step: float, duration: float) -> list[Candid
                 (ParameterSpec("s", "1", low=-reach, high=reach),),
                 "The clock of {site} runs at another rate than the recording's.",
                 clock=((output, "1 + {s}"),),
+                source="Mills, IEEE Trans. Commun. 39 (1991), Internet Time Synchronization",
             )
         )
     return found
