@@ -5,20 +5,27 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterable, Iterator
-from typing import TextIO
+from typing import Protocol, TextIO
 
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, ProgressColumn, Task
 from rich.progress import Progress as Live
 from rich.text import Text
 
-from jaxsr._progress import Budget
+
+class Limit(Protocol):
+    """A limit of time: seconds since its start, and seconds that are left of it."""
+
+    @property
+    def elapsed(self) -> float: ...
+    @property
+    def remaining(self) -> float: ...
 
 
 class _Time(ProgressColumn):
     """The time since the start and, under a limit, what is left of it."""
 
-    def __init__(self, budget: Budget) -> None:
+    def __init__(self, budget: Limit) -> None:
         super().__init__()
         self._budget = budget
 
@@ -63,7 +70,7 @@ class Bar:
 
 
 @contextlib.contextmanager
-def live_bar(stream: TextIO, budget: Budget) -> Iterator[Bar]:
+def live_bar(stream: TextIO, budget: Limit) -> Iterator[Bar]:
     """Show a bar until the block ends, and leave nothing of it."""
     columns = BarColumn(), _Time(budget)
     with _Display(*columns, console=Console(file=stream), transient=True) as display:

@@ -17,7 +17,6 @@ import pytest
 import sympy
 
 import jaxsr
-from jaxsr import cli
 from jaxsr.expressions import define_primitive, evaluate
 from jaxsr.models import Model, Simulator, parse_model, read_model
 from jaxsr.models.exports import ENDINGS, export_text
@@ -397,46 +396,3 @@ def test_rates_are_a_right_hand_side_for_scipy_and_can_be_differentiated() -> No
 def test_a_parameter_is_replaced_by_name() -> None:
     function: Callable[..., Mapping[str, Any]] = Simulator(parse_model(BOUNCE)).to_numpy()
     assert function(0.0, [0.0, 0.0], [1.0], {"m": 4.0})[1] == pytest.approx(0.25 - 9.81)
-
-
-def test_an_fmu_runs_as_the_simulator_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fmpy = pytest.importorskip("fmpy")
-    pytest.importorskip("pythonfmu")
-    text = """
-[model]
-name = "driven pendulum"
-states = ["q", "w"]
-inputs = ["u"]
-outputs = ["q", "speed"]
-[equations]
-q = "w"
-w = "u/J - 9.81*sin(q) - c*w*Abs(w) + 0.3*sin(3*t)"
-[readings]
-q = "q"
-speed = "2*w"
-[parameters]
-c = { value = 0.4, unit = "1" }
-J = 2.0
-[initial]
-q = 1.0
-w = -0.5
-"""
-    pendulum, time = Simulator(parse_model(text)), np.arange(201) * 0.02
-    wanted = pendulum.simulate(jaxsr.Recording("r", time, {"u": np.full(201, 1.5)})).channels
-    path = tmp_path / "pendulum.fmu"
-    (tmp_path / "model.toml").write_text(text)
-    command = ["export", str(tmp_path / "model.toml"), "--to", "fmu", "--out", str(path)]
-    assert cli.main(command) == 0
-    held = {"start_time": 0.0, "stop_time": 4.0, "output_interval": 0.02}
-    run = fmpy.simulate_fmu(str(path), start_values={"u": 1.5}, **held)
-    np.testing.assert_allclose(run["time"], time, atol=1e-12)
-    for name in ("q", "speed"):
-        scale = np.abs(wanted[name]).max()
-        np.testing.assert_allclose(run[name], wanted[name], atol=1e-6 * scale)
-    at_rest = {"start.q": 0.2, "start.w": 0.0, "c": 0.0, "u": 0.0}
-    moved = fmpy.simulate_fmu(str(path), start_values=at_rest, **held)
-    assert moved["q"][0] == pytest.approx(0.2) and moved["speed"][0] == pytest.approx(0.0)
-    assert cli.main(command[:-2]) == 2
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(jaxsr.InputError, match="needs pythonfmu"):
-        pendulum.export("fmu")
