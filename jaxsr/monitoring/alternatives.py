@@ -63,7 +63,7 @@ def alternatives(follower: Follower, normal: Normal, logs: Logs) -> list[Alterna
     logs : callable
         Log densities of the blocks of normal running that `normal` rests on.
     """
-    usual, found = logs([normal.filter])[0], []
+    usual, found = logs([normal.filter])[0], list[Alternative]()
     for site, kind, sized in _ways(follower, normal.filter):
         filters = [sized(size) for size in SIZES]
         costs = np.nanmean(usual - logs(filters), axis=1)

@@ -164,7 +164,7 @@ class Follower:
 
     def _sizes(self, prepared: Sequence[Prepared], places: Sequence[int]) -> np.ndarray:
         """Return the rms forces that would move the states as they move."""
-        moved, effect = [], []
+        moved, effect = list[np.ndarray](), list[np.ndarray]()
         for number, item in enumerate(prepared):
             count = item.time.size
             segments, path = self._segments(prepared, [Window(number, 0, 0, count)])

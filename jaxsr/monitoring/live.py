@@ -237,7 +237,7 @@ class Monitor:
         if not windows:
             return []
         gains = _gains(self._follower, self.normal, self._ways, prepared, windows)
-        alarms = []
+        alarms: list[Alarm] = []
         for window, gain in zip(windows, gains.T, strict=True):
             start, stop = opened.time[window.first], opened.time[window.stop - 1]
             self.hours += float(stop - opened.time[window.first - 1]) / 3600.0

@@ -1,10 +1,12 @@
 """What normal running looks like: the filter that makes it likeliest, and how sure that is."""
 
+# SciPy states no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from scipy.optimize import minimize
@@ -158,7 +160,7 @@ def calibrated(
         what = "too short to say what is normal"
         raise InputError(what, prepared[0].recording.name, "Give more of normal running")
     places = np.unique(np.linspace(0, len(windows) - 1, MOST).astype(int))
-    every = list(batches([windows[k] for k in places], LANES))
+    every = list(batches([windows[int(k)] for k in places], LANES))
     units = Units.of(follower)
     logs, parts = units.begin, list[Followed]()
     follower = follower.resolved(prepared, every[0], units.filter(logs))
@@ -194,5 +196,8 @@ def _likeliest(
         return float(score[0]), (score[1:] - score[0]) / STEP
 
     options = {"maxiter": steps, "ftol": 1e-8}
-    found = minimize(loss, begin, jac=True, method="L-BFGS-B", bounds=units.bounds, options=options)
-    return np.asarray(found.x) if loss(found.x)[0] <= loss(begin)[0] else begin
+    found: Any = minimize(
+        loss, begin, jac=True, method="L-BFGS-B", bounds=units.bounds, options=options
+    )
+    least = np.asarray(cast("Any", found).x)
+    return least if loss(least)[0] <= loss(begin)[0] else begin

@@ -34,7 +34,7 @@ class Rhythm:
 
         None goes across a break in the rows.
         """
-        found = []
+        found: list[Window] = []
         for start, stop in unbroken(item.time):
             found += [
                 Window(number, max(first - self.lead, start), first, first + self.block)

@@ -1,5 +1,6 @@
 """Read recordings from CSV, Excel, Parquet, npz and mat files."""
 
+# pyright: reportMissingTypeStubs=false
 from __future__ import annotations
 
 import hashlib
