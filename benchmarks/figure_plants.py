@@ -31,8 +31,8 @@ from jaxsr.diagnosis.contest.uncertainty import sensitivities
 from jaxsr.diagnosis.explaining.acting import where_acting
 from jaxsr.diagnosis.explaining.detectable import detectable_rows
 from jaxsr.diagnosis.explaining.evidence import noise_floor
-from jaxsr.diagnosis.explaining.explain import confusable_rows
-from jaxsr.diagnosis.explaining.judge import weight_of_member
+from jaxsr.diagnosis.explaining.explain import Weight, confusable_rows
+from jaxsr.diagnosis.explaining.member_costs import costs_of_sets
 from jaxsr.diagnosis.explaining.value_findings import weight_of_value
 from jaxsr.diagnosis.explaining.wrong_values import frozen
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
@@ -110,6 +110,13 @@ def _left(target: np.ndarray, *columns: np.ndarray) -> float:
     return float(rest @ rest)
 
 
+def _weight(found: Parts, number: int, given: float) -> Weight:
+    """What one member of the chosen set matters."""
+    costs = costs_of_sets(found.parts, found.chosen)
+    rest = frozenset(found.chosen.members) - {number}
+    return Weight.of(given, costs[rest], found.chosen.fit.cost)
+
+
 def shares(seed: int) -> Iterator[Row]:
     """A gain b that re-calibration finds in part, and forces beside it: a linear regression."""
     model = cart("b*u", "b = { value = 1.0, bounds = [-50, 50] }", "0.0")
@@ -128,13 +135,13 @@ def shares(seed: int) -> Iterator[Row]:
     e = _left(y, driven, ramp, slow)
     for number, rest in ((0, slow), (1, ramp)):
         w = _left(y, driven, rest)
-        weight = weight_of_member(parts.parts, parts.chosen, number, given)
+        weight = _weight(parts, number, given)
         name = parts.arena.super_model.candidates[number].mechanism
         yield Row(f"share of {name}", weight.share, (w - e) / (g - e), 1e-3)
         yield Row(f"times without {name}", weight.times, w / e, 1e-3)
     alone = Parts.of(model, [recording], [force], (0,))
     r, e = _left(y, driven), _left(y, driven, ramp)
-    weight = weight_of_member(alone.parts, alone.chosen, 0, given)
+    weight = _weight(alone, 0, given)
     yield Row("share of the one finding", weight.share, (r - e) / (g - e), 1e-3)
     said = f"{round(100 * (r - e) / (g - e))} % of the given model's mismatch would come back"
     yield Row("said in words", said if said in weight.in_words() else weight.in_words(), said)

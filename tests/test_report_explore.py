@@ -17,7 +17,7 @@ import pytest
 from test_report_documents import chain_document, chain_fits, drive_document, drive_evidence
 
 from jaxsr.report import Evidence, ModelRun, write_diagnosis_report, write_discovery_report
-from jaxsr.report.batch_report import batch_page
+from jaxsr.report.batch_report import Shown, batch_page
 from jaxsr.report.copies import edit_text, python_text
 from jaxsr.report.exploring import MOST, packed, script
 from jaxsr.report.fit_tables import fit_groups
@@ -246,7 +246,8 @@ def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     write_discovery_report(chain_document(), chain_fits(), bare)
     cases = {f"machine_{k}_{'long' * 8}": drive_document() for k in range(3)}
     batch = directory / "batch.html"
-    batch.write_text(batch_page(cases, {"broken": "no column of that name " * 4}, ["waiting"]))
+    failures = {"broken": "no column of that name " * 4}
+    batch.write_text(batch_page(Shown(cases, [], failures, ["waiting"], 0.05)))
     return {"runs": directory / "report.html", "bare": bare / "report.html", "batch": batch}
 
 

@@ -12,10 +12,11 @@ import pandas as pd
 
 from jaxsr._files import atomic_write_text
 from jaxsr._result import InputError
-from jaxsr._saved import SavedDiagnosis, SavedDiscovery, load
+from jaxsr._saved import SavedDiagnosis, load
 from jaxsr.batch.constants import ALARM, constants_of
 from jaxsr.batch.listing import AnyCase
 from jaxsr.batch.task import Outcome
+from jaxsr.discovery.saved import SavedDiscovery
 from jaxsr.report.batch_report import Shown, batch_page
 from jaxsr.report.summary import columns
 from jaxsr.report.words import errors_at, headline_index
