@@ -158,3 +158,18 @@ def test_command_writes_a_recording(tmp_path: Path, capsys: pytest.CaptureFixtur
     again = tmp_path / "again.csv"
     assert cli.main(["simulate", str(model), str(out), "--out", str(again)]) == 0
     assert again.read_text() == out.read_text()
+
+
+@pytest.mark.parametrize("header", ["Zeit [ms]", "t_us", "Time, min", "time"])
+def test_times_are_written_in_the_unit_that_their_header_states(
+    header: str, tmp_path: Path
+) -> None:
+    model, given, out = tmp_path / "m.toml", tmp_path / "given.csv", tmp_path / "run.csv"
+    model.write_text(OSCILLATOR.replace("[columns]", f'[columns]\nt = "{header}"'))
+    seconds = {"Zeit [ms]": 1e-3, "t_us": 1e-6, "Time, min": 60.0, "time": 1.0}[header]
+    rows = [f"{0.1 * k / seconds!r};0.0" for k in range(60)]
+    given.write_text("\n".join([f"{header};other", *rows]) + "\n")
+    assert cli.main(["simulate", str(model), str(given), "--out", str(out)]) == 0
+    again = read_recording(out, time=header)
+    np.testing.assert_allclose(again.time, 0.1 * np.arange(60), atol=1e-9)
+    assert np.abs(again.channel("position") - 0.5 * np.cos(3 * again.time)).max() < 1e-6

@@ -17,7 +17,7 @@ from jaxsr.models.segments import Prepared, Segments, build_segments, unbroken
 from jaxsr.models.shooting import fit
 from jaxsr.models.simulator import Simulator, width_scales
 from jaxsr.models.states import StateEstimate, estimate_states, input_table, output_table, spread
-from jaxsr.recordings import Recording
+from jaxsr.recordings import Recording, as_written
 
 # Tried in turn: the cheap method first, the L-stable one where steps cannot resolve the model.
 ATTEMPTS = (
@@ -81,12 +81,18 @@ def simulate_to_csv(
     filled, rows = _filled(model, item) if model.events else (item, slice(None))
     run = _resolved(simulator, filled, theta, start)
     run = Run(run.states[:, rows], run.outputs[:, rows])
-    table = {model.column(model.time): item.time}
+    table = time_column(model, item.time)
     table |= {model.column(u): item.inputs[:, k] for k, u in enumerate(model.inputs)}
     table |= {model.column(y): run.outputs[k] for k, y in enumerate(model.outputs)}
     for k, state in enumerate(model.states):
         table.setdefault(state, run.states[k])
     return pd.DataFrame(table)
+
+
+def time_column(model: Model, seconds: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the column of time under its name of [columns], in the unit that the name states."""
+    name = model.column(model.time)
+    return {name: as_written(name, seconds)}
 
 
 def start_on(simulator: Simulator, recording: Recording) -> tuple[Prepared, np.ndarray]:

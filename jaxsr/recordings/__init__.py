@@ -8,6 +8,7 @@ from jaxsr.recordings.reading import read_recording
 from jaxsr.recordings.recording import Recording
 from jaxsr.recordings.roles import rename
 from jaxsr.recordings.splits import Block, blocks, folds
+from jaxsr.recordings.time_units import as_written
 from jaxsr.recordings.wrapping import unwrap
 from jaxsr.recordings.writing import write_csv
 
@@ -15,6 +16,7 @@ __all__ = [
     "Block",
     "DataCheck",
     "Recording",
+    "as_written",
     "blocks",
     "check_recording",
     "check_time_units",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
 SECONDS = {
     "s": 1.0,
     "ms": 1e-3,
@@ -83,6 +85,11 @@ def time_unit(name: str) -> str | None:
     _, unit = _stem_and_unit(name.strip())
     # MS and NS might be mega- and nanosiemens; seconds are written small or as a whole word
     return _UNIT_OF.get(unit) or (_UNIT_OF.get(unit.lower()) if len(unit) > 2 else None)
+
+
+def as_written(name: str, seconds: np.ndarray) -> np.ndarray:
+    """Return times in the unit that the name of their column states, so that they read back."""
+    return seconds / SECONDS[time_unit(name) or "s"]
 
 
 def unit_in_row(cell: str) -> str | None:

@@ -13,7 +13,7 @@ from jaxsr._result import InputError
 from jaxsr.expressions import evaluate
 from jaxsr.models.formats.mjcf import Robot
 from jaxsr.models.formats.plant import Plant, mujoco, quietly
-from jaxsr.models.simulation import MOST_SAMPLES, simulate_to_csv, start_on
+from jaxsr.models.simulation import MOST_SAMPLES, simulate_to_csv, start_on, time_column
 from jaxsr.models.simulator import Simulator
 from jaxsr.recordings import Recording
 
@@ -123,7 +123,7 @@ def robot_to_csv(
         at = time[int(np.argmax(~np.isfinite(states).all(axis=1)))]
         remedy = "Take a smaller timestep in the file, or a shorter time"
         raise InputError(f"MuJoCo's run diverges at {at:.4g} s", plant.path.name, remedy)
-    table = {model.column(model.time): time}
+    table = time_column(model, time)
     table |= {model.column(u): inputs[:, k] for k, u in enumerate(model.inputs)}
     readings = read_outputs(robot, time, states, inputs)
     table |= {model.column(y): readings[:, k] for k, y in enumerate(model.outputs)}

@@ -23,7 +23,7 @@ from jaxsr.models.model import FREE, Model
 from jaxsr.models.native.field import native_field
 from jaxsr.models.native.process import Native
 from jaxsr.models.reading import read_model
-from jaxsr.models.simulation import start_on
+from jaxsr.models.simulation import start_on, time_column
 from jaxsr.models.simulator import Simulator
 from jaxsr.recordings import Recording, read_recording
 
@@ -156,7 +156,7 @@ def steps_to_csv(unit: Unit, recording: Recording) -> pd.DataFrame | None:
     env = {model.time: item.time, **{n: p.value for n, p in model.parameters.items()}}
     env |= dict(zip(model.states, states.T, strict=True))
     env |= dict(zip(model.inputs, item.inputs.T, strict=True))
-    table = {model.column(model.time): item.time}
+    table = time_column(model, item.time)
     table |= {model.column(u): item.inputs[:, k] for k, u in enumerate(model.inputs)}
     for y in model.outputs:
         found = evaluate(model.reading_terms[y], env)
