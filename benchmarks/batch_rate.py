@@ -233,7 +233,8 @@ def alone(folder: Path, budget: float, count: int) -> None:
     for name in names[:: max(len(names) // max(count, 1), 1)][:count]:
         words = ["jaxsr", "diagnose", "plant.toml", f"{name}.csv", "--out", f"alone/{name}"]
         if not (folder / "alone" / name / "diagnosis.json").exists():
-            process = start([*words, "--budget", f"{budget:g}"], folder, folder / "alone.log")
+            words += ["--seed", "0", "--budget", f"{budget:g}"]  # in a batch's own order
+            process = start(words, folder, folder / "alone.log")
             try:
                 process.wait()
             finally:

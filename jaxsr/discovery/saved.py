@@ -16,18 +16,22 @@ from jaxsr.models import Model
 from jaxsr.recordings.data_check import DataCheck
 
 
-class SavedTerm(dict[str, Any]):
-    """A term as ``discovery.json`` has it, with the attributes of `FittedTerm`."""
+class _Expressed(dict[str, Any]):
+    """A row of ``discovery.json`` that holds an expression."""
 
     @property
     def expression(self) -> str:
-        """Return the term in the model grammar."""
+        """Return the term, or the right-hand side, in the model grammar."""
         return str(self["expression"])
 
     @property
     def term(self) -> Term:
-        """Return the term, of outer coefficient one."""
+        """Return the term, of outer coefficient one, or the right-hand side."""
         return parse(self.expression)
+
+
+class SavedTerm(_Expressed):
+    """A term as ``discovery.json`` has it, with the attributes of `FittedTerm`."""
 
     @property
     def coefficient(self) -> float:
@@ -46,23 +50,13 @@ class SavedTerm(dict[str, Any]):
         return Interval(*self.ci95)
 
 
-class SavedEquation(dict[str, Any]):
+class SavedEquation(_Expressed):
     """An equation as ``discovery.json`` has it, with the attributes of `Equation`."""
 
     @property
     def state(self) -> str:
         """Return the state whose rate it gives."""
         return str(self["state"])
-
-    @property
-    def expression(self) -> str:
-        """Return the right-hand side in the model grammar."""
-        return str(self["expression"])
-
-    @property
-    def term(self) -> Term:
-        """Return the right-hand side."""
-        return parse(self.expression)
 
     @property
     def terms(self) -> tuple[SavedTerm, ...]:
