@@ -7,7 +7,7 @@ import pytest
 
 from jaxsr.expressions import Term, evaluate, parse, sines
 from jaxsr.expressions.slopes import evaluate_with_slopes
-from jaxsr.expressions.tape import Tape, UntraceableError
+from jaxsr.expressions.tape import Recording, Tape, UntraceableError
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.field import TAPED_FROM, Field, Point
 
@@ -86,7 +86,7 @@ def test_a_tape_repeats_the_walk_bit_by_bit(seed):
         terms = [drawn(rng, 6) for _ in range(3)]
         with contextlib.suppress(FloatingPointError), np.errstate(all="raise", under="ignore"):
             expected = walk(env)
-    found = Tape(walk, list(env))(env)
+    found = Tape(Recording.of(walk, list(env)))(env)
     for (value, slopes), (own, own_slopes) in zip(expected, found, strict=True):
         assert set(own_slopes) <= set(slopes)
         for one, other in [(value, own), *((slopes[n], own_slopes.get(n, 0.0)) for n in slopes)]:
@@ -95,7 +95,11 @@ def test_a_tape_repeats_the_walk_bit_by_bit(seed):
 
 def test_equal_subexpressions_are_computed_once_and_unused_ones_never():
     term = parse("sin(x*y)*cos(x*y) + sin(x*y)")
-    tape = Tape(lambda env: [evaluate(term, env), (evaluate(parse("exp(x)"), env), 1.0)[1]], "xy")
+    tape = Tape(
+        Recording.of(
+            lambda env: [evaluate(term, env), (evaluate(parse("exp(x)"), env), 1.0)[1]], "xy"
+        )
+    )
     assert len(tape) == 5
     x, y = np.array([0.3, 1.0]), np.array([2.0, -1.0])
     value, one = tape({"x": x, "y": y})
@@ -105,9 +109,9 @@ def test_equal_subexpressions_are_computed_once_and_unused_ones_never():
 
 def test_what_decides_by_values_cannot_be_recorded():
     with pytest.raises(UntraceableError):
-        Tape(lambda env: 1.0 if env["x"] > 0 else 0.0, ["x"])
+        Tape(Recording.of(lambda env: 1.0 if env["x"] > 0 else 0.0, ["x"]))
     with pytest.raises(UntraceableError):
-        Tape(lambda env: np.asarray(env["x"]), ["x"])
+        Tape(Recording.of(lambda env: np.asarray(env["x"]), ["x"]))
 
 
 @pytest.mark.parametrize("n", (1.7, 2.0))
@@ -170,7 +174,9 @@ def test_a_tape_takes_sines_and_cosines_of_large_arrays_together(text: str) -> N
     rng = np.random.default_rng(1)
     env = {name: rng.normal(size=(50, 40)) for name in "xy"}
     term = parse(text)
-    tape = Tape(lambda given: evaluate_with_slopes(term, given, {"x", "y"}), ["x", "y"])
+    tape = Tape(
+        Recording.of(lambda given: evaluate_with_slopes(term, given, {"x", "y"}), ["x", "y"])
+    )
     value, slopes = tape(env)
     expected, by = evaluate_with_slopes(term, env, {"x", "y"})
     np.testing.assert_allclose(value, expected, atol=1e-15)

@@ -23,9 +23,9 @@ FROM = 800
 """Elements of an array from which the table's thirty calls take less time than NumPy's two."""
 LARGEST = 5000.0
 """Angle in rad up to which multiples of the first part of the step are exact."""
-_PER_STEP = STEPS / (2.0 * np.pi)
+PER_STEP = STEPS / (2.0 * np.pi)
 # h = 2 pi / 1024 = first + second; the first part has 33 bits.
-_FIRST, _SECOND = 6746518852 * 2.0**-40, 2.3738673853539813e-13
+FIRST, SECOND = 6746518852 * 2.0**-40, 2.3738673853539813e-13
 
 
 def _table() -> tuple[np.ndarray, np.ndarray]:
@@ -38,7 +38,7 @@ def _table() -> tuple[np.ndarray, np.ndarray]:
     return whole, np.roll(whole, -STEPS // 4)
 
 
-_SINES, _COSINES = _table()
+SINES, COSINES = _table()
 
 
 def sine_and_cosine(x: Array) -> tuple[Array, Array]:
@@ -52,13 +52,13 @@ def sine_and_cosine(x: Array) -> tuple[Array, Array]:
     """
     if np.size(x) < FROM or x.dtype != np.float64 or not np.abs(x).max() < LARGEST:
         return np.sin(x), np.cos(x)
-    n = x * _PER_STEP
+    n = x * PER_STEP
     np.rint(n, out=n)
     place = n.astype(np.int64)
     place &= STEPS - 1
-    d = n * -_FIRST
+    d = n * -FIRST
     d += x
-    n *= _SECOND
+    n *= SECOND
     d -= n
     square = np.multiply(d, d, out=n)
     sine = square * (1.0 / 120.0)
@@ -69,7 +69,7 @@ def sine_and_cosine(x: Array) -> tuple[Array, Array]:
     cosine = square * (1.0 / 24.0)
     cosine -= 0.5
     cosine *= square  # cos(d) - 1
-    s, c = _SINES.take(place), _COSINES.take(place)
+    s, c = SINES.take(place), COSINES.take(place)
     first = c * sine
     first += np.multiply(s, cosine, out=n)
     first += s

@@ -75,7 +75,7 @@ def _with_slopes(
     pairs = [_with_slopes(arg, environment, by, shared) for arg in term.args]
     args, slopes = [a for a, _ in pairs], [s for _, s in pairs]
     if term.op == "pow" and not slopes[1]:
-        value, partial = _power(args[0], args[1], bool(slopes[0]))
+        value, partial = power_with_slope(args[0], args[1], bool(slopes[0]))
         found = value, _scaled(slopes[0], partial)
     else:
         value = PRIMITIVES[term.op].numpy(*args)
@@ -136,10 +136,10 @@ def _selected(op: str, args: list[Array], slopes: list[Slopes]) -> Slopes:
     return total
 
 
-def _power(base: Array, exponent: Array, wanted: bool) -> tuple[Array, Array]:
+def power_with_slope(base: Array, exponent: Array, wanted: bool) -> tuple[Array, Array]:
     """Return base**exponent for an exponent that is not differentiated by, and its slope."""
     if isinstance(exponent, Traced):  # whether it is whole is not known yet
-        value, slope = exponent.called(_power, base, exponent, wanted, results=2)
+        value, slope = exponent.called(power_with_slope, base, exponent, wanted, results=2)
         return value, slope
     whole = np.ndim(exponent) == 0 and float(exponent).is_integer() and 0 < exponent < 10
     if whole:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -176,30 +177,53 @@ _SHORTER: dict[Callable, Callable[[_Note, Any, Any], Any]] = {
 rounded otherwise than before."""
 
 
-class Tape:
-    """A function of named arrays, as one straight piece of Python.
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a function does.
 
-    Parameters
+    Attributes
     ----------
-    function : callable
-        Of a mapping from names to values; returns lists, tuples and dicts of values.
-    names : sequence of str
-        What the mapping holds.
-
-    Raises
-    ------
-    UntraceableError
-        The function asks for a value before there is one.
+    nodes : list of (callable or None, tuple)
+        Operations and their operands, a `Traced` or a number each; None and a name is a value that
+        is given.
+    tree : tree
+        What the function returned.
     """
 
-    def __init__(self, function: Callable[[Mapping[str, Any]], Tree], names: Sequence[str]) -> None:
+    nodes: Sequence[tuple[Callable | None, tuple[Any, ...]]]
+    tree: Tree
+
+    @staticmethod
+    def of(function: Callable[[Mapping[str, Any]], Tree], names: Sequence[str]) -> Recording:
+        """Record a function.
+
+        Parameters
+        ----------
+        function : callable
+            Of a mapping from names to values; returns lists, tuples and dicts of values.
+        names : sequence of str
+            What the mapping holds.
+
+        Raises
+        ------
+        UntraceableError
+            The function asks for a value before there is one.
+        """
         recorder = _Recorder()
         tree = function({name: recorder.variable(name) for name in names})
+        return Recording(recorder.nodes, tree)
+
+
+class Tape:
+    """A recorded function of named arrays, as one straight piece of Python."""
+
+    def __init__(self, recording: Recording) -> None:
+        nodes, tree = recording.nodes, recording.tree
         wanted: list[int] = []
-        _mapped(tree, lambda leaf: wanted.append(leaf.number))
+        mapped(tree, lambda leaf: wanted.append(leaf.number))
         text = _Text()
-        last = _last_uses(recorder.nodes, wanted)
-        partners = _partners(recorder.nodes, last)
+        last = _last_uses(nodes, wanted)
+        partners = _partners(nodes, last)
         place: dict[int, str] = {}
         free: list[str] = []
 
@@ -207,7 +231,7 @@ class Tape:
             place[number] = free.pop() if free else f"r{number}"
             return place[number]
 
-        for number, (call, args) in enumerate(recorder.nodes):
+        for number, (call, args) in enumerate(nodes):
             if number not in last:
                 continue
             if call is None:
@@ -224,10 +248,10 @@ class Tape:
                 text.assigned(both, text.operation(sine_and_cosine, values))
                 continue
             text.assigned(placed(number), text.operation(call, values))
-        leaves = _mapped(tree, lambda leaf: _Name(place[leaf.number]))
+        leaves = mapped(tree, lambda leaf: _Name(place[leaf.number]))
         text.lines.append(f" return {text.tree(leaves)}")
         self._function = text.function()
-        self._count = sum(recorder.nodes[number][0] is not None for number in last)
+        self._count = sum(nodes[number][0] is not None for number in last)
 
     def __len__(self) -> int:
         """Count the operations."""
@@ -295,13 +319,14 @@ _SYMBOLS: dict[Callable, str] = {
 }
 
 
-def _mapped(tree: Tree, change: Callable[[Traced], Any]) -> Tree:
+def mapped(tree: Tree, change: Callable[[Traced], Any]) -> Tree:
+    """Return a tree with every recorded value changed."""
     if isinstance(tree, Traced):
         return change(tree)
     if isinstance(tree, dict):
-        return {k: _mapped(v, change) for k, v in tree.items()}
+        return {k: mapped(v, change) for k, v in tree.items()}
     if isinstance(tree, list | tuple):
-        return type(tree)([_mapped(v, change) for v in tree])
+        return type(tree)([mapped(v, change) for v in tree])
     return tree
 
 

@@ -16,9 +16,9 @@ import numpy as np
 from jaxsr.expressions import Term, evaluate
 from jaxsr.models.directions import Directions, Stages, in_a_column
 from jaxsr.models.field import Field, Point
+from jaxsr.models.following import followed
 from jaxsr.models.jumps import Part
-from jaxsr.models.steps import METHODS
-from jaxsr.models.transitions import Taken, transition
+from jaxsr.models.programs import Span
 
 Array = Any
 LOOKED, AHEAD, BETWEEN, EVEN = 16, 1e-3, 8, 0.25
@@ -141,17 +141,24 @@ class Corners:
         self, field: Field, x: list[Array], time: Array, h: Array, stages: Stages
     ) -> tuple[list[list[tuple[Array, Array]]], list[Array]]:
         """Return arguments and their changes at the begin of `LOOKED` equal parts, and the end."""
-        shape, (_, step) = np.shape(x[0]), METHODS[self.method]
-        heights: list[list[tuple[Array, Array]]] = [[] for _ in self.arguments]
-        for first, last in itertools.pairwise(np.linspace(0.0, 1.0, LOOKED + 1)):
-            part = Part(stages, time, h, np.full(shape, first), np.full(shape, last))
-            for own, (argument, _) in zip(heights, self.arguments, strict=True):
-                own.append(self._with_rate(field, argument, part.at(x, 0.0), part.length))
-            x, _ = step(field, x, part.begin, part.length, part.stages, False)
-        end = part.at(x, 1.0)
-        for own, (argument, _) in zip(heights, self.arguments, strict=True):
-            own.append(self._with_rate(field, argument, end, part.length))
-        return heights, x
+        shape, edges = np.shape(x[0]), np.linspace(0.0, 1.0, LOOKED + 1)
+        parts = [
+            Part(stages, time, h, np.full(shape, first), np.full(shape, last))
+            for first, last in itertools.pairwise(edges)
+        ]
+        spans = [Span(part.begin, part.length, part.stages) for part in parts]
+        along, _ = followed(field, None, self.method, x, spans)
+        points = [part.at(own, 0.0) for part, own in zip(parts, along, strict=False)]
+        points.append(parts[-1].at(along[-1], 1.0))
+        lengths = [part.length for part in (*parts, parts[-1])]
+        heights = [
+            [
+                self._with_rate(field, argument, *place)
+                for place in zip(points, lengths, strict=True)
+            ]
+            for argument, _ in self.arguments
+        ]
+        return heights, along[-1]
 
     def _shares(self, heights: list[list[tuple[Array, Array]]]) -> Array:
         """Return where the parts of a substep begin and end, shape (parts + 1, ...).
@@ -184,18 +191,15 @@ def _in_parts(
     shares: Sequence[Array],
 ) -> tuple[list[Array], Array]:
     """Advance by all substeps, each from share to share."""
-    shape, taken = np.shape(x[0]), list[Taken]()
-    tableau, step = METHODS[method]
+    spans = []
     for number, places in enumerate(shares):
         h, own = length[:, number], stages(number)
         for first, last in itertools.pairwise(places):
             part = Part(own, time, h, first, last)
-            x, rows = step(field, x, part.begin, part.length, part.stages, to is not None)
-            taken.append(Taken(part.length, rows, part.stages))
+            spans.append(Span(part.begin, part.length, part.stages))
         time = time + h
-    if to is None:
-        return x, np.zeros((len(x), 0, *shape))
-    return x, transition(tableau, to, taken, shape)
+    along, slopes = followed(field, to, method, x, spans)
+    return along[-1], slopes
 
 
 def graded(at: Array, ahead: Array, width: float, count: int) -> Array:

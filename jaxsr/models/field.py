@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from jaxsr.expressions import Term, evaluate
+from jaxsr.expressions.instructions import Instructions
 from jaxsr.expressions.slopes import Slopes, Valued, evaluate_with_slopes
-from jaxsr.expressions.tape import Tape, UntraceableError
+from jaxsr.expressions.tape import Recording, Tape, UntraceableError
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.stepping import factorised, nothing
 
@@ -165,6 +166,21 @@ class Field:
     def _calculated(self, what: Callable, env: Mapping[str, Any]) -> Any:
         return self._recordings.calculated(self, what, env)
 
+    @property
+    def constants(self) -> Mapping[str, Array]:
+        """Values of parameters, widths and signs."""
+        return self._constants
+
+    def instructions(self, what: str) -> Instructions | None:
+        """Return the ``rates``, or rates and ``slopes``, as instructions; None without any."""
+        return self._recordings.instructed(
+            self, {"rates": Field._rates, "slopes": Field._slopes}[what]
+        )
+
+    def kept(self, key: Hashable, made: Callable[[], Any]) -> Any:
+        """Return what fields share that differ by the values of their constants alone."""
+        return self._recordings.kept(key, made)
+
     def _whole(self, at: Point, values: Sequence[Array]) -> list[Array]:
         """Give numbers the shape of the states."""
         like = np.zeros(np.shape(at.states[0]))
@@ -277,19 +293,39 @@ class _Recordings:
     def __init__(self, key: tuple) -> None:
         self.key = key
         self._calls: dict[Callable, int] = {}
+        self._found: dict[Callable, Recording | None] = {}
         self._tapes: dict[Callable, Tape | None] = {}
+        self._kept: dict[Hashable, Any] = {}
 
     def calculated(self, field: Field, what: Callable, env: Mapping[str, Any]) -> Any:
         count = self._calls[what] = self._calls.get(what, 0) + 1
         if count <= TAPED_FROM:
             return what(field, env)
         if what not in self._tapes:
-            try:
-                self._tapes[what] = Tape(functools.partial(what, field), list(env))
-            except UntraceableError:
-                self._tapes[what] = None
+            recording = self._recorded(field, what, list(env))
+            self._tapes[what] = None if recording is None else Tape(recording)
         tape = self._tapes[what]
         return what(field, env) if tape is None else tape(env)
+
+    def instructed(self, field: Field, what: Callable) -> Instructions | None:
+        """Return a calculation as instructions, where it can be recorded and the machine has it."""
+        model = field.model
+        moving = [model.time, *model.states, *model.inputs]
+        recording = self._recorded(field, what, [*field.constants, *moving])
+        return None if recording is None else Instructions.of(recording, moving)
+
+    def kept(self, key: Hashable, made: Callable[[], Any]) -> Any:
+        if key not in self._kept:
+            self._kept[key] = made()
+        return self._kept[key]
+
+    def _recorded(self, field: Field, what: Callable, names: Sequence[str]) -> Recording | None:
+        if what not in self._found:
+            try:
+                self._found[what] = Recording.of(functools.partial(what, field), names)
+            except UntraceableError:
+                self._found[what] = None
+        return self._found[what]
 
 
 @functools.lru_cache(maxsize=512)

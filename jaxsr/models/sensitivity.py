@@ -16,10 +16,10 @@ from jaxsr.models.carrying import carry
 from jaxsr.models.corners import Corners
 from jaxsr.models.directions import Directions, Stages, in_a_column
 from jaxsr.models.field import Field, Point
+from jaxsr.models.following import followed
 from jaxsr.models.jumps import Jumps
-from jaxsr.models.steps import METHODS
+from jaxsr.models.programs import Span
 from jaxsr.models.switching import Crossings
-from jaxsr.models.transitions import Taken, transition
 
 Array = Any
 LONG = 512
@@ -58,27 +58,22 @@ def advanced(
         States at the later samples.
     slopes : ndarray, shape (states, directions, steps, segments)
     """
-    states, taken, shape, begin = list(x), list[Taken](), np.shape(x[0]), time
-    tableau, step = METHODS[method]
-    jumping = np.zeros(shape, dtype=bool)
+    shape, jumping, begin = np.shape(x[0]), np.zeros(np.shape(x[0]), dtype=bool), time
+    spans = []
     for number in range(length.shape[1]):
-        ask()
-        h, own = length[:, number], stages(number)
-        before = states
-        states, rows = step(field, states, time, h, own, to is not None)
-        taken.append(Taken(h, rows, own))
+        spans.append(Span(begin, length[:, number], stages(number)))
+        begin = begin + length[:, number]
+    along, slopes = followed(field, to, method, x, spans)
+    for before, after, span in zip(along, along[1:], spans, strict=False):
         if jumps is not None:
-            here, there = Point(time, before, own.at(0.0)), Point(time + h, states, own.at(1.0))
-            jumping |= jumps.crossed(field, here, there, h + np.zeros(shape)).any(axis=0)
-        time = time + h
-    if to is None:
-        slopes = np.zeros((len(states), 0, *shape))
-    else:
-        slopes = transition(tableau, to, taken, shape)
+            here = Point(span.begin, before, span.stages.at(0.0))
+            there = Point(span.begin + span.length, after, span.stages.at(1.0))
+            jumping |= jumps.crossed(field, here, there, span.length + np.zeros(shape)).any(axis=0)
+    states = along[-1]
     if jumps is None or not jumping.any():
         return states, slopes
     states = [np.array(state) for state in states]
-    part = in_a_column(begin, length, stages, jumping)
+    part = in_a_column(time, length, stages, jumping)
     ends, by = jumps.through(
         field.column(jumping), to, method, [a[jumping][:, None] for a in x], *part
     )

@@ -29,10 +29,11 @@ from jaxsr.expressions import Term, evaluate
 from jaxsr.expressions.affine import affine_slope
 from jaxsr.models.directions import Directions, Stages
 from jaxsr.models.field import Field, Point, Row
+from jaxsr.models.following import followed
 from jaxsr.models.jumps import Part
+from jaxsr.models.programs import Span
 from jaxsr.models.simulator import Simulator
-from jaxsr.models.steps import METHODS
-from jaxsr.models.transitions import Taken, transition
+from jaxsr.models.sliding import Sliding, slid
 
 Array = Any
 MOST_CHANGES = 24
@@ -187,57 +188,24 @@ class _Walk:
         for k in range(len(height)):
             self._settle(k, start, np.abs(height[k]) <= switches.rest[k], arriving=False)
 
-    # What a field is asked by the methods of `steps`.
-    def rates(self, at: Point) -> list[Array]:
-        if not self.stuck.any():
-            return self._signed().rates(at)
-        return self.slopes_at(at)[0]
-
     def slopes_at(self, at: Point) -> tuple[list[Array], list[Row], Array]:
         """Return rates, their derivatives, and the values of the signs with those that stick."""
-        rates, rows = self._signed().slopes(at)
-        if not self.stuck.any():
-            return rates, rows, self.signs
-        by = self._by_sign(rows)  # (states, switches, samples, 1)
-        slope, stuck = self.switches.slope, self.stuck
-        matrix = np.einsum("in,nj...->...ij", slope, by)
-        held = np.moveaxis(stuck, 0, -1)
-        matrix = np.where(held[..., :, None] & held[..., None, :], matrix, 0.0)
-        own = np.arange(len(slope))
-        matrix[..., own, own] += ~held
-        f = np.stack(rates)
-        inverse = np.linalg.inv(matrix)
-
-        def moved(value: Array) -> Array:
-            """How the signs that stick answer to a change of the rates."""
-            pull = np.where(stuck, -np.einsum("in,n...->i...", slope, value), 0.0)
-            return np.einsum("...ij,j...->i...", inverse, pull)
-
-        change = moved(f)
-        f = f + np.einsum("nj...,j...->n...", by, change)
-        projected: list[dict[str, Array]] = [dict(row) for row in rows]
-        for name in dict.fromkeys(key for row in rows for key in row):
-            none = np.zeros(self.shape)
-            column = np.stack([row.get(name, 0.0) + none for row in rows])
-            answer = np.einsum("nj...,j...->n...", by, moved(column))
-            for row, entry, extra in zip(projected, column, answer, strict=True):
-                row[name] = entry + extra
-        return list(f), list(projected), self.signs + change
+        return self._sliding(self.field, self.signs, self.stuck).slopes_at(at)
 
     def substep(self, time: Array, h: Array, stages: Stages) -> None:
         """Advance by one substep: from change to change, and on to its end."""
         done = np.zeros(self.shape)
         for _ in range(MOST_CHANGES):
             part = Part(stages, time, h, done, np.ones(self.shape))
-            ends, rows = self._stepped(part)
+            ends, by = self._stepped(part)
             over = (self._held(part, ends, 1.0) < 0.0).any(axis=0) & (part.length > 0.0)
             if not over.any():
-                self._taken(part, ends, rows)
+                self._taken(ends, by)
                 return
             share = self._located(part, over, ends)
             stop = np.where(over, done + share * (1.0 - done), 1.0)
             part = Part(stages, time, h, done, stop)
-            self._taken(part, *self._stepped(part))
+            self._taken(*self._stepped(part))
             at = part.at(list(self.x), 1.0)
             which = np.argmin(self._held(part, list(self.x), 1.0), axis=0)
             for k in range(len(self.signs)):
@@ -246,35 +214,40 @@ class _Walk:
             if not (done < 1.0).any():
                 return
         part = Part(stages, time, h, done, np.ones(self.shape))
-        self._taken(part, *self._stepped(part))
+        self._taken(*self._stepped(part))
 
-    def _signed(self) -> Field:
-        return self.field.valued(dict(zip(self.switches.names, self.signs, strict=True)))
+    def _sliding(self, field: Field, signs: Array, stuck: Array) -> Sliding:
+        return Sliding(self.switches.names, self.switches.slope, field, signs, stuck)
 
-    def _by_sign(self, rows: Sequence[Row]) -> Array:
-        none = np.zeros(self.shape)
-        names = self.switches.names
-        return np.stack([np.stack([row.get(name, 0.0) + none for name in names]) for row in rows])
+    def _stepped(self, part: Part, slopes: bool = True) -> tuple[Array, Array]:
+        """Return states after a step in these modes, and their derivatives by those before it."""
+        to = self.to if slopes else None
+        sticking = self.stuck.any(axis=0)
+        ends = np.empty_like(self.x)
+        by = np.empty((len(self.x), 0 if to is None else to.count, *self.shape))
+        for slides, chosen in ((False, ~sticking), (True, sticking)):
+            if not chosen.any():
+                continue
+            begun = [a[chosen][:, None] for a in self.x]
+            signs, stuck = self.signs[:, chosen][..., None], self.stuck[:, chosen][..., None]
+            field = self._sliding(self.field.column(chosen), signs, stuck)
+            span = _column(part, chosen)
+            follow = slid if slides else followed
+            asked = field if slides else field.signed
+            along, own = follow(asked, to, self.method, begun, [span])
+            ends[:, chosen], by[:, :, chosen] = np.stack(along[-1])[..., 0], own[..., 0]
+        return ends, by
 
-    def _stepped(self, part: Part, slopes: bool | None = None) -> tuple[list[Array], list]:
-        _, step = METHODS[self.method]
-        wanted = self.to is not None if slopes is None else slopes
-        x = list(self.x)
-        return step(_Asked(self), x, part.begin, part.length, part.stages, wanted)
-
-    def _taken(self, part: Part, ends: list[Array], rows: list) -> None:
+    def _taken(self, ends: Array, by: Array) -> None:
         """Make a step that was taken the state, and carry the derivatives along."""
         if self.to is not None:
-            tableau, _ = METHODS[self.method]
-            taken = [Taken(part.length, rows, part.stages)]
-            by = transition(tableau, self.to, taken, (self.shape[0], self.shape[1]))
             n = len(ends)
             moved = np.einsum("ij...,jk...->ik...", by[:, :n], self.slopes)
             moved[:, n:] += by[:, n:]
             self.slopes = moved
-        self.x = np.stack(ends)
+        self.x = ends
 
-    def _held(self, part: Part, x: list[Array], share: Array | float) -> Array:
+    def _held(self, part: Part, x: Sequence[Array], share: Array | float) -> Array:
         """How far each mode is from its end, shape (switches, samples, 1): below 0 it is over.
 
         Distances are in typical ones, divided by the share of the step where the
@@ -290,7 +263,7 @@ class _Walk:
         value = self.slopes_at(part.at(x, share))[2]
         return np.where(self.stuck, 1.0 - np.abs(value), height)
 
-    def _located(self, part: Part, over: Array, ends: list[Array]) -> Array:
+    def _located(self, part: Part, over: Array, ends: Array) -> Array:
         """Return the share of a step at which the first mode ends (Illinois method)."""
 
         def left(share: Array) -> Array:
@@ -374,9 +347,9 @@ class _Walk:
         self._put_on(number, chosen, np.where(sticks, sign, after))
 
 
-class _Asked:
-    """A walk as the field that methods of integration ask."""
-
-    def __init__(self, walk: _Walk) -> None:
-        self.rates = walk.rates
-        self.slopes = lambda at: walk.slopes_at(at)[:2]
+def _column(part: Part, chosen: Array) -> Span:
+    """Return a part of a step for some of the samples, one below the other."""
+    values = part.stages.values[:, :, chosen][..., None]
+    rates = {k: rate[:, chosen][..., None] for k, rate in part.stages.rates.items()}
+    begin, length = part.begin[chosen][:, None], part.length[chosen][:, None]
+    return Span(begin, length, Stages(values, rates))
