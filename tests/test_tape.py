@@ -9,7 +9,8 @@ from jaxsr.expressions import Term, evaluate, parse, sines
 from jaxsr.expressions.slopes import evaluate_with_slopes
 from jaxsr.expressions.tape import Recording, Tape, UntraceableError
 from jaxsr.models import Simulator, parse_model
-from jaxsr.models.field import TAPED_FROM, Field, Point
+from jaxsr.models.calculations import TAPED_FROM
+from jaxsr.models.field import Field, Point
 
 BINARY, UNARY = ("add", "sub", "mul", "div", "max", "min"), ("neg", "sin", "tanh", "abs", "exp")
 LEAVES = ("x", "y", "p", "q")

@@ -17,8 +17,7 @@ from jaxsr.expressions import Term, evaluate
 from jaxsr.models.directions import Directions, Stages, in_a_column
 from jaxsr.models.field import Field, Point
 from jaxsr.models.following import followed
-from jaxsr.models.jumps import Part
-from jaxsr.models.programs import Span
+from jaxsr.models.parts import Part
 
 Array = Any
 LOOKED, AHEAD, BETWEEN, EVEN = 16, 1e-3, 8, 0.25
@@ -146,8 +145,7 @@ class Corners:
             Part(stages, time, h, np.full(shape, first), np.full(shape, last))
             for first, last in itertools.pairwise(edges)
         ]
-        spans = [Span(part.begin, part.length, part.stages) for part in parts]
-        along, _ = followed(field, None, self.method, x, spans)
+        along, _ = followed(field, None, self.method, x, parts)
         points = [part.at(own, 0.0) for part, own in zip(parts, along, strict=False)]
         points.append(parts[-1].at(along[-1], 1.0))
         lengths = [part.length for part in (*parts, parts[-1])]
@@ -196,7 +194,7 @@ def _in_parts(
         h, own = length[:, number], stages(number)
         for first, last in itertools.pairwise(places):
             part = Part(own, time, h, first, last)
-            spans.append(Span(part.begin, part.length, part.stages))
+            spans.append(part)
         time = time + h
     along, slopes = followed(field, to, method, x, spans)
     return along[-1], slopes

@@ -13,14 +13,12 @@ import numpy as np
 from jaxsr.expressions import Term, evaluate
 from jaxsr.expressions.instructions import Instructions
 from jaxsr.expressions.slopes import Slopes, Valued, evaluate_with_slopes
-from jaxsr.expressions.tape import Recording, Tape, UntraceableError
+from jaxsr.models.calculations import Calculations
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.stepping import factorised, nothing
 
 Array = Any
 Row = Mapping[str, Array]
-TAPED_FROM = 8
-"""Calls of a calculation that are interpreted before it is worth recording."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +77,13 @@ class Field:
         self._constants |= dict.fromkeys(self.signs, 1.0)
         known_values = tuple(sorted(known.items()))
         self._equations, self._mass, self._readings = _without(simulator, known_values)
-        self._recordings = _recordings(simulator, known_values, self.by)
+        self._shared = _calculations(simulator, known_values, self.by)
 
     def by_states(self) -> Field:
         """Return the field differentiated by states alone."""
         own = copy.copy(self)
         own.by = frozenset(self.model.states)
-        own._recordings = _recordings(self.simulator, self._recordings.key, own.by)
+        own._shared = _calculations(self.simulator, self._shared.key, own.by)
         return own
 
     def valued(self, constants: Mapping[str, Array]) -> Field:
@@ -164,7 +162,7 @@ class Field:
         return left, list(step), rows
 
     def _calculated(self, what: Callable, env: Mapping[str, Any]) -> Any:
-        return self._recordings.calculated(self, what, env)
+        return self._shared.calculated(what, functools.partial(what, self), env)
 
     @property
     def constants(self) -> Mapping[str, Array]:
@@ -173,13 +171,14 @@ class Field:
 
     def instructions(self, what: str) -> Instructions | None:
         """Return the ``rates``, or rates and ``slopes``, as instructions; None without any."""
-        return self._recordings.instructed(
-            self, {"rates": Field._rates, "slopes": Field._slopes}[what]
-        )
+        called = Field._slopes if what == "slopes" else Field._rates
+        moving = [self.model.time, *self.model.states, *self.model.inputs]
+        names = [*self._constants, *moving]
+        return self._shared.instructed(called, functools.partial(called, self), names, moving)
 
     def kept(self, key: Hashable, made: Callable[[], Any]) -> Any:
         """Return what fields share that differ by the values of their constants alone."""
-        return self._recordings.kept(key, made)
+        return self._shared.kept(key, made)
 
     def _whole(self, at: Point, values: Sequence[Array]) -> list[Array]:
         """Give numbers the shape of the states."""
@@ -287,51 +286,10 @@ def implicit(rows: Sequence[Row], states: Sequence[str], size: Array) -> list[li
     ]
 
 
-class _Recordings:
-    """The calculations of a field: interpreted at first, replayed from tapes once frequent."""
-
-    def __init__(self, key: tuple) -> None:
-        self.key = key
-        self._calls: dict[Callable, int] = {}
-        self._found: dict[Callable, Recording | None] = {}
-        self._tapes: dict[Callable, Tape | None] = {}
-        self._kept: dict[Hashable, Any] = {}
-
-    def calculated(self, field: Field, what: Callable, env: Mapping[str, Any]) -> Any:
-        count = self._calls[what] = self._calls.get(what, 0) + 1
-        if count <= TAPED_FROM:
-            return what(field, env)
-        if what not in self._tapes:
-            recording = self._recorded(field, what, list(env))
-            self._tapes[what] = None if recording is None else Tape(recording)
-        tape = self._tapes[what]
-        return what(field, env) if tape is None else tape(env)
-
-    def instructed(self, field: Field, what: Callable) -> Instructions | None:
-        """Return a calculation as instructions, where it can be recorded and the machine has it."""
-        model = field.model
-        moving = [model.time, *model.states, *model.inputs]
-        recording = self._recorded(field, what, [*field.constants, *moving])
-        return None if recording is None else Instructions.of(recording, moving)
-
-    def kept(self, key: Hashable, made: Callable[[], Any]) -> Any:
-        if key not in self._kept:
-            self._kept[key] = made()
-        return self._kept[key]
-
-    def _recorded(self, field: Field, what: Callable, names: Sequence[str]) -> Recording | None:
-        if what not in self._found:
-            try:
-                self._found[what] = Recording.of(functools.partial(what, field), names)
-            except UntraceableError:
-                self._found[what] = None
-        return self._found[what]
-
-
 @functools.lru_cache(maxsize=512)
-def _recordings(simulator: Simulator, known: tuple, by: frozenset[str]) -> _Recordings:
+def _calculations(simulator: Simulator, known: tuple, by: frozenset[str]) -> Calculations:
     """Share the recordings of fields that differ by the values of their constants alone."""
-    return _Recordings(known)
+    return Calculations(known)
 
 
 @functools.lru_cache(maxsize=4096)

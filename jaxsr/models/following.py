@@ -10,7 +10,8 @@ import numpy as np
 from jaxsr._deadline import ask
 from jaxsr.models.directions import Directions
 from jaxsr.models.field import Field
-from jaxsr.models.programs import Span, program_of
+from jaxsr.models.parts import Part
+from jaxsr.models.programs import program_of
 from jaxsr.models.steps import METHODS
 from jaxsr.models.transitions import Taken, transition
 
@@ -18,7 +19,7 @@ Array = Any
 
 
 def followed(
-    field: Field, to: Directions | None, method: str, x: Sequence[Array], spans: Sequence[Span]
+    field: Field, to: Directions | None, method: str, x: Sequence[Array], spans: Sequence[Part]
 ) -> tuple[list[list[Array]], Array]:
     """Advance step by step.
 

@@ -14,7 +14,7 @@ Leine & Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +25,7 @@ from jaxsr.expressions.slopes import evaluate_with_slopes
 from jaxsr.models.directions import Directions, Stages
 from jaxsr.models.field import Field, Point
 from jaxsr.models.model import Event, Model
+from jaxsr.models.parts import Part
 from jaxsr.models.steps import METHODS
 from jaxsr.models.transitions import Taken, transition
 
@@ -337,40 +338,3 @@ class _Walk:
                         result[i, column] += own[name]
             result[i] -= then[i] * shift
         return result
-
-
-class Part:
-    """A piece of a substep, from one share of it to another."""
-
-    def __init__(self, whole: Stages, time: Array, h: Array, first: Array, last: Array) -> None:
-        self.whole, self.time, self.h, self.first, self.last = whole, time, h, first, last
-        self.begin, self.length = time + first * h, (last - first) * h
-        shares = [first, 0.5 * (first + last), last]
-        values = np.stack([_along(whole.values, s) for s in shares])
-        rates = {k: np.stack([_along(rate, s) for s in shares]) for k, rate in whole.rates.items()}
-        self.stages = Stages(values, rates)
-
-    def upto(self, share: Array) -> Part:
-        """Return the beginning of the piece."""
-        last = self.first + share * (self.last - self.first)
-        return Part(self.whole, self.time, self.h, self.first, last)
-
-    def at(self, x: Sequence[Array], share: Array | float) -> Point:
-        """States at a share of the piece, with time and inputs."""
-        own = self.first + share * (self.last - self.first)
-        return Point(self.time + own * self.h, list(x), list(_along(self.whole.values, own)))
-
-    @property
-    def input_rates(self) -> list[Array]:
-        """Mean rates of the inputs over the substep."""
-        with np.errstate(all="ignore"):
-            change = (self.whole.values[2] - self.whole.values[0]) / self.h
-        return list(np.nan_to_num(change, posinf=0.0, neginf=0.0))
-
-
-def _along(values: Array, share: Array) -> Array:
-    """Parabola through values at the start, the middle and the end of a step."""
-    if values.size == 0:
-        return values[0]
-    a, b, c = (1 - share) * (1 - 2 * share), 4 * share * (1 - share), share * (2 * share - 1)
-    return a * values[0] + b * values[1] + c * values[2]

@@ -8,6 +8,7 @@ operation of every stage through memory.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,27 +26,69 @@ WHOLE = 10
 """Whole exponents below it are products (`slopes.power_with_slope`)."""
 
 
+class Code(NamedTuple):
+    """Two programs: rates, and rates with their derivatives.
+
+    Attributes
+    ----------
+    instructions : ndarray of int, shape (instructions, 5)
+        Of `expressions.instructions`: what of either program is calculated once, and what at every
+        stage.
+    bounds : ndarray of int, shape (5,)
+        Where these four parts begin and end.
+    preset : ndarray, shape (registers,)
+    fixed_at : ndarray of int, shape (values,)
+        Registers of constants.
+    time_at, states_at, inputs_at : ndarray of int, shape (2, names)
+        Registers in either program; -1 where a name does not occur.
+    rates_at : ndarray of int, shape (2, states)
+    by_state : ndarray of int, shape (entries, 3)
+        State whose rate it is of, state it is by, register: the entries of J.
+    by_parameter : ndarray of int, shape (entries, 4)
+        State whose rate it is of, parameter it is by, register, and the row of
+        `Course.input_rates` that it is to be multiplied by, or -1: the entries of P.
+    """
+
+    instructions: Array
+    bounds: Array
+    preset: Array
+    fixed_at: Array
+    time_at: Array
+    states_at: Array
+    inputs_at: Array
+    rates_at: Array
+    by_state: Array
+    by_parameter: Array
+
+
+class Course(NamedTuple):
+    """Parts of steps, one after the other, and what comes from outside.
+
+    Attributes
+    ----------
+    of : ndarray of int, shape (parts,)
+        The step that each is a part of.
+    times : ndarray, shape (2, steps, samples)
+        Begin and length of a step.
+    shares : ndarray, shape (2, parts, samples)
+        Of it, at which a part begins and ends.
+    inputs : ndarray, shape (3, inputs, steps, samples)
+        At its begin, its middle and its end.
+    input_rates : ndarray, shape (3, delays, steps, samples)
+        The same of the derivatives of inputs by their delays.
+    """
+
+    of: Array
+    times: Array
+    shares: Array
+    inputs: Array
+    input_rates: Array
+
+
 def rk4_steps(
-    code: Array,
-    bounds: Array,
-    preset: Array,
-    fixed_at: Array,
-    fixed: Array,
-    time_at: Array,
-    states_at: Array,
-    inputs_at: Array,
-    rates_at: Array,
-    by_state: Array,
-    by_parameter: Array,
-    begin: Array,
-    length: Array,
-    inputs: Array,
-    input_rates: Array,
-    states: Array,
-    slopes: Array,
-    width: int,
+    code: Code, fixed: Array, course: Course, states: Array, slopes: Array, width: int
 ) -> None:
-    r"""Fill the states after every step, and their derivatives, by the classical method.
+    r"""Fill the states after every part, and their derivatives, by the classical method.
 
     States are followed forwards by the first of two programs. Backwards, with J_s and P_s the
     derivatives of the rate of stage s by states and parameters (the second program),
@@ -53,40 +96,24 @@ def rk4_steps(
     .. math:: V_s = h b_s F + h a_{s+1,s} V_{s+1} J_{s+1}, \quad
         F \leftarrow F + \sum_s V_s J_s, \quad G \leftarrow G + \sum_s V_s P_s
 
-    are the derivatives F of the end by the states before a step, and G by the parameters.
+    are the derivatives F of the end by the states before a part, and G by the parameters.
 
     Parameters
     ----------
-    code : ndarray of int, shape (instructions, 5)
-        Of `expressions.instructions`: what of either program is calculated once, and what at every
-        stage.
-    bounds : ndarray of int, shape (5,)
-        Where these four parts begin and end.
-    preset : ndarray, shape (registers,)
-    fixed_at : ndarray of int, shape (values,)
-        Registers of parameters.
+    code : Code
     fixed : ndarray, shape (values, samples or 1)
-    time_at : ndarray of int, shape (2,)
-        Register of the time in either program; -1 where it does not occur.
-    states_at, inputs_at : ndarray of int, shape (2, states or inputs)
-    rates_at : ndarray of int, shape (2, states)
-    by_state : ndarray of int, shape (entries, 3)
-        State whose rate it is of, state it is by, register: the entries of J.
-    by_parameter : ndarray of int, shape (entries, 4)
-        State whose rate it is of, parameter it is by, register, and the row of `input_rates` that
-        it is to be multiplied by, or -1: the entries of P.
-    begin, length : ndarray, shape (steps, samples)
-    inputs : ndarray, shape (3, inputs, steps, samples)
-        At the begin, the middle and the end of every step.
-    input_rates : ndarray, shape (3, delays, steps, samples)
-    states : ndarray, shape (steps + 1, states, samples)
+    course : Course
+    states : ndarray, shape (parts + 1, states, samples)
         The first are given, the others filled.
     slopes : ndarray, shape (states, states + parameters, samples)
         Filled; of no samples where none are asked for.
     width : int
         Samples of a row.
     """
-    steps, samples = length.shape
+    instructions, bounds, preset, fixed_at, time_at, states_at, inputs_at = code[:7]
+    rates_at, by_state, by_parameter = code[7:]
+    whole_of, times, shares, inputs, input_rates = course
+    steps, samples = len(whole_of), states.shape[2]
     n, m, tangents = states.shape[1], inputs.shape[1], slopes.shape[2] > 0
     entries, columns, count = len(by_state), len(by_parameter), slopes.shape[1]
     register = np.empty((len(preset), width))
@@ -95,7 +122,8 @@ def rk4_steps(
     whole, total = np.empty((n, n, width)), np.empty((n, n, width))
     moved, pull = np.empty((n, n, width)), np.empty((n, n, width))
     by = np.empty((n, count - n if tangents else 0, width))
-    place, half = np.array([0, 1, 1, 2]), np.array([0.0, 0.5, 0.5, 1.0])
+    half = np.array([0.0, 0.5, 0.5, 1.0])
+    length, share = np.empty(width), np.empty((4, width))
     weight = np.array([1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0])
     once = tangents and steps == 1  # forwards and backwards are one evaluation
     forwards = 0 if once else 1 + 4 * steps
@@ -124,23 +152,31 @@ def rk4_steps(
             program = 0 if number < forwards else 1
             place_in = number - 1 if program == 0 else number - forwards - 1
             first, last = bounds[2 * program], bounds[2 * program + 1]
-            step, stage = 0, 0
+            step, stage, out = 0, 0, 0
             if place_in >= 0:
                 first, last = last, bounds[2 * program + 2]
                 step, stage = place_in // 4, place_in % 4
                 if program == 1:
                     step = steps - 1 - step
-                if time_at[program] >= 0:
+                out = whole_of[step]
+                for w in range(size):
+                    begin, end = shares[0, step, left + w], shares[1, step, left + w]
+                    share[stage, w] = begin + half[stage] * (end - begin)
+                    length[w] = (end - begin) * times[1, out, left + w]
+                if time_at[program, 0] >= 0:
                     for w in range(size):
-                        register[time_at[program], w] = (
-                            begin[step, left + w] + half[stage] * length[step, left + w]
+                        register[time_at[program, 0], w] = (
+                            times[0, out, left + w] + share[stage, w] * times[1, out, left + w]
                         )
                 for i in range(m):
                     if inputs_at[program, i] >= 0:
                         for w in range(size):
-                            register[inputs_at[program, i], w] = inputs[
-                                place[stage], i, step, left + w
-                            ]
+                            x, y = share[stage, w], 1.0 - share[stage, w]
+                            register[inputs_at[program, i], w] = (
+                                y * (y - x) * inputs[0, i, out, left + w]
+                                + 4.0 * x * y * inputs[1, i, out, left + w]
+                                + x * (x - y) * inputs[2, i, out, left + w]
+                            )
                 for i in range(n):
                     if states_at[program, i] < 0:
                         continue
@@ -151,10 +187,11 @@ def rk4_steps(
                         for w in range(size):
                             register[states_at[program, i], w] = (
                                 states[step, i, left + w]
-                                + half[stage] * length[step, left + w] * rate[stage - 1, i, w]
+                                + half[stage] * length[w] * rate[stage - 1, i, w]
                             )
             for k in range(first, last):
-                operation, t, a, b, c = code[k, 0], code[k, 1], code[k, 2], code[k, 3], code[k, 4]
+                operation, t = instructions[k, 0], instructions[k, 1]
+                a, b, c = instructions[k, 2], instructions[k, 3], instructions[k, 4]
                 if operation == ADD:
                     for w in range(size):
                         register[t, w] = register[a, w] + register[b, w]
@@ -266,7 +303,7 @@ def rk4_steps(
             if stage == 3 and (program == 0 or once):
                 for i in range(n):
                     for w in range(size):
-                        h = length[step, left + w]
+                        h = length[w]
                         states[step + 1, i, left + w] = (
                             states[step, i, left + w]
                             + h / 6.0 * rate[0, i, w]
@@ -285,9 +322,12 @@ def rk4_steps(
                     kept[stage, entries + e, w] = register[by_parameter[e, 2], w]
                 if delay >= 0:
                     for w in range(size):
-                        kept[stage, entries + e, w] *= input_rates[
-                            place[stage], delay, step, left + w
-                        ]
+                        x, y = share[stage, w], 1.0 - share[stage, w]
+                        kept[stage, entries + e, w] *= (
+                            y * (y - x) * input_rates[0, delay, out, left + w]
+                            + 4.0 * x * y * input_rates[1, delay, out, left + w]
+                            + x * (x - y) * input_rates[2, delay, out, left + w]
+                        )
             if stage < 3:
                 continue
             for i in range(n):
@@ -299,7 +339,7 @@ def rk4_steps(
                 for i in range(n):
                     for j in range(n):
                         for w in range(size):
-                            h = length[step, left + w]
+                            h = length[w]
                             value = h * weight[s] * whole[i, j, w]
                             if s < 3:
                                 value += h * half[s + 1] * moved[i, j, w]

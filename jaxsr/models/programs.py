@@ -10,9 +10,10 @@ import numpy as np
 
 from jaxsr._machine_code import compiled
 from jaxsr.expressions.instructions import Instructions
-from jaxsr.models.directions import Directions, Stages
+from jaxsr.models.directions import Directions
 from jaxsr.models.field import Field
-from jaxsr.models.machine_steps import rk4_steps
+from jaxsr.models.machine_steps import Code, Course, rk4_steps
+from jaxsr.models.parts import Part
 
 Array = Any
 CACHED, LEAST, MOST = 1 << 16, 8, 128
@@ -21,45 +22,20 @@ samples of a row."""
 
 
 @dataclass(frozen=True, eq=False)
-class Span:
-    """A step of every sample.
-
-    Attributes
-    ----------
-    begin, length : ndarray, shape (steps, segments)
-    stages : Stages
-        Inputs along it.
-    """
-
-    begin: Array
-    length: Array
-    stages: Stages
-
-
-@dataclass(frozen=True, eq=False)
 class Program:
     """Rates of a field, and rates with their derivatives, in one set of registers.
 
     Attributes
     ----------
-    code, bounds, preset, time_at, states_at, inputs_at, rates_at, by_state, by_parameter : ndarray
-        As `rk4_steps` has them.
-    fixed : tuple of (str, int)
-        Names of constants, and their registers.
+    code : Code
+    fixed : tuple of str
+        Constants, in the order of `Code.fixed_at`.
     delayed : tuple of int
-        Inputs of the rows of `input_rates`.
+        Inputs of the rows of `Course.input_rates`.
     """
 
-    code: Array
-    bounds: Array
-    preset: Array
-    time_at: Array
-    states_at: Array
-    inputs_at: Array
-    rates_at: Array
-    by_state: Array
-    by_parameter: Array
-    fixed: tuple[tuple[str, int], ...]
+    code: Code
+    fixed: tuple[str, ...]
     delayed: tuple[int, ...]
 
     @staticmethod
@@ -69,109 +45,117 @@ class Program:
         if rates is None or slopes is None:
             return None
         first = len(rates.preset)
-        parts = (
-            (rates, 0),
-            (slopes, first),
-        )
-        code = [_moved(rows, by) for own, by in parts for rows in (own.once, own.each)]
-        model = field.model
-        found, rows = slopes.results
+        parts = (rates, 0), (slopes, first)
+        rows = [_moved(part, by) for own, by in parts for part in (own.once, own.each)]
+        model, (found, derivatives) = field.model, slopes.results
         place = {s: k for k, s in enumerate(to.states)}
-        own_rows = [(i, name, first + at) for i, row in enumerate(rows) for name, at in row.items()]
         columns = {name: k - len(to.states) for name, k in to.columns.items()}
-        late = {model.inputs[u]: (d - len(to.states), u) for u, d in to.delays.items()}
+        late = {model.inputs[u]: d - len(to.states) for u, d in to.delays.items()}
         delayed = tuple(to.delays)
-        by_parameter = [(i, columns[n], at, -1) for i, n, at in own_rows if n in columns]
-        by_parameter += [
-            (i, late[n][0], at, delayed.index(late[n][1])) for i, n, at in own_rows if n in late
-        ]
+        number = {model.inputs[u]: k for k, u in enumerate(delayed)}
+        by_state, by_parameter = [], []
+        for i, row in enumerate(derivatives):
+            for name, at in row.items():
+                if name in place:
+                    by_state.append((i, place[name], first + at))
+                if name in columns:
+                    by_parameter.append((i, columns[name], first + at, -1))
+                if name in late:
+                    by_parameter.append((i, late[name], first + at, number[name]))
         known = {model.time, *model.states, *model.inputs}
-        return Program(
-            code=np.concatenate(code),
-            bounds=np.cumsum([0, *(len(rows) for rows in code)]),
+        fixed = [
+            (name, by + at)
+            for own, by in parts
+            for name, at in own.given.items()
+            if name not in known
+        ]
+        code = Code(
+            instructions=np.concatenate(rows),
+            bounds=np.cumsum([0, *map(len, rows)]),
             preset=np.concatenate([rates.preset, slopes.preset]),
-            time_at=_places(parts, [model.time])[:, 0],
+            fixed_at=np.array([at for _, at in fixed], dtype=np.int64),
+            time_at=_places(parts, [model.time]),
             states_at=_places(parts, model.states),
             inputs_at=_places(parts, model.inputs),
             rates_at=np.array([rates.results, [first + at for at in found]], dtype=np.int64),
-            by_state=_table([(i, place[n], at) for i, n, at in own_rows if n in place], 3),
+            by_state=_table(by_state, 3),
             by_parameter=_table(by_parameter, 4),
-            fixed=tuple(
-                (name, by + at)
-                for own, by in parts
-                for name, at in own.given.items()
-                if name not in known
-            ),
-            delayed=delayed,
         )
+        return Program(code, tuple(name for name, _ in fixed), delayed)
 
     def run(
-        self, field: Field, x: Sequence[Array], spans: Sequence[Span], directions: int
+        self, field: Field, x: Sequence[Array], parts: Sequence[Part], directions: int
     ) -> tuple[Array, Array]:
-        """Advance by all steps.
+        """Advance part by part.
 
         Parameters
         ----------
         x : sequence of ndarray, shape (steps, segments)
-        spans : sequence of Span
+        parts : sequence of Part
         directions : int
             That states are differentiated by; 0 asks for no derivatives.
 
         Returns
         -------
-        states : ndarray, shape (spans + 1, states, steps, segments)
+        states : ndarray, shape (parts + 1, states, steps, segments)
         slopes : ndarray, shape (states, directions, steps, segments)
         """
         shape, n = np.shape(x[0]), len(x)
-        samples = int(np.prod(shape))
-
-        def flat(value: Array) -> Array:
-            wide = np.broadcast_to(value, (*np.shape(value)[: -len(shape)], *shape))
-            return wide.reshape(*wide.shape[: -len(shape)], samples)
-
-        states = np.empty((len(spans) + 1, n, samples))
+        flat = _Flat(shape)
+        states = np.empty((len(parts) + 1, n, flat.samples))
         states[0] = flat(np.stack(x))
-        length = np.stack([flat(s.length) for s in spans])
-        begin = np.stack([flat(s.begin) for s in spans])
-        inputs = np.empty((3, len(field.model.inputs), len(spans), samples))
-        for s, span in enumerate(spans):
-            inputs[:, :, s] = flat(span.stages.values)
-        rates = np.empty((3, len(self.delayed) if directions else 0, len(spans), samples))
-        for k in range(rates.shape[1]):
-            for s, span in enumerate(spans):
-                rates[:, k, s] = flat(span.stages.rates[self.delayed[k]])
-        slopes = np.empty((n, directions, samples if directions else 0))
-        constants = [field.constants[name] for name, _ in self.fixed]
+        slopes = np.empty((n, directions, flat.samples if directions else 0))
+        constants = [field.constants[name] for name in self.fixed]
         wide = any(np.ndim(c) for c in constants)
-        fixed = np.empty((len(constants), samples if wide else 1))
+        fixed = np.empty((len(constants), flat.samples if wide else 1))
         for row, value in zip(fixed, constants, strict=True):
             row[:] = flat(value) if np.ndim(value) else value
-        rows = len(self.preset) + 4 * (len(self.by_state) + len(self.by_parameter))
+        code = self.code
+        rows = len(code.preset) + 4 * (len(code.by_state) + len(code.by_parameter))
         width = CACHED // (rows + n * (directions + 3 * n) + 1) // LEAST * LEAST
         recursion = compiled(rk4_steps)
         assert recursion is not None
-        recursion(
-            self.code,
-            self.bounds,
-            self.preset,
-            np.array([at for _, at in self.fixed], dtype=np.int64),
-            fixed,
-            self.time_at,
-            self.states_at,
-            self.inputs_at,
-            self.rates_at,
-            self.by_state,
-            self.by_parameter,
-            begin,
-            length,
-            inputs,
-            rates,
-            states,
-            slopes,
-            min(max(width, LEAST), MOST),
-        )
-        known = slopes if directions else np.zeros((n, 0, samples))
+        course = self._course(parts, flat, len(field.model.inputs))
+        recursion(code, fixed, course, states, slopes, min(max(width, LEAST), MOST))
+        known = slopes if directions else np.zeros((n, 0, flat.samples))
         return states.reshape(*states.shape[:2], *shape), known.reshape(n, directions, *shape)
+
+    def _course(self, parts: Sequence[Part], flat: _Flat, inputs: int) -> Course:
+        """Return the parts as the machine takes them."""
+        wholes: list[Part] = []
+        of = np.zeros(len(parts), dtype=np.int64)
+        shares = np.empty((2, len(parts), flat.samples))
+        for k, part in enumerate(parts):
+            if not wholes or part.whole is not wholes[-1].whole:
+                wholes.append(part)
+            of[k] = len(wholes) - 1
+            shares[0, k], shares[1, k] = flat(part.first), flat(part.last)
+        times = np.empty((2, len(wholes), flat.samples))
+        values = np.empty((3, inputs, len(wholes), flat.samples))
+        rates = np.empty((3, len(self.delayed), len(wholes), flat.samples))
+        for k, part in enumerate(wholes):
+            times[0, k], times[1, k] = flat(part.time), flat(part.h)
+            values[:, :, k] = flat(part.whole.values)
+            for row, own in enumerate(self.delayed):
+                rates[:, row, k] = flat(part.whole.rates[own])
+        return Course(of, times, shares, values, rates)
+
+
+@dataclass(frozen=True)
+class _Flat:
+    """Arrays of samples in one row."""
+
+    shape: tuple[int, ...]
+
+    @property
+    def samples(self) -> int:
+        return int(np.prod(self.shape))
+
+    def __call__(self, value: Array) -> Array:
+        if np.ndim(value) == 0:
+            return value
+        ahead = np.shape(value)[: -len(self.shape)]
+        return np.broadcast_to(value, (*ahead, *self.shape)).reshape(*ahead, self.samples)
 
 
 def program_of(field: Field, to: Directions | None) -> Program | None:

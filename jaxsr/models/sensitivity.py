@@ -18,7 +18,7 @@ from jaxsr.models.directions import Directions, Stages, in_a_column
 from jaxsr.models.field import Field, Point
 from jaxsr.models.following import followed
 from jaxsr.models.jumps import Jumps
-from jaxsr.models.programs import Span
+from jaxsr.models.parts import Part
 from jaxsr.models.switching import Crossings
 
 Array = Any
@@ -61,7 +61,7 @@ def advanced(
     shape, jumping, begin = np.shape(x[0]), np.zeros(np.shape(x[0]), dtype=bool), time
     spans = []
     for number in range(length.shape[1]):
-        spans.append(Span(begin, length[:, number], stages(number)))
+        spans.append(Part(stages(number), begin, length[:, number]))
         begin = begin + length[:, number]
     along, slopes = followed(field, to, method, x, spans)
     for before, after, span in zip(along, along[1:], spans, strict=False):

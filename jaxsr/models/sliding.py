@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxsr.models.directions import Directions
 from jaxsr.models.field import Field, Point, Row
-from jaxsr.models.programs import Span
+from jaxsr.models.parts import Part
 from jaxsr.models.steps import METHODS
 from jaxsr.models.transitions import Taken, transition
 
@@ -90,7 +90,7 @@ class Sliding:
 
 
 def slid(
-    field: Sliding, to: Directions | None, method: str, x: list[Array], spans: Sequence[Span]
+    field: Sliding, to: Directions | None, method: str, x: list[Array], spans: Sequence[Part]
 ) -> tuple[list[list[Array]], Array]:
     """Advance along surfaces by one step: as `followed`."""
     (tableau, step), (span,) = METHODS[method], spans

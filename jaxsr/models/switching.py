@@ -30,8 +30,7 @@ from jaxsr.expressions.affine import affine_slope
 from jaxsr.models.directions import Directions, Stages
 from jaxsr.models.field import Field, Point, Row
 from jaxsr.models.following import followed
-from jaxsr.models.jumps import Part
-from jaxsr.models.programs import Span
+from jaxsr.models.parts import Part
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.sliding import Sliding, slid
 
@@ -231,7 +230,7 @@ class _Walk:
             begun = [a[chosen][:, None] for a in self.x]
             signs, stuck = self.signs[:, chosen][..., None], self.stuck[:, chosen][..., None]
             field = self._sliding(self.field.column(chosen), signs, stuck)
-            span = _column(part, chosen)
+            span = part.column(chosen)
             follow = slid if slides else followed
             asked = field if slides else field.signed
             along, own = follow(asked, to, self.method, begun, [span])
@@ -345,11 +344,3 @@ class _Walk:
         self.signs[number] = np.where(chosen, after, sign)
         self.fresh[number] = np.where(chosen, ~sticks, self.fresh[number])
         self._put_on(number, chosen, np.where(sticks, sign, after))
-
-
-def _column(part: Part, chosen: Array) -> Span:
-    """Return a part of a step for some of the samples, one below the other."""
-    values = part.stages.values[:, :, chosen][..., None]
-    rates = {k: rate[:, chosen][..., None] for k, rate in part.stages.rates.items()}
-    begin, length = part.begin[chosen][:, None], part.length[chosen][:, None]
-    return Span(begin, length, Stages(values, rates))
