@@ -45,7 +45,11 @@ class Part:
     @functools.cached_property
     def stages(self) -> Stages:
         """Inputs along it."""
-        if np.ndim(self.first) == 0 and (self.first, self.last) == (0.0, 1.0):
+        if (
+            np.ndim(self.first) == np.ndim(self.last) == 0
+            and self.first == 0.0
+            and self.last == 1.0
+        ):
             return self.whole
         shares = [self.first, 0.5 * (self.first + self.last), self.last]
         values = np.stack([_along(self.whole.values, s) for s in shares])

@@ -231,9 +231,10 @@ class _Walk:
             signs, stuck = self.signs[:, chosen][..., None], self.stuck[:, chosen][..., None]
             field = self._sliding(self.field.column(chosen), signs, stuck)
             span = part.column(chosen)
-            follow = slid if slides else followed
-            asked = field if slides else field.signed
-            along, own = follow(asked, to, self.method, begun, [span])
+            if slides:
+                along, own = slid(field, to, self.method, begun, [span])
+            else:
+                along, own = followed(field.signed, to, self.method, begun, [span])
             ends[:, chosen], by[:, :, chosen] = np.stack(along[-1])[..., 0], own[..., 0]
         return ends, by
 

@@ -1,0 +1,169 @@
+"""The register machine steps as NumPy does, over operations, models and shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jaxsr._machine_code import compiled
+from jaxsr.expressions.instructions import CODE, Instructions
+from jaxsr.expressions.tape import Recording
+from jaxsr.models import Simulator, parse_model
+from jaxsr.models.directions import Directions, Stages
+from jaxsr.models.field import Field
+from jaxsr.models.following import followed
+from jaxsr.models.machine_steps import rk4_steps
+from jaxsr.models.parts import Part
+from jaxsr.models.programs import program_of
+from jaxsr.models.steps import METHODS
+from jaxsr.models.transitions import Taken, transition
+
+pytestmark = pytest.mark.skipif(compiled(rk4_steps) is None, reason="Numba is not installed")
+LAWS = {
+    "products": "p*x*y/(1 + x**2) - q*u - x",
+    "circles": "sin(p*x) - cos(y)*sin(y) + tan(0.1*x)",
+    "circles of large angles": "1e-4*sin(1e4*x) + 1e-4*cos(1e4*y)",
+    "growth": "exp(-p*x**2) - log(1 + q*Abs(y)) + sqrt(1 + x*x)",
+    "hyperbolas": "tanh(x/p) + sinh(0.1*x) - cosh(0.1*y) - x",
+    "angles": "asin(0.1*x) - acos(0.1*tanh(y)) + atan(p*x) + atan2(y, 2 + x**2)",
+    "powers": "-sign(x)*Abs(x)**p - Abs(y)**1.5 + (1 + x**2)**q",
+    "whole powers": "-x**3 + 0.1*y**4/(1 + y**6)",
+    "corners": "Max(x, p*y, 0.1) - Min(x, q) - Abs(x)",
+    "choices": "Piecewise((p*x, x > y), (-x, And(x <= 0, y < q)), (u, True))",
+    "conditions": "Piecewise((1, Or(x >= y, Not(y < 0.2))), (-x, True))",
+    "steps": "floor(3*x) - Heaviside(y)*x",
+    "clock": "p*sin(3*t) - x",
+    "nothing": "0.0",
+    "constant": "p",
+}
+
+
+def model_of(law: str) -> Simulator:
+    """Return two states, one driven by a law."""
+    text = f"""
+[model]
+time = "t"
+states = ["x", "y"]
+inputs = ["u"]
+outputs = ["z"]
+[equations]
+x = "y"
+y = "{law}"
+[readings]
+z = "x"
+[parameters]
+p = {{ value = 0.8 }}
+q = {{ value = 1.3 }}
+"""
+    return Simulator(parse_model(text))
+
+
+def course(rng: np.random.Generator, shape: tuple[int, int], inputs: int, steps: int) -> list[Part]:
+    """Return steps of every sample, the last of them in two parts."""
+    begin, parts = rng.uniform(size=shape), list[Part]()
+    for number in range(steps):
+        h = rng.uniform(0.01, 0.05, shape)
+        rates = {0: rng.normal(size=(3, *shape))} if inputs else {}
+        stages = Stages(rng.normal(size=(3, inputs, *shape)), rates)
+        share = rng.uniform(0.2, 0.8, shape)
+        if number == steps - 1:
+            parts += [Part(stages, begin, h, 0.0, share), Part(stages, begin, h, share, 1.0)]
+        else:
+            parts.append(Part(stages, begin, h))
+        begin = begin + h
+    return parts
+
+
+def by_numpy(
+    field: Field, to: Directions, x: list[np.ndarray], parts: list[Part]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the last states and their derivatives."""
+    tableau, step = METHODS["rk4"]
+    taken = []
+    for part in parts:
+        x, rows = step(field, x, part.begin, part.length, part.stages, True)
+        taken.append(Taken(part.length, rows, part.stages))
+    return np.stack(x), transition(tableau, to, taken, x[0].shape)
+
+
+def directions(simulator: Simulator, delays: dict[int, int] | None = None) -> Directions:
+    """Return all states and parameters, and delays."""
+    model = simulator.model
+    n = len(model.states)
+    columns = {name: n + k for k, name in enumerate(model.parameters)}
+    return Directions(tuple(model.states), columns, delays or {}, tuple(model.inputs))
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("shape", [(1, 1), (300, 3)])
+def test_every_operation_is_that_of_numpy(name: str, shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(0)
+    simulator = model_of(LAWS[name])
+    to = directions(simulator, {0: 4})
+    field = Field(simulator, [0.8, 1.3], (), ["p", "q"], ["u"])
+    x, parts = [rng.normal(size=shape) for _ in range(2)], course(rng, shape, 1, 3)
+    assert program_of(field, to) is not None
+    along, slopes = followed(field, to, "rk4", x, parts)
+    wanted, by = by_numpy(field, to, x, parts)
+    np.testing.assert_allclose(np.stack(along[-1]), wanted, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(slopes, by, rtol=1e-11, atol=1e-12)
+    alone, none = followed(field, None, "rk4", x, parts)
+    assert none.shape == (2, 0, *shape)
+    np.testing.assert_allclose(np.stack(alone[-1]), wanted, rtol=1e-12, atol=1e-13)
+
+
+def test_constants_differ_from_recording_to_recording() -> None:
+    rng, shape = np.random.default_rng(1), (50, 4)
+    simulator = model_of("-p*x - q*y")
+    to, values = directions(simulator), [rng.uniform(1.0, 2.0, 4), 0.3]
+    field = Field(simulator, values, (), ["p", "q"])
+    x, parts = [rng.normal(size=shape) for _ in range(2)], course(rng, shape, 1, 2)
+    along, slopes = followed(field, to, "rk4", x, parts)
+    wanted, by = by_numpy(field, to, x, parts)
+    np.testing.assert_allclose(np.stack(along[-1]), wanted, rtol=1e-13)
+    np.testing.assert_allclose(slopes, by, rtol=1e-12, atol=1e-13)
+
+
+def test_steps_converge_to_the_motion_with_order_four() -> None:
+    """An undamped spring, x = cos t, and its derivative by the stiffness."""
+    simulator = model_of("-p*x")
+    to, errors = directions(simulator), []
+    for steps in (8, 16, 32):
+        field = Field(simulator, [1.0, 0.0], (), ["p", "q"])
+        shape, h = (1, 1), 1.0 / steps
+        none = Stages(np.zeros((3, 1, *shape)), {})
+        parts = [Part(none, np.full(shape, k * h), np.full(shape, h)) for k in range(steps)]
+        along, slopes = followed(field, to, "rk4", [np.ones(shape), np.zeros(shape)], parts)
+        by = slopes[0, 2, 0, 0]  # x = cos(sqrt(p) t)
+        errors.append([abs(along[-1][0][0, 0] - np.cos(1.0)), abs(by + 0.5 * np.sin(1.0))])
+    orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
+    assert (orders > 3.8).all()
+
+
+def test_no_instruction_writes_over_what_it_reads() -> None:
+    """The compiler takes a row of samples at once."""
+    simulator = model_of(LAWS["powers"])
+    field = Field(simulator, [0.8, 1.3], (), ["p", "q"])
+    found = field.instructions("slopes")
+    assert found is not None
+    for operation, target, *operands in np.concatenate([found.once, found.each]):
+        used = operands if operation == CODE["where"] else operands[:2]
+        assert target not in used[: 1 if operation >= CODE["exp"] else None]
+
+
+def test_what_the_machine_has_not_is_left_to_numpy() -> None:
+    recording = Recording.of(lambda env: np.hypot(env["x"], 1.0), ["x"])
+    assert Instructions.of(recording, ["x"]) is None
+
+
+def test_it_is_compiled_for_all_models_together() -> None:
+    for law in ("-x", "p*x + u"):
+        simulator = model_of(law)
+        field, to = Field(simulator, [0.8, 1.3], (), ["p"]), directions(simulator)
+        rng = np.random.default_rng(2)
+        x, parts = [rng.normal(size=(5, 2)) for _ in range(2)], course(rng, (5, 2), 1, 2)
+        followed(field, to, "rk4", x, parts)
+        followed(field, None, "rk4", x, parts)
+    machine = compiled(rk4_steps)
+    assert machine is not None
+    assert len(machine.signatures) == 1  # type: ignore[attr-defined]
