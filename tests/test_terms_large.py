@@ -32,10 +32,20 @@ def deep(count: int) -> Term:
     return term
 
 
-def test_equal_terms_that_share_their_parts_are_compared_in_time() -> None:
+def test_large_terms_of_one_structure_are_one_term() -> None:
+    same = doubled(80) is doubled(80)
+    assert same
+
+
+def test_equal_terms_that_share_their_parts_are_compared_in_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     began = time.process_time()
-    first, second = doubled(80), doubled(80)
-    assert first is not second and first == second
+    first = doubled(80)
+    monkeypatch.setattr("jaxsr.expressions.term._LARGE", {})  # what was kept before is gone
+    second = doubled(80)
+    apart, equal = first is not second, first == second
+    assert apart and equal
     other = Term.apply("add", first, Term.variable("y"))
     assert other != Term.apply("add", second, Term.variable("z"))
     assert len(set(first.distinct()) | set(second.distinct())) == 161

@@ -13,6 +13,8 @@ VARIABLE = "variable"
 BOOLEAN = "boolean"
 LARGE = 200
 """Nodes from which on a term may be too deep for walks that call themselves."""
+KEPT = 10_000
+"""Large terms that are kept for those of the same structure."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -20,7 +22,8 @@ class Term:
     """A node of an expression: a constant, a variable, or a primitive of terms.
 
     Terms compare and hash by structure; the hash is computed once, so that equal subtrees of a
-    population can be shared through a dictionary.
+    population can be shared through a dictionary. Those of more than `LARGE` nodes are kept and
+    shared as they are built: they hold so many others that comparing them takes long.
 
     Attributes
     ----------
@@ -211,7 +214,18 @@ class _Draft:
     __slots__ = tuple(f.name for f in fields(Term))
 
 
+_LARGE: dict[tuple[Any, ...], Term] = {}
+"""Large terms by their structure, `KEPT` at most."""
+
+
 def _built(op: str, args: tuple[Term, ...], name: str, value: float) -> Term:
+    size, operators = 1, 1 if args else 0
+    for arg in args:
+        size += arg.size
+        operators += arg.operators
+    known = _LARGE.get((op, args, name, value)) if size > LARGE else None
+    if known is not None:
+        return known
     # A frozen class fills its slots through object.__setattr__, which takes four times as long.
     draft: Any = _Draft()
     draft.op = op
@@ -219,17 +233,13 @@ def _built(op: str, args: tuple[Term, ...], name: str, value: float) -> Term:
     draft.name = name
     draft.value = value
     draft._hash = hash((op, args, name, value))
-    if args:
-        size = operators = 1
-        for arg in args:
-            size += arg.size
-            operators += arg.operators
-        draft.size = size
-        draft.operators = operators
-    else:
-        draft.size = 1
-        draft.operators = 0
+    draft.size = size
+    draft.operators = operators
     draft.__class__ = Term
+    if size > LARGE:
+        if len(_LARGE) >= KEPT:
+            _LARGE.clear()
+        _LARGE[op, args, name, value] = draft
     return draft
 
 
