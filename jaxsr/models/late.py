@@ -10,7 +10,7 @@ import numpy as np
 from jaxsr.expressions.slopes import evaluate_with_slopes
 from jaxsr.models.delays import cubic, delay_of, smoothly_interpolated
 from jaxsr.models.directions import Directions
-from jaxsr.models.segments import Segments
+from jaxsr.models.segments import Segments, values_over
 from jaxsr.models.simulator import Simulator
 
 Array = Any
@@ -62,6 +62,34 @@ def late_readings(
         for c, rate in at_rates.items():
             by[c, k] += slopes_in_time[0] * rate
     return y, by
+
+
+def samples_late(
+    simulator: Simulator, segments: Segments, theta: Sequence[Array]
+) -> dict[int, np.ndarray]:
+    """Return by how many samples each late sensor's readings are older than their time stamps.
+
+    Returns
+    -------
+    dict of int to ndarray of int, shape (segments,)
+        Output to the shift, to the nearest sample, in the middle of every segment; below 0 of a
+        clock that is ahead. Outputs that are nowhere late by a sample are left out.
+    """
+    model, found = simulator.model, {}
+    values = values_over(theta, segments.override)
+    middle = (segments.count // 2, np.arange(segments.number))
+    time, last = segments.time[middle], segments.time[segments.count - 1, middle[1]]
+    interval = (last - segments.time[0]) / np.maximum(segments.count - 1, 1)
+    for k, name in enumerate(model.outputs):
+        delay, scale = delay_of(model, name, values), 1.0
+        if name in model.clock:
+            env = dict(zip(model.parameters, values, strict=True))
+            scale = _clock(simulator, name, env, set())[0]
+        age = time - (time - (0.0 if delay is None else delay)) * scale
+        late = np.rint(age / np.where(interval > 0.0, interval, np.inf)).astype(int)
+        if late.any():
+            found[k] = late
+    return found
 
 
 def _continue_backwards(

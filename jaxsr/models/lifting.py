@@ -145,12 +145,13 @@ def readings_along(
     path: Array,
     active: Sequence[int] = (),
     late: bool = False,
+    live: bool = False,
 ) -> tuple[Array, Array]:
     """Return readings of a path and their derivatives; delays and clocks only where `late`.
 
     Shapes are (outputs, samples, segments) and (outputs, states + active, samples, segments).
     """
-    return _Ground.of(simulator, stepping, segments, theta, active).read(path, late)
+    return _Ground.of(simulator, stepping, segments, theta, active).read(path, late, live)
 
 
 def one_step_and_readings(
@@ -205,9 +206,8 @@ def simulated(
         return None
     ground = _Ground.of(simulator, stepping, segments, theta, ())
     y = np.stack(ground.field.readings(ground.at(path))[0])
-    return late_readings(
-        simulator, segments, ground.values, ground.to, (y, np.zeros((0, *y.shape)))
-    )[0]
+    read = y, np.zeros((0, *y.shape))
+    return late_readings(simulator, segments, ground.values, ground.to, read)[0]
 
 
 def closed(

@@ -184,7 +184,8 @@ def grams(
         latent = [scales.latent(local, *c) for c in choices[first : first + together]]
         found = whitened(System.of(local, latent, [scales.noise] * len(latent), scales.start))
         lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(latent))]
-        results += [Gram.of(found, lane, scales.loudest) for lane in lanes]
+        every = (Gram.of(found, lane, scales.loudest) for lane in lanes)
+        results += [g.beside(local.log_apart) for g in every]
     return results
 
 

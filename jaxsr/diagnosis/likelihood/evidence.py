@@ -93,6 +93,10 @@ class Gram:
         determinant = float(found.log_determinant[lanes].sum())
         return Gram(rows.T @ rows, determinant, found.count, loudest)
 
+    def beside(self, log_density: float) -> Gram:
+        """Return the same beside readings of a known log density."""
+        return replace(self, log_determinant=self.log_determinant - 2.0 * log_density)
+
     def mode(self, mixing: np.ndarray, prior: Prior, scaled: bool = True) -> Mode:
         """Return the mode of the first constants, where the prior is of combinations of them.
 

@@ -12,6 +12,7 @@ from jaxsr.diagnosis.contest.reduced import Reduced, lean
 from jaxsr.diagnosis.likelihood.beliefs import belief_of
 from jaxsr.diagnosis.likelihood.estimate import Estimate, Scales
 from jaxsr.diagnosis.likelihood.kalman import Noise
+from jaxsr.diagnosis.likelihood.late_starts import best_shift, late_sensors
 from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.rounding import Following, at_its_mode
 from jaxsr.diagnosis.likelihood.table import Table
@@ -86,6 +87,12 @@ def hypothesis(
     """
     begun = _Begun.of(work, table, tuple(sorted(members)), near, best)
     found = begun.at_the_mode()
+    fresh = [i for i in begun.members if near is None or i not in near.members]
+    late = late_sensors(begun.model, fresh)
+    if late and not work.stop():
+        other = begun.led_by_others(late).at_the_mode()
+        if other is not None and (found is None or other[0].log_evidence > found[0].log_evidence):
+            found = other
     return None if found is None else begun.told(*found)
 
 
@@ -181,6 +188,20 @@ class _Begun:
         if found is None:
             return self
         return replace(self, theta=self.with_values(found[1].theta), path=found[1].path)
+
+    def led_by_others(self, late: Sequence[tuple[int, str]]) -> _Begun:
+        """Begin where the other sensors lead, with late ones shifted to be nearest to that."""
+        hidden = np.zeros(self.reduced.problem.segments.outputs.shape, bool)
+        hidden[[output for output, _ in late]] = True
+        begun = self.led_on(hidden)
+        names, theta = list(self.model.model.parameters), begun.theta.copy()
+        problem, parameters = begun.reduced.problem, list(begun.reduced.parameters)
+        for output, name in late:
+            column = names.index(name)
+            place = parameters.index(column)
+            values = theta[begun.reduced.parameters]
+            theta[column] = best_shift(problem, values, begun.path, output, place)
+        return replace(begun, theta=theta)
 
     def at_the_mode(self) -> tuple[Estimate, float, Scales] | None:
         """Return the estimate, the width of its jumps, and the noise that it was made beside."""

@@ -8,11 +8,16 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from jaxsr.models.late import samples_late
 from jaxsr.models.least_squares import LARGEST
 from jaxsr.models.lifting import one_step_and_readings
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments
 from jaxsr.models.simulator import Simulator
+from jaxsr.recordings import noise_level
+
+FAINT = 1e-9
+"""Least noise of a sensor, in the deviation of its readings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +41,8 @@ class LocalModel:
         Measured less read off the path; NaN where missing.
     reading : ndarray, shape (samples, pieces, outputs, states)
     reading_by_constant : ndarray, shape (samples, pieces, outputs, constants)
+    apart : ndarray, shape (1, pieces), optional
+        Log density of readings that are left out of `innovation`; none by default.
     """
 
     defect: np.ndarray
@@ -44,11 +51,18 @@ class LocalModel:
     innovation: np.ndarray
     reading: np.ndarray
     reading_by_constant: np.ndarray
+    apart: np.ndarray | None = None
 
     def of(self, pieces: Sequence[int]) -> LocalModel:
         """Return the model of some of the pieces."""
         at = list(pieces)
-        return LocalModel(*(getattr(self, part.name)[:, at] for part in fields(self)))
+        own = (getattr(self, part.name) for part in fields(self))
+        return LocalModel(*(None if part is None else part[:, at] for part in own))
+
+    @property
+    def log_apart(self) -> float:
+        """Log density of the readings that are left out."""
+        return 0.0 if self.apart is None else float(self.apart.sum())
 
     @property
     def leads_on(self) -> bool:
@@ -157,14 +171,77 @@ def _linearised(
         (ends, slopes), (y, by) = one_step_and_readings(*args)
     n = len(path)
     slopes = _bounded(slopes)
-    return LocalModel(
-        defects(ends, path, segments).transpose(1, 2, 0),
-        np.ascontiguousarray(slopes[:, :n].transpose(2, 3, 0, 1)),
-        np.ascontiguousarray(slopes[:, n:].transpose(2, 3, 0, 1)),
-        (segments.outputs - y).transpose(1, 2, 0),
-        np.ascontiguousarray(_bounded(by[:, :n]).transpose(2, 3, 0, 1)),
-        np.ascontiguousarray(_bounded(by[:, n:]).transpose(2, 3, 0, 1)),
+    return in_time(
+        simulator,
+        segments,
+        theta,
+        LocalModel(
+            defects(ends, path, segments).transpose(1, 2, 0),
+            np.ascontiguousarray(slopes[:, :n].transpose(2, 3, 0, 1)),
+            np.ascontiguousarray(slopes[:, n:].transpose(2, 3, 0, 1)),
+            (segments.outputs - y).transpose(1, 2, 0),
+            np.ascontiguousarray(_bounded(by[:, :n]).transpose(2, 3, 0, 1)),
+            np.ascontiguousarray(_bounded(by[:, n:]).transpose(2, 3, 0, 1)),
+        ),
     )
+
+
+def in_time(
+    simulator: Simulator, segments: Segments, theta: np.ndarray, local: LocalModel
+) -> LocalModel:
+    """Put readings that come late where the state is that they show.
+
+    A reading's derivatives are those by the state at its sample; of one that shows the state of
+    several samples before they would move the wrong one. What then is left over at one end of a
+    piece, readings of states before it, stands at the other end and tells of nothing: a path that
+    is continued to there is no motion of the model. Where it is nearer to what the sensor reads at
+    any time than to that, it is left out, for that density.
+    """
+    late = samples_late(simulator, segments, theta)
+    if not late:
+        return local
+    innovation, reading = local.innovation.copy(), local.reading.copy()
+    by_constant, apart = local.reading_by_constant.copy(), np.zeros((1, segments.number))
+    for k, moves in late.items():
+        recorded = segments.outputs[k]
+        if not np.isfinite(recorded).any():
+            continue
+        usual = float(np.nanmean(recorded)), float(np.nanvar(recorded))
+        noise = max(_noise_of(segments, k), FAINT * np.sqrt(usual[1]))
+        for piece, count in enumerate(segments.count):
+            shown = np.arange(count) + moves[piece]
+            at, beyond = shown % count, (shown < 0) | (shown >= count)
+            for rows in (innovation, reading, by_constant):
+                rows[:count, piece, k] = rows[at, piece, k]
+            for rows in (reading, by_constant):
+                rows[:count, piece, k][beyond] = 0.0
+            left = innovation[:count, piece, k]  # a view
+            along = _log_density(left[beyond], 0.0, noise**2)
+            alone = _log_density(recorded[at, piece][beyond], *usual)
+            if alone > along:
+                left[beyond] = np.nan
+                apart[0, piece] += alone
+    return replace(
+        local,
+        innovation=innovation,
+        reading=reading,
+        reading_by_constant=by_constant,
+        apart=apart,
+    )
+
+
+def _noise_of(segments: Segments, output: int) -> float:
+    """Deviation of a sensor's noise as neighbouring samples tell it."""
+    values = segments.outputs[output]
+    pieces = enumerate(segments.count)
+    return float(np.median([noise_level(segments.time[:c, k], values[:c, k]) for k, c in pieces]))
+
+
+def _log_density(values: np.ndarray, mean: float, variance: float) -> float:
+    """Log density of what was measured of some values, all of one normal distribution."""
+    known = values[np.isfinite(values)]
+    scaled = np.log(2.0 * np.pi * variance) + (known - mean) ** 2 / variance
+    return -0.5 * float(np.sum(scaled))
 
 
 def defects(ends: np.ndarray, path: np.ndarray, segments: Segments) -> np.ndarray:

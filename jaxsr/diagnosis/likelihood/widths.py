@@ -22,9 +22,8 @@ from jaxsr.diagnosis.likelihood.estimate import (
     sizes_about,
 )
 from jaxsr.diagnosis.likelihood.evidence import Prior
-from jaxsr.diagnosis.likelihood.local import LocalModel, defects, linearised
+from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
 from jaxsr.models.least_squares import Problem
-from jaxsr.models.lifting import one_step, readings_along
 
 APART = 1.0 / 16.0
 """Logarithm of the ratio of two widths whose difference is a derivative."""
@@ -108,12 +107,8 @@ def _with_width(problem: Problem, found: Estimate, active: Sequence[int]) -> Loc
     local = linearised(simulator, stepping, segments, theta, path, active)
     widths = tuple(float(np.exp(APART)) * w for w in stepping.widths)
     wider = replace(stepping, widths=widths)
-    args = simulator, wider, segments, theta, path
-    with np.errstate(all="ignore"):
-        ends = one_step(*args, tangents=False)[0]
-        read = segments.outputs - readings_along(*args, late=True)[0]
-    step = defects(ends, path, segments).transpose(1, 2, 0) - local.defect
-    reading = local.innovation - read.transpose(1, 2, 0)
+    other = linearised(simulator, wider, segments, theta, path, ())
+    step, reading = other.defect - local.defect, local.innovation - other.innovation
     by, own = (np.nan_to_num(c / APART, posinf=0.0, neginf=0.0)[..., None] for c in (step, reading))
     return replace(
         local,
