@@ -65,7 +65,7 @@ def late_readings(
 
 
 def samples_late(
-    simulator: Simulator, segments: Segments, theta: Sequence[Array]
+    simulator: Simulator, segments: Segments, theta: np.ndarray
 ) -> dict[int, np.ndarray]:
     """Return by how many samples each late sensor's readings are older than their time stamps.
 

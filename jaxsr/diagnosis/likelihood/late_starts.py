@@ -51,9 +51,11 @@ def best_shift(
         Of the shift, among the parameters; values within its bounds are tried, about a sample
         apart.
     """
-    low, high = list(problem.simulator.model.parameters.values())[column].bounds
+    bounds = list(problem.simulator.model.parameters.values())[column].bounds
     best, least = float(theta[column]), np.inf
-    for value in np.linspace(low, high, 2 * int(REACH) + 1):
+    if bounds is None:
+        return best
+    for value in np.linspace(*bounds, 2 * int(REACH) + 1):
         tried = theta.copy()
         tried[column] = value
         args = problem.simulator, problem.stepping, problem.segments, tried, path

@@ -56,8 +56,12 @@ class LocalModel:
     def of(self, pieces: Sequence[int]) -> LocalModel:
         """Return the model of some of the pieces."""
         at = list(pieces)
-        own = (getattr(self, part.name) for part in fields(self))
-        return LocalModel(*(None if part is None else part[:, at] for part in own))
+        changed = {
+            part.name: value[:, at]
+            for part in fields(self)
+            if (value := getattr(self, part.name)) is not None
+        }
+        return replace(self, **changed)
 
     @property
     def log_apart(self) -> float:
