@@ -10,6 +10,7 @@ from jaxsr.diagnosis.likelihood.local import linearised
 from jaxsr.diagnosis.likelihood.posterior import posterior
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.models import Simulator, parse_model
+from jaxsr.models.lifting import readings_along
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, build_segments
 from jaxsr.recordings import Recording
@@ -65,9 +66,8 @@ def innovation(recorded: np.ndarray) -> np.ndarray:
     item = Prepared.build(simulator.model, Recording("run", TIME, {"y": recorded}))
     segments = build_segments(simulator.model, [item], [(0, 0, SAMPLES)], 1)
     path = np.stack([np.sin(5.0 * TIME), 5.0 * np.cos(5.0 * TIME)])[..., None]
-    theta = np.array([0.07])
-    args = simulator, Stepping("rk4", 1), segments, theta, path
-    return linearised(*args, [0]).innovation[:, 0, 0]
+    args = simulator, Stepping("rk4", 1), segments, np.array([0.07]), path
+    return recorded - readings_along(*args, late=True, live=True)[0][0, :, 0]
 
 
 def test_a_sensor_was_live_before_a_recording_that_begins_on_the_move() -> None:
@@ -77,6 +77,28 @@ def test_a_sensor_was_live_before_a_recording_that_begins_on_the_move() -> None:
 
 def test_a_sensor_that_shows_its_first_value_until_its_delay_has_passed_is_believed() -> None:
     assert np.abs(innovation(np.sin(5.0 * np.maximum(TIME - 0.07, 0.0)))).max() < 1e-4
+
+
+def test_readings_count_where_the_state_is_that_they_show() -> None:
+    """Readings of a state before the piece tell of nothing; noise there is, none that hides it."""
+    rng = np.random.default_rng(3)
+    simulator = Simulator(parse_model(SWING))
+    recorded = np.sin(5.0 * (TIME - 0.07)) + 1e-3 * rng.normal(size=SAMPLES)
+    item = Prepared.build(simulator.model, Recording("run", TIME, {"y": recorded}))
+    segments = build_segments(simulator.model, [item], [(0, 0, SAMPLES)], 1)
+    path = np.stack([np.sin(5.0 * TIME), 5.0 * np.cos(5.0 * TIME)])[..., None]
+    args = simulator, Stepping("rk4", 1), segments, np.array([0.07]), path
+    local = linearised(*args, [0])
+    late, shown = 7, local.innovation[: SAMPLES - 7, 0, 0]
+    np.testing.assert_allclose(shown, recorded[late:] - path[0, :-late, 0], atol=1e-4)
+    np.testing.assert_allclose(local.reading[: SAMPLES - late, 0, 0], [[1.0, 0.0]] * 293, atol=1e-3)
+    by_delay = local.reading_by_constant[: SAMPLES - late, 0, 0, 0]
+    np.testing.assert_allclose(by_delay[1:], -path[1, 1:-late, 0], atol=0.02)
+    assert not local.reading[-late:].any() and not local.reading_by_constant[-late:].any()
+    assert np.isnan(local.innovation[-late:]).all()  # off by 15 deviations of the noise
+    usual = (recorded[:late] - recorded.mean()) ** 2 / recorded.var()
+    expected = -0.5 * np.sum(np.log(2.0 * np.pi * recorded.var()) + usual)
+    np.testing.assert_allclose(local.log_apart, expected)
 
 
 def moving(rng: np.random.Generator, delay: float) -> Recording:
