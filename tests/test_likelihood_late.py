@@ -83,7 +83,7 @@ def test_readings_count_where_the_state_is_that_they_show() -> None:
     """Readings of a state before the piece tell of nothing; noise there is, none that hides it."""
     rng = np.random.default_rng(3)
     simulator = Simulator(parse_model(SWING))
-    recorded = np.sin(5.0 * (TIME - 0.07)) + 1e-3 * rng.normal(size=SAMPLES)
+    recorded = np.sin(5.0 * (TIME - 0.07)) + 1e-4 * rng.normal(size=SAMPLES)
     item = Prepared.build(simulator.model, Recording("run", TIME, {"y": recorded}))
     segments = build_segments(simulator.model, [item], [(0, 0, SAMPLES)], 1)
     path = np.stack([np.sin(5.0 * TIME), 5.0 * np.cos(5.0 * TIME)])[..., None]
@@ -95,7 +95,7 @@ def test_readings_count_where_the_state_is_that_they_show() -> None:
     by_delay = local.reading_by_constant[: SAMPLES - late, 0, 0, 0]
     np.testing.assert_allclose(by_delay[1:], -path[1, 1:-late, 0], atol=0.02)
     assert not local.reading[-late:].any() and not local.reading_by_constant[-late:].any()
-    assert np.isnan(local.innovation[-late:]).all()  # off by 15 deviations of the noise
+    assert np.isnan(local.innovation[-late:]).all()  # off by (5 tau)^4, 150 deviations
     usual = (recorded[:late] - recorded.mean()) ** 2 / recorded.var()
     expected = -0.5 * np.sum(np.log(2.0 * np.pi * recorded.var()) + usual)
     np.testing.assert_allclose(local.log_apart, expected)
