@@ -189,14 +189,12 @@ def _in_parts(
     shares: Sequence[Array],
 ) -> tuple[list[Array], Array]:
     """Advance by all substeps, each from share to share."""
-    spans = []
+    parts = []
     for number, places in enumerate(shares):
         h, own = length[:, number], stages(number)
-        for first, last in itertools.pairwise(places):
-            part = Part(own, time, h, first, last)
-            spans.append(part)
+        parts += [Part(own, time, h, *ends) for ends in itertools.pairwise(places)]
         time = time + h
-    along, slopes = followed(field, to, method, x, spans)
+    along, slopes = followed(field, to, method, x, parts)
     return along[-1], slopes
 
 

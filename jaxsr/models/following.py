@@ -19,7 +19,7 @@ Array = Any
 
 
 def followed(
-    field: Field, to: Directions | None, method: str, x: Sequence[Array], spans: Sequence[Part]
+    field: Field, to: Directions | None, method: str, x: Sequence[Array], parts: Sequence[Part]
 ) -> tuple[list[list[Array]], Array]:
     """Advance step by step.
 
@@ -28,6 +28,8 @@ def followed(
     to : Directions or None
         None: states alone, with derivatives in no direction.
     x : sequence of ndarray, shape (steps, segments)
+    parts : sequence of Part
+        One after the other.
 
     Returns
     -------
@@ -36,16 +38,15 @@ def followed(
     slopes : ndarray, shape (states, directions, steps, segments)
         Of the last states, by the first ones and by parameters.
     """
-    ask()
     program = program_of(field, to) if method == "rk4" else None
     if program is not None:
-        along, slopes = program.run(field, x, spans, 0 if to is None else to.count)
+        along, slopes = program.run(field, x, parts, 0 if to is None else to.count)
         return [list(states) for states in along], slopes
     known, taken, shape = [list(x)], list[Taken](), np.shape(x[0])
     tableau, step = METHODS[method]
-    for span in spans:
+    for part in parts:
         ask()
-        begin, h, stages = span.begin, span.length, span.stages
+        begin, h, stages = part.begin, part.length, part.stages
         states, rows = step(field, known[-1], begin, h, stages, to is not None)
         known.append(states)
         taken.append(Taken(h, rows, stages))

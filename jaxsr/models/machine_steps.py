@@ -22,8 +22,6 @@ Array = np.ndarray
     MINIMUM, EXP, LOG, SQRT, TAN, SINH, COSH, ASIN, ACOS, ATAN, ATAN2, FLOOR, STEP,
 ) = range(len(CODE))  # fmt: skip
 MASK = STEPS - 1
-WHOLE = 10
-"""Whole exponents below it are products (`slopes.power_with_slope`)."""
 
 
 class Code(NamedTuple):
@@ -86,7 +84,13 @@ class Course(NamedTuple):
 
 
 def rk4_steps(
-    code: Code, fixed: Array, course: Course, states: Array, slopes: Array, width: int
+    code: Code,
+    fixed: Array,
+    course: Course,
+    states: Array,
+    slopes: Array,
+    width: int,
+    chosen: tuple[int, int],
 ) -> None:
     r"""Fill the states after every part, and their derivatives, by the classical method.
 
@@ -109,11 +113,13 @@ def rk4_steps(
         Filled; of no samples where none are asked for.
     width : int
         Samples of a row.
+    chosen : tuple of int
+        The first sample to take, and the one behind the last.
     """
     instructions, bounds, preset, fixed_at, time_at, states_at, inputs_at = code[:7]
     rates_at, by_state, by_parameter = code[7:]
     whole_of, times, shares, inputs, input_rates = course
-    steps, samples = len(whole_of), states.shape[2]
+    steps, (start, stop) = len(whole_of), chosen
     n, m, tangents = states.shape[1], inputs.shape[1], slopes.shape[2] > 0
     entries, columns, count = len(by_state), len(by_parameter), slopes.shape[1]
     register = np.empty((len(preset), width))
@@ -123,13 +129,13 @@ def rk4_steps(
     moved, pull = np.empty((n, n, width)), np.empty((n, n, width))
     by = np.empty((n, count - n if tangents else 0, width))
     half = np.array([0.0, 0.5, 0.5, 1.0])
-    length, share = np.empty(width), np.empty((4, width))
+    length, along = np.empty(width), np.empty((3, width))
     weight = np.array([1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0])
     once = tangents and steps == 1  # forwards and backwards are one evaluation
     forwards = 0 if once else 1 + 4 * steps
     rounds = forwards + (1 + 4 * steps if tangents else 0)
-    for left in range(0, samples, width):
-        size = min(width, samples - left)
+    for left in range(start, stop, width):
+        size = min(width, stop - left)
         for r in range(len(preset)):
             for w in range(size):
                 register[r, w] = preset[r]
@@ -161,21 +167,20 @@ def rk4_steps(
                 out = whole_of[step]
                 for w in range(size):
                     begin, end = shares[0, step, left + w], shares[1, step, left + w]
-                    share[stage, w] = begin + half[stage] * (end - begin)
-                    length[w] = (end - begin) * times[1, out, left + w]
-                if time_at[program, 0] >= 0:
-                    for w in range(size):
-                        register[time_at[program, 0], w] = (
-                            times[0, out, left + w] + share[stage, w] * times[1, out, left + w]
-                        )
+                    x = begin + half[stage] * (end - begin)
+                    y, h = 1.0 - x, times[1, out, left + w]
+                    length[w] = (end - begin) * h
+                    # The parabola through the begin, the middle and the end of the step.
+                    along[0, w], along[1, w], along[2, w] = y * (y - x), 4.0 * x * y, x * (x - y)
+                    if time_at[program, 0] >= 0:
+                        register[time_at[program, 0], w] = times[0, out, left + w] + x * h
                 for i in range(m):
                     if inputs_at[program, i] >= 0:
                         for w in range(size):
-                            x, y = share[stage, w], 1.0 - share[stage, w]
                             register[inputs_at[program, i], w] = (
-                                y * (y - x) * inputs[0, i, out, left + w]
-                                + 4.0 * x * y * inputs[1, i, out, left + w]
-                                + x * (x - y) * inputs[2, i, out, left + w]
+                                along[0, w] * inputs[0, i, out, left + w]
+                                + along[1, w] * inputs[1, i, out, left + w]
+                                + along[2, w] * inputs[2, i, out, left + w]
                             )
                 for i in range(n):
                     if states_at[program, i] < 0:
@@ -322,11 +327,10 @@ def rk4_steps(
                     kept[stage, entries + e, w] = register[by_parameter[e, 2], w]
                 if delay >= 0:
                     for w in range(size):
-                        x, y = share[stage, w], 1.0 - share[stage, w]
                         kept[stage, entries + e, w] *= (
-                            y * (y - x) * input_rates[0, delay, out, left + w]
-                            + 4.0 * x * y * input_rates[1, delay, out, left + w]
-                            + x * (x - y) * input_rates[2, delay, out, left + w]
+                            along[0, w] * input_rates[0, delay, out, left + w]
+                            + along[1, w] * input_rates[1, delay, out, left + w]
+                            + along[2, w] * input_rates[2, delay, out, left + w]
                         )
             if stage < 3:
                 continue

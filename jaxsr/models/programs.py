@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr._deadline import ask
 from jaxsr._machine_code import compiled
 from jaxsr.expressions.instructions import Instructions
 from jaxsr.models.directions import Directions
@@ -19,6 +20,8 @@ Array = Any
 CACHED, LEAST, MOST = 1 << 16, 8, 128
 """Numbers of a row of samples and all that is calculated of it, which a processor's cache holds;
 samples of a row."""
+TOGETHER = 100_000
+"""Parts of samples that are followed between two looks at the clock."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +119,12 @@ class Program:
         recursion = compiled(rk4_steps)
         assert recursion is not None
         course = self._course(parts, flat, len(field.model.inputs))
-        recursion(code, fixed, course, states, slopes, min(max(width, LEAST), MOST))
+        width = min(max(width, LEAST), MOST)
+        size = max(TOGETHER // len(parts), 1)
+        for first in range(0, flat.samples, size):
+            ask()
+            chosen = first, min(first + size, flat.samples)
+            recursion(code, fixed, course, states, slopes, width, chosen)
         known = slopes if directions else np.zeros((n, 0, flat.samples))
         return states.reshape(*states.shape[:2], *shape), known.reshape(n, directions, *shape)
 

@@ -59,23 +59,23 @@ def advanced(
     slopes : ndarray, shape (states, directions, steps, segments)
     """
     shape, jumping, begin = np.shape(x[0]), np.zeros(np.shape(x[0]), dtype=bool), time
-    spans = []
+    parts = []
     for number in range(length.shape[1]):
-        spans.append(Part(stages(number), begin, length[:, number]))
+        parts.append(Part(stages(number), begin, length[:, number]))
         begin = begin + length[:, number]
-    along, slopes = followed(field, to, method, x, spans)
-    for before, after, span in zip(along, along[1:], spans, strict=False):
+    along, slopes = followed(field, to, method, x, parts)
+    for before, after, part in zip(along, along[1:], parts, strict=False):
         if jumps is not None:
-            here = Point(span.begin, before, span.stages.at(0.0))
-            there = Point(span.begin + span.length, after, span.stages.at(1.0))
-            jumping |= jumps.crossed(field, here, there, span.length + np.zeros(shape)).any(axis=0)
+            here = Point(part.begin, before, part.stages.at(0.0))
+            there = Point(part.begin + part.length, after, part.stages.at(1.0))
+            jumping |= jumps.crossed(field, here, there, part.length + np.zeros(shape)).any(axis=0)
     states = along[-1]
     if jumps is None or not jumping.any():
         return states, slopes
     states = [np.array(state) for state in states]
-    part = in_a_column(time, length, stages, jumping)
+    column = in_a_column(time, length, stages, jumping)
     ends, by = jumps.through(
-        field.column(jumping), to, method, [a[jumping][:, None] for a in x], *part
+        field.column(jumping), to, method, [a[jumping][:, None] for a in x], *column
     )
     for state, end in zip(states, ends, strict=True):
         state[jumping] = end[:, 0]

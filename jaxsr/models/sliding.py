@@ -90,12 +90,12 @@ class Sliding:
 
 
 def slid(
-    field: Sliding, to: Directions | None, method: str, x: list[Array], spans: Sequence[Part]
+    field: Sliding, to: Directions | None, method: str, x: list[Array], parts: Sequence[Part]
 ) -> tuple[list[list[Array]], Array]:
     """Advance along surfaces by one step: as `followed`."""
-    (tableau, step), (span,) = METHODS[method], spans
-    ends, rows = step(field, x, span.begin, span.length, span.stages, to is not None)
+    (tableau, step), (part,) = METHODS[method], parts
+    ends, rows = step(field, x, part.begin, part.length, part.stages, to is not None)
     if to is None:
-        return [x, ends], np.zeros((len(x), 0, *span.length.shape))
-    taken = [Taken(span.length, rows, span.stages)]
-    return [x, ends], transition(tableau, to, taken, (span.length.shape[0], 1))
+        return [x, ends], np.zeros((len(x), 0, *part.length.shape))
+    taken = [Taken(part.length, rows, part.stages)]
+    return [x, ends], transition(tableau, to, taken, (part.length.shape[0], 1))

@@ -16,9 +16,6 @@ from jaxsr.models.segments import Segments
 from jaxsr.models.simulator import Simulator
 from jaxsr.recordings import noise_level
 
-FAINT = 1e-9
-"""Least noise of a sensor, in the deviation of its readings."""
-
 
 @dataclass(frozen=True, eq=False)
 class LocalModel:
@@ -173,21 +170,16 @@ def _linearised(
     with np.errstate(all="ignore"):
         args = simulator, stepping, segments, theta, path, active
         (ends, slopes), (y, by) = one_step_and_readings(*args)
-    n = len(path)
-    slopes = _bounded(slopes)
-    return in_time(
-        simulator,
-        segments,
-        theta,
-        LocalModel(
+        n, slopes = len(path), _bounded(slopes)
+        local = LocalModel(
             defects(ends, path, segments).transpose(1, 2, 0),
             np.ascontiguousarray(slopes[:, :n].transpose(2, 3, 0, 1)),
             np.ascontiguousarray(slopes[:, n:].transpose(2, 3, 0, 1)),
             (segments.outputs - y).transpose(1, 2, 0),
             np.ascontiguousarray(_bounded(by[:, :n]).transpose(2, 3, 0, 1)),
             np.ascontiguousarray(_bounded(by[:, n:]).transpose(2, 3, 0, 1)),
-        ),
-    )
+        )
+        return in_time(simulator, segments, theta, local)
 
 
 def in_time(
@@ -211,7 +203,7 @@ def in_time(
         if not np.isfinite(recorded).any():
             continue
         usual = float(np.nanmean(recorded)), float(np.nanvar(recorded))
-        noise = max(_noise_of(segments, k), FAINT * np.sqrt(usual[1]))
+        noise = _noise_of(segments, k)
         for piece, count in enumerate(segments.count):
             shown = np.arange(count) + moves[piece]
             at, beyond = shown % count, (shown < 0) | (shown >= count)
@@ -243,6 +235,8 @@ def _noise_of(segments: Segments, output: int) -> float:
 
 def _log_density(values: np.ndarray, mean: float, variance: float) -> float:
     """Log density of what was measured of some values, all of one normal distribution."""
+    if not variance > 0.0:
+        return -np.inf
     known = values[np.isfinite(values)]
     scaled = np.log(2.0 * np.pi * variance) + (known - mean) ** 2 / variance
     return -0.5 * float(np.sum(scaled))
