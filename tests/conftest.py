@@ -22,18 +22,9 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile steps before workers start: once an installation, and no test's time is for that."""
     if not getattr(session.config.option, "numprocesses", None):
         return
-    import numpy as np
+    from jaxsr.models.programs import compile_steps
 
-    from jaxsr.models import Simulator, parse_model
-    from jaxsr.models.directions import Stages
-    from jaxsr.models.field import Field
-    from jaxsr.models.following import followed
-    from jaxsr.models.parts import Part
-
-    text = '[model]\nstates = ["x"]\noutputs = ["y"]\n[equations]\nx = "-x"\n[readings]\ny = "x"'
-    one = np.ones((1, 1))
-    step = Part(Stages(np.zeros((3, 0, 1, 1)), {}), one, one)
-    followed(Field(Simulator(parse_model(text)), []), None, "rk4", [one], [step])
+    compile_steps()
 
 
 gc.disable()  # until all tests are there

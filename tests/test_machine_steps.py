@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from jaxsr._machine_code import compiled
+from jaxsr._machine_code import compiled, kept
 from jaxsr.expressions.instructions import CODE, Instructions
 from jaxsr.expressions.tape import Recording
 from jaxsr.models import Simulator, parse_model
@@ -16,10 +21,9 @@ from jaxsr.models.field import Field
 from jaxsr.models.following import followed
 from jaxsr.models.machine_steps import rk4_steps
 from jaxsr.models.parts import Part
-from jaxsr.models.programs import program_of
-from jaxsr.models.steps import METHODS
-from jaxsr.models.transitions import Taken, transition
+from jaxsr.models.programs import compile_steps, program_of
 
+ROOT = Path(__file__).resolve().parents[1]
 LAWS = {
     "products": "p*x*y/(1 + x**2) - q*u - x",
     "circles": "sin(p*x) - cos(y)*sin(y) + tan(0.1*x)",
@@ -75,16 +79,21 @@ def course(rng: np.random.Generator, shape: tuple[int, int], inputs: int, steps:
     return parts
 
 
+@pytest.fixture(autouse=True, scope="module")
+def machine() -> None:
+    """Compile it, if nothing did before; then it is used from here on."""
+    compile_steps()
+    kept.cache_clear()
+
+
 def by_numpy(
     field: Field, to: Directions, x: list[np.ndarray], parts: list[Part]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the last states and their derivatives."""
-    tableau, step = METHODS["rk4"]
-    taken = []
-    for part in parts:
-        x, rows = step(field, x, part.begin, part.length, part.stages, True)
-        taken.append(Taken(part.length, rows, part.stages))
-    return np.stack(x), transition(tableau, to, taken, x[0].shape)
+    """Return the last states and their derivatives, as they are found without the machine."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jaxsr.models.following.program_of", lambda *_: None)
+        along, slopes = followed(field, to, "rk4", x, parts)
+    return np.stack(along[-1]), slopes
 
 
 def directions(simulator: Simulator, delays: dict[int, int] | None = None) -> Directions:
@@ -167,3 +176,26 @@ def test_it_is_compiled_for_all_models_together() -> None:
         followed(field, None, "rk4", x, parts)
     machine: Any = compiled(rk4_steps)
     assert len(machine.signatures) == 1
+
+
+def test_what_is_not_compiled_yet_is_compiled_beside(tmp_path: Path) -> None:
+    (tmp_path / "small.py").write_text("def twice(x):\n    return 2.0 * x\n", encoding="utf-8")
+    script = """
+from jaxsr._machine_code import kept
+from small import twice
+made = "from jaxsr._machine_code import compiled; from small import twice; compiled(twice)(1.0)"
+found = kept(twice, made)
+print(found if found is None else found(3.0))
+"""
+    paths = os.pathsep.join([str(ROOT), str(tmp_path)])
+    own = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": paths}
+
+    def said() -> str:
+        words = [sys.executable, "-c", script]
+        return subprocess.run(words, env=own, capture_output=True, text=True, check=True).stdout
+
+    assert said() == "None\n"
+    until = time.monotonic() + 60.0
+    while not any(tmp_path.glob("kept/*/*.nbi")) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert said() == "6.0\n"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxsr._deadline import ask
-from jaxsr._machine_code import compiled
+from jaxsr._machine_code import compiled, kept
 from jaxsr.expressions.instructions import Instructions
 from jaxsr.models.directions import Directions
 from jaxsr.models.field import Field
@@ -166,9 +166,26 @@ class _Flat:
         return np.broadcast_to(value, (*ahead, *self.shape)).reshape(*ahead, self.samples)
 
 
+def compile_steps() -> None:
+    """Compile the machine, once an installation: it takes ten seconds."""
+    no, none = np.zeros((2, 0), np.int64), np.zeros((3, 0, 1, 1))
+    table = np.zeros((0, 5), np.int64), np.zeros(5, np.int64), np.zeros(0)
+    places = np.zeros(0, np.int64), np.full((2, 1), -1), no, no, no
+    code = Code(*table, *places, _table([], 3), _table([], 4))
+    course = Course(np.zeros(1, np.int64), np.ones((2, 1, 1)), np.ones((2, 1, 1)), none, none)
+    states, slopes = np.zeros((2, 0, 1)), np.zeros((0, 0, 0))
+    machine = compiled(rk4_steps)
+    if machine is not None:
+        machine(code, np.zeros((0, 1)), course, states, slopes, LEAST, (0, 1))
+
+
 def program_of(field: Field, to: Directions | None) -> Program | None:
-    """Return the programs of a field; None where Numba is not installed, or they cannot be made."""
-    if compiled(rk4_steps) is None:
+    """Return the programs of a field; None where they cannot be made, or the machine is not there.
+
+    Where Numba is not installed it never is, and in the first runs of an installation not yet.
+    """
+    made = "from jaxsr.models.programs import compile_steps; compile_steps()"
+    if kept(rk4_steps, made) is None:
         return None
     to = Directions(tuple(field.model.states), {}, {}, ()) if to is None else to
     key = to.states, tuple(to.columns.items()), tuple(to.delays.items())
