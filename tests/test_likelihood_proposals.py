@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.estimate import Belief, Scales
+from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.evidence import Gram
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.proposals import exclusive, pairs, swaps, without
+from jaxsr.diagnosis.likelihood.scales import Scales
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel

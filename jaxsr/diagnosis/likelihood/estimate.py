@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.evidence import Gram, Mode, Prior
-from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, whitened
+from jaxsr.diagnosis.likelihood.kalman import Latent, System, smoothed
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
+from jaxsr.diagnosis.likelihood.scales import NEARBY, Scales, grams, log_odds, sizes_about
 from jaxsr.models.least_squares import Problem
 
 MOST = 10
@@ -18,25 +19,16 @@ SETTLED = 0.3
 """Step of a constant, in its posterior deviation, that ends the iteration."""
 HALVED = (1.0, 0.5, 0.2)
 """Shares of a step that are tried."""
-NEARBY, BARELY, CALM = (0.5, 0.8, 1.0, 1.25, 2.0), (0.5, 1.0, 2.0), 0.5
-"""Sizes of the latent force, in that of the last step, that are tried, and where there was none in
-a quarter of the least; change of the log evidence that ends the iteration, once where the constants
-rest, else twice in a row."""
+CALM = 0.5
+"""Change of the log evidence that ends the iteration, once where the constants rest, else twice in
+a row."""
 BEHIND, CATCHING = 12.0, 0.25
 """Log evidence behind the best known that leaves a set no say (odds of e^-12), and the share of
 what is missing that a step has to gain where that much is missing."""
-LOUDEST = 4.0
-"""Variance of a sensor's noise in that which neighbouring samples tell: more is not its noise."""
-PRESENT, BEYOND = 1.0 / 7.0, 0.05
-"""Prior odds of a small latent force of one size against none, as seven sizes share even odds, and
-what is left of them at the size of the net force: they fall exponentially (Simpson et al. 2017,
-Stat. Sci. 32, section 3.3). The times that it may take are not paid for: what is likeliest among
-them stands for several."""
-ROOM = 2e7
-"""Numbers of innovations and their derivatives that are held at once."""
 WORSE, FIRM = 1.0, 4
-"""Log evidence that a step may lose, and steps that are taken whole: what the first linearisations
-promise, about paths that are no motion of the model, is not kept."""
+"""Log evidence that a step may lose, and first steps that may lose what their linearisations, about
+paths that are no motion of the model, promised: not what there is where what is added does nothing,
+but for what `BEHIND` leaves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,55 +74,6 @@ class Belief:
 
 
 @dataclass(frozen=True, eq=False)
-class Scales:
-    """Sizes that the latent force may have, and how long it keeps its sign.
-
-    Attributes
-    ----------
-    forces : tuple of int
-        Where the constants that stand for a force along each equation are among the columns.
-    size : ndarray, shape (forces,)
-        Rms of the net force.
-    shares : ndarray, shape (choices,)
-        Of it, in rising order; the first is 0.
-    decay : float
-        Correlation from sample to sample.
-    decays : tuple of float
-        Others that it may have.
-    noise : Noise
-    told : ndarray, shape (outputs,)
-        Variances of the noise that neighbouring samples tell.
-    start : ndarray, shape (states,)
-        Variances of the states at the start of a piece.
-    """
-
-    forces: tuple[int, ...]
-    size: np.ndarray
-    shares: np.ndarray
-    decay: float
-    decays: tuple[float, ...]
-    noise: Noise
-    told: np.ndarray
-    start: np.ndarray
-
-    def allows(self, noise: Noise) -> bool:
-        """Whether neighbouring samples leave room for some noise."""
-        return bool((noise.between_neighbours <= LOUDEST * self.told).all())
-
-    @property
-    def loudest(self) -> float:
-        """Largest factor on the noise that neighbouring samples leave room for."""
-        return LOUDEST * float(np.min(self.told / self.noise.between_neighbours))
-
-    def latent(self, local: LocalModel, share: float, decay: float | None = None) -> Latent:
-        """Return the latent force of one size, and one correlation, about a linearisation."""
-        at = list(self.forces)
-        entering, read = local.by_constant[..., at], local.reading_by_constant[..., at]
-        decay = self.decay if decay is None else decay
-        return Latent(entering, share * self.size, decay, read)
-
-
-@dataclass(frozen=True, eq=False)
 class Estimate:
     """A set of mechanisms at its mode.
 
@@ -166,29 +109,6 @@ class Estimate:
         return self.mode.log_evidence + float(log_odds(self.share))
 
 
-def grams(
-    local: LocalModel, scales: Scales, shares: np.ndarray, decays: Sequence[float] | None = None
-) -> list[Gram]:
-    """Return the Gram matrix of innovations for every size of the latent force.
-
-    Parameters
-    ----------
-    decays : sequence of float, optional
-        Its correlation beside each size; that of `scales` by default.
-    """
-    pieces, results = local.defect.shape[1], []
-    decays = [scales.decay] * len(shares) if decays is None else decays
-    choices = list(zip(shares, decays, strict=True))
-    together = max(int(ROOM / (local.innovation.size * (1 + local.by_constant.shape[3]))), 1)
-    for first in range(0, len(choices), together):
-        latent = [scales.latent(local, *c) for c in choices[first : first + together]]
-        found = whitened(System.of(local, latent, [scales.noise] * len(latent), scales.start))
-        lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(latent))]
-        every = (Gram.of(found, lane, scales.loudest) for lane in lanes)
-        results += [g.beside(local.log_apart) for g in every]
-    return results
-
-
 def estimated(
     problem: Problem,
     theta: np.ndarray,
@@ -199,6 +119,7 @@ def estimated(
     scales: Scales,
     best: float = -np.inf,
     stop: Callable[[], bool] = lambda: False,
+    inside: float = -np.inf,
 ) -> Estimate | None:
     """Iterate to the mode of a set; None where its steps are not finite.
 
@@ -217,10 +138,12 @@ def estimated(
         Log evidence of the best set known: one that cannot catch up is left as it is.
     stop : callable
         Whether time is over: the set is left where it is, not settled.
+    inside : float
+        Log evidence where what the set adds to another does nothing.
     """
     active = list(dict.fromkeys([*map(int, chosen), *map(int, helpers)]))
     scales = replace(scales, forces=tuple(active.index(int(j)) for j in helpers))
-    climb = _Climb(problem, chosen, active, belief, best, stop)
+    climb = _Climb(problem, chosen, active, belief, best, stop, inside)
     point = climb.weighed(theta, path, scales, scales.shares)
     if point is None:
         return None
@@ -255,6 +178,8 @@ class _Climb:
         Log evidence of the best set known.
     stop : callable
         Whether time is over.
+    inside : float
+        Log evidence where what the set adds to another does nothing.
     """
 
     problem: Problem
@@ -263,6 +188,7 @@ class _Climb:
     belief: Belief
     best: float
     stop: Callable[[], bool]
+    inside: float
 
     def weighed(
         self, theta: np.ndarray, path: np.ndarray, scales: Scales, shares: np.ndarray
@@ -297,7 +223,7 @@ class _Climb:
 
     def to_the_mode(self, point: _Point, scales: Scales) -> tuple[_Point, bool]:
         """Linearise, weigh, smooth, and again; return whether the last step was a small one."""
-        theta, path, belief = point.theta, point.path, self.belief
+        theta, belief = point.theta, self.belief
         chosen, spare = self.chosen, np.zeros(len(self.active) - len(self.chosen))
         settled, calm = False, False
         for number in range(MOST):
@@ -309,27 +235,49 @@ class _Climb:
             local = point.local.moved(np.concatenate([change, spare]))
             latent = scales.latent(point.local, point.share)
             noise = scales.noise.scaled(point.mode.noise)
-            moved = smoothed(System.of(local, [latent], [noise], scales.start), len(path))
+            moved = smoothed(System.of(local, [latent], [noise], scales.start), len(point.path))
             settled = bool(np.all(np.abs(change) <= little))
-            shares, tried = sizes_about(point.share, scales.shares), []
-            for share in HALVED:
-                nearer = theta.copy()
-                nearer[chosen] += share * change
-                found = self.weighed(nearer, path + share * moved, scales, shares)
-                tried += [] if found is None else [found]
-                if found is not None and (number < FIRM or found.log > point.log - WORSE):
-                    break
-            else:  # what it promises is not there: less is, at most
-                return max([*tried, *([] if tried else [point])], key=lambda p: p.log), False
-            after = tried[-1]
+            least = self.inside - BEHIND if number < FIRM else point.log - WORSE
+            tried, kept = self._along(point, (change, moved), scales, least)
+            if not tried:
+                return point, False
+            after = max(tried, key=lambda p: p.log) if not kept else tried[-1]
+            if not kept and number >= FIRM:  # what it promises is not there: less is, at most
+                return after, False
             gain = after.log - point.log
-            point, theta, path = after, after.theta, after.path
+            point, theta = after, after.theta
             # Two steps without a gain are at the mode, however short deviations are.
             settled = abs(gain) < CALM and (settled or calm)
             if settled or (number >= FIRM and left(point.log, gain, self.best)):
                 break
             calm = abs(gain) < CALM
         return point, settled
+
+    def _along(
+        self, point: _Point, step: tuple[np.ndarray, np.ndarray], scales: Scales, least: float
+    ) -> tuple[list[_Point], bool]:
+        """Weigh shares of a step, the whole first, until one has `least`, or less than the last.
+
+        Returned are those that are finite, and whether the last of them has that.
+
+        Parameters
+        ----------
+        step : tuple of ndarray
+            Changes of the chosen constants, and of the path.
+        """
+        shares, tried = sizes_about(point.share, scales.shares), list[_Point]()
+        for share in HALVED:
+            theta = point.theta.copy()
+            theta[self.chosen] += share * step[0]
+            found = self.weighed(theta, point.path + share * step[1], scales, shares)
+            if found is None:
+                continue
+            tried.append(found)
+            if found.log > least:
+                return tried, True
+            if len(tried) > 1 and found.log <= tried[-2].log:
+                break
+        return tried, False
 
     def in_other_time(self, point: _Point, scales: Scales) -> tuple[_Point, float] | None:
         """Weigh latent forces that keep their sign for longer, or less long, about one path."""
@@ -346,23 +294,9 @@ class _Climb:
         return None if found is None else (found, float(decays[found.best]))
 
 
-def log_odds(share: float | np.ndarray) -> np.ndarray:
-    """Return the log prior odds of sizes of the latent force against none."""
-    return np.where(np.asarray(share) > 0.0, np.log(PRESENT) + np.log(BEYOND) * share, 0.0)
-
-
 def left(log: float, gain: float, best: float) -> bool:
     """Whether a set is so far behind the best, by log evidence, that its last gain is no hope."""
     return best - log > BEHIND and gain < CATCHING * (best - log)
-
-
-def sizes_about(share: float, shares: np.ndarray) -> np.ndarray:
-    """Return sizes of the latent force around one, and none; that alone where there is no other."""
-    if not shares.any():
-        return shares
-    least = float(shares[shares > 0.0].min()) / 4.0
-    sizes = share * np.array(NEARBY) if share > least else least * np.array(BARELY)
-    return np.array([0.0, *sizes])
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,12 @@ import numpy as np
 from jaxsr.diagnosis.contest.memory_starts import start_of
 from jaxsr.diagnosis.contest.reduced import Reduced, lean
 from jaxsr.diagnosis.likelihood.beliefs import belief_of
-from jaxsr.diagnosis.likelihood.estimate import Estimate, Scales
+from jaxsr.diagnosis.likelihood.estimate import Estimate
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.late_starts import best_shift, late_sensors
 from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.rounding import Following, at_its_mode
+from jaxsr.diagnosis.likelihood.scales import Scales
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import Threshold
@@ -161,7 +162,10 @@ class _Begun:
             begun = begun.led_on(hidden)
         # Along the path of a set with jumps no rounder ones have to lead to theirs.
         width = None if near is None else near.width
-        return replace(begun, follow=replace(follow, width=width))
+        inside = -np.inf
+        if near is not None and {*near.members} <= {*members}:
+            inside = near.log_evidence
+        return replace(begun, follow=replace(follow, width=width, inside=inside))
 
     @property
     def sharp(self) -> bool:
@@ -183,7 +187,8 @@ class _Begun:
         segments = problem.segments
         outputs = np.where(hidden, np.nan, segments.outputs)
         blind = replace(problem, segments=replace(segments, outputs=outputs))
-        follow = replace(self.follow, best=-np.inf)  # fewer samples: another evidence
+        # Fewer samples: another evidence.
+        follow = replace(self.follow, best=-np.inf, inside=-np.inf)
         found = at_its_mode(blind, self.sharp, values, self.path, follow, self.scales)
         if found is None:
             return self

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, log_odds
+from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate
 from jaxsr.diagnosis.likelihood.evidence import Gram, Mode
 from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
+from jaxsr.diagnosis.likelihood.scales import Scales, log_odds
 
 WHITE = {
     0.0: 1.0,

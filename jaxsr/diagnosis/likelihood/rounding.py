@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.contest.integration import steady
-from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, Scales, estimated, left
+from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, estimated, left
+from jaxsr.diagnosis.likelihood.scales import Scales
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.widths import WidthStep, width_step
@@ -28,7 +29,10 @@ SHARES = (1.0, 0.5, 0.25)
 
 @dataclass(frozen=True, eq=False)
 class Following:
-    """Which parameters are followed to their mode, with what belief, and from which jumps."""
+    """Which parameters are followed to their mode, with what belief, and from which jumps.
+
+    `inside` is the log evidence of the set that members are added to, where they do nothing.
+    """
 
     chosen: np.ndarray
     helpers: np.ndarray
@@ -36,6 +40,7 @@ class Following:
     best: float
     stop: Callable[[], bool]
     width: float | None = None
+    inside: float = -np.inf
 
     @property
     def active(self) -> list[int]:
@@ -53,7 +58,7 @@ class Following:
         with np.errstate(all="ignore"):
             try:
                 args = self.chosen, self.helpers, self.belief, scales, self.best, self.stop
-                return estimated(problem, theta, path, *args)
+                return estimated(problem, theta, path, *args, self.inside)
             except (np.linalg.LinAlgError, FloatingPointError):
                 return None
 

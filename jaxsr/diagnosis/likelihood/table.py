@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.contest.reduced import lean
-from jaxsr.diagnosis.likelihood.estimate import Belief, Scales, grams
+from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
+from jaxsr.diagnosis.likelihood.scales import Scales, grams
 from jaxsr.diagnosis.likelihood.switched import switched
 from jaxsr.diagnosis.likelihood.workspace import Workspace, along, in_columns
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED

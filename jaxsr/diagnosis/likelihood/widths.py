@@ -13,16 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.estimate import (
-    Belief,
-    Estimate,
-    Scales,
-    grams,
-    log_odds,
-    sizes_about,
-)
+from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate
 from jaxsr.diagnosis.likelihood.evidence import Prior
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
+from jaxsr.diagnosis.likelihood.scales import Scales, grams, log_odds, sizes_about
 from jaxsr.models.least_squares import Problem
 
 APART = 1.0 / 16.0

@@ -1,0 +1,111 @@
+"""Sizes that the latent force may have beside the noise, and what the innovations say of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxsr.diagnosis.likelihood.evidence import Gram
+from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, whitened
+from jaxsr.diagnosis.likelihood.local import LocalModel
+
+LOUDEST = 4.0
+"""Variance of a sensor's noise in that which neighbouring samples tell: more is not its noise."""
+NEARBY, BARELY = (0.5, 0.8, 1.0, 1.25, 2.0), (0.5, 1.0, 2.0)
+"""Sizes of the latent force, in that of the last step, that are tried, and where there was none in
+a quarter of the least."""
+PRESENT, BEYOND = 1.0 / 7.0, 0.05
+"""Prior odds of a small latent force of one size against none, as seven sizes share even odds, and
+what is left of them at the size of the net force: they fall exponentially (Simpson et al. 2017,
+Stat. Sci. 32, section 3.3). The times that it may take are not paid for: what is likeliest among
+them stands for several."""
+ROOM = 2e7
+"""Numbers of innovations and their derivatives that are held at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """Sizes that the latent force may have, and how long it keeps its sign.
+
+    Attributes
+    ----------
+    forces : tuple of int
+        Where the constants that stand for a force along each equation are among the columns.
+    size : ndarray, shape (forces,)
+        Rms of the net force.
+    shares : ndarray, shape (choices,)
+        Of it, in rising order; the first is 0.
+    decay : float
+        Correlation from sample to sample.
+    decays : tuple of float
+        Others that it may have.
+    noise : Noise
+    told : ndarray, shape (outputs,)
+        Variances of the noise that neighbouring samples tell.
+    start : ndarray, shape (states,)
+        Variances of the states at the start of a piece.
+    """
+
+    forces: tuple[int, ...]
+    size: np.ndarray
+    shares: np.ndarray
+    decay: float
+    decays: tuple[float, ...]
+    noise: Noise
+    told: np.ndarray
+    start: np.ndarray
+
+    def allows(self, noise: Noise) -> bool:
+        """Whether neighbouring samples leave room for some noise."""
+        return bool((noise.between_neighbours <= LOUDEST * self.told).all())
+
+    @property
+    def loudest(self) -> float:
+        """Largest factor on the noise that neighbouring samples leave room for."""
+        return LOUDEST * float(np.min(self.told / self.noise.between_neighbours))
+
+    def latent(self, local: LocalModel, share: float, decay: float | None = None) -> Latent:
+        """Return the latent force of one size, and one correlation, about a linearisation."""
+        at = list(self.forces)
+        entering, read = local.by_constant[..., at], local.reading_by_constant[..., at]
+        decay = self.decay if decay is None else decay
+        return Latent(entering, share * self.size, decay, read)
+
+
+def grams(
+    local: LocalModel, scales: Scales, shares: np.ndarray, decays: Sequence[float] | None = None
+) -> list[Gram]:
+    """Return the Gram matrix of innovations for every size of the latent force.
+
+    Parameters
+    ----------
+    decays : sequence of float, optional
+        Its correlation beside each size; that of `scales` by default.
+    """
+    pieces, results = local.defect.shape[1], []
+    decays = [scales.decay] * len(shares) if decays is None else decays
+    choices = list(zip(shares, decays, strict=True))
+    together = max(int(ROOM / (local.innovation.size * (1 + local.by_constant.shape[3]))), 1)
+    for first in range(0, len(choices), together):
+        latent = [scales.latent(local, *c) for c in choices[first : first + together]]
+        found = whitened(System.of(local, latent, [scales.noise] * len(latent), scales.start))
+        lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(latent))]
+        every = (Gram.of(found, lane, scales.loudest) for lane in lanes)
+        results += [g.beside(local.log_apart) for g in every]
+    return results
+
+
+def log_odds(share: float | np.ndarray) -> np.ndarray:
+    """Return the log prior odds of sizes of the latent force against none."""
+    return np.where(np.asarray(share) > 0.0, np.log(PRESENT) + np.log(BEYOND) * share, 0.0)
+
+
+def sizes_about(share: float, shares: np.ndarray) -> np.ndarray:
+    """Return sizes of the latent force around one, and none; that alone where there is no other."""
+    if not shares.any():
+        return shares
+    least = float(shares[shares > 0.0].min()) / 4.0
+    sizes = share * np.array(NEARBY) if share > least else least * np.array(BARELY)
+    return np.array([0.0, *sizes])
