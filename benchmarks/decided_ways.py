@@ -5,8 +5,8 @@
                     [--ways WAY ...] [--budget SECONDS]
     python -m benchmarks.decided_ways OUT.jsonl     # the table of what is there
 
-`today` is the decision of the commands. `evidence` is that of the posterior even where its search
-did not come to its end, or free runs do not bear it out; it is run where `today` left that to the
+`today` is the decision of the commands. `evidence` is that of the posterior even where
+free runs do not bear it out; it is run where `today` left that to the
 contest. `contest` never looks at the posterior; it is run where that leaves doubt. Every answer is
 a line of OUT.jsonl with the most probable sets, so that a run goes on where it stopped, and other
 rules can be tried on what is there. Set JAXSR_CLOCK=processor: the budget is that of the processor
@@ -23,7 +23,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -85,12 +85,10 @@ class Way:
         if self.name == "contest":
             return None
         self.found = self.known or self.own["weighed"](case)
-        if self.found is None or self.name != "evidence":
-            return self.found
-        return replace(self.found, finished=True)
+        return self.found
 
-    def _borne_out(self, settled: Any) -> bool:
-        self.borne = bool(self.own["borne_out"](settled))
+    def _borne_out(self, settled: Any, forced: bool) -> bool:
+        self.borne = bool(self.own["borne_out"](settled, forced))
         return self.borne or self.name == "evidence"
 
     def _claimed(self, *args: Any, **more: Any) -> Claim:
@@ -205,7 +203,7 @@ def told(found: Posterior | None) -> dict[str, Any] | None:
         for h, p in every[:SHOWN]
     ]
     return {
-        "finished": found.finished,
+        "timely": found.timely,
         "settled": bool(leader.settled),
         "something_else": found.something_else,
         "left": float(leader.share / max(null.share, 1e-300)),
@@ -292,7 +290,7 @@ def doubt_of(row: Mapping[str, Any]) -> str:
     if post is None:
         return "no posterior"
     top = row.get("mass", post["sets"][0]["p"])
-    parts = [] if post["finished"] else ["not finished"]
+    parts = [] if post["timely"] else ["not in time"]
     parts += [] if post["settled"] else ["not at rest"]
     parts += [] if row["borne"] is not False else ["free run"]
     return (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -64,6 +65,14 @@ def test_only_equations_that_both_models_show_are_compared() -> None:
     assert found is not None and list(found) == ["equation:v"]
     assert found["equation:v"]["train"] == {"recalibrated": 0.5, "explained": 0.25}
     assert found["equation:v"]["held_out"] is None
+
+
+def test_an_input_behind_a_memory_is_still_what_forces_are_measured_by() -> None:
+    both = forces([1], [1])
+    behind = replace(both.explained, input_side=1e-20 * both.explained.input_side)
+    found = force_errors(MODEL, replace(both, explained=behind), None)
+    assert found is not None
+    assert found["equation:v"]["train"] == {"recalibrated": 0.5, "explained": 0.25}
 
 
 def test_forces_that_no_sensor_shows_are_not_reported() -> None:

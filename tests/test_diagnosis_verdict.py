@@ -143,3 +143,23 @@ def test_costs_that_are_none_are_refused() -> None:
     for pair in ((-1.0, 1.0), (float("nan"), 1.0), (float("inf"), 1.0), (0.0, 0.0)):
         with pytest.raises(InputError, match="costs of a false claim"):
             Costs(*pair)
+
+
+def test_beside_others_a_member_is_named_at_the_odds_of_a_claim() -> None:
+    """What may as well not act is not named; what another may stand for is."""
+
+    def named(alone: float, other: float) -> frozenset[str]:
+        rest = 1.0 - alone - other
+        sets = [
+            Explanation(frozenset({"drag@v", "delay@u"}), Verdict.STRUCTURE, rest),
+            Explanation(frozenset({"drag@v", "lag@u"}), Verdict.STRUCTURE, other),
+            Explanation(frozenset({"drag@v"}), Verdict.STRUCTURE, alone),
+        ]
+        return claimed(sets).leading
+
+    allowed = 1.0 / (1.0 + Costs().false_claim)
+    assert named(allowed - 1e-6, 0.0) == {"drag@v", "delay@u"}
+    assert named(allowed + 1e-6, 0.0) == {"drag@v"}
+    assert named(allowed - 1e-6, 0.4) == {"drag@v", "delay@u"}
+    assert named(0.0, 0.0) == {"drag@v", "delay@u"}
+    assert named(1.0, 0.0) == {"drag@v"}

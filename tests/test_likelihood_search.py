@@ -165,7 +165,7 @@ def test_a_search_that_time_ends_amid_a_step_has_not_looked_at_everything(
     assert course is not None
     before = len(done)
     found = posterior_along(model, course, stop=lambda: len(done) > before + 12)
-    assert found is not None and not found.finished
+    assert found is not None and not found.timely
     assert len(done) <= before + 13 + len(estimate.HALVED)
 
 
@@ -263,7 +263,7 @@ def test_what_there_was_no_time_for_was_not_asked_about(monkeypatch: pytest.Monk
     known, due = loop._estimated(state, table, null, [(0,), (1,), (2,)])
     assert set(known) == {(), (0,), (1,)} and due == ((2,),)
     told = Posterior.of(replace(state, known=known, due=due))
-    assert not told.timely and not told.finished
+    assert not told.timely
     assert told.asked == {"drag@v", "spring@v"}
     after = replace(state, known=known, due=due, rivalled={(): 10.0})
     assert Posterior.of(after).asked == {"drag@v", "spring@v"}

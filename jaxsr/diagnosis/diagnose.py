@@ -211,7 +211,7 @@ def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Cl
     the posterior does not see. Where time ended its search, what was not asked about stays open.
     """
     found = weighed(case)
-    if found is None or (found.timely and not found.finished) or len(found.hypotheses) == 1:
+    if found is None or len(found.hypotheses) == 1:
         return None
     decision = case.failures.attempt(
         "estimating what the evidence says", lambda: decided_by_evidence(case, found), None

@@ -89,7 +89,8 @@ class Claim:
     ----------
     verdict : Verdict
     leading : frozenset of str
-        The most probable set of that verdict; of all with a mismatch, where that is undecided.
+        What is named of the most probable set of that verdict; the most probable set of all with a
+        mismatch, where that is undecided.
     mass : float
         Probability of the verdict, and of the one that comes nearest where that is undecided.
     """
@@ -125,7 +126,8 @@ def claimed(
         return Claim(Verdict.UNDECIDED, frozenset(), 0.0)
     best = max(mass, key=lambda v: mass[v])
     if costs.allow(mass[best]):
-        return Claim(best, _most_probable(explanations, {best}), mass[best])
+        leading = _named(explanations, _most_probable(explanations, {best}), costs)
+        return Claim(best, leading, mass[best])
     return Claim(Verdict.UNDECIDED, _most_probable(explanations, mass), mass[best])
 
 
@@ -136,6 +138,28 @@ def _most_probable(
     own = (e for e in explanations if e.verdict in verdicts)
     found = max(own, key=lambda e: e.probability, default=None)
     return frozenset() if found is None else found.labels
+
+
+def _named(
+    explanations: Sequence[Explanation], leading: frozenset[str], costs: Costs
+) -> frozenset[str]:
+    """Return what is named of a set: no member in whose place there may as well be nothing.
+
+    Beside others one is claimed where the probability that it, or another in its place, acts allows
+    a claim, the most doubtful asked first.
+    """
+    total = sum(e.probability for e in explanations)
+    while len(leading) > 1:
+        rest = {m: leading - {m} for m in sorted(leading)}
+        idle = {
+            m: sum(e.probability for e in explanations if e.labels <= others) / total
+            for m, others in rest.items()
+        }
+        doubtful = max(idle, key=lambda m: idle[m])
+        if costs.allow(1.0 - idle[doubtful]):
+            break
+        leading = rest[doubtful]
+    return leading
 
 
 def masses(

@@ -61,18 +61,22 @@ def force_errors(model: Model, train: Forces | None, held: Forces | None) -> dic
             ("recalibrated", forces.recalibrated),
             ("explained", forces.explained),
         ):
-            for site, error in relative_force_errors(model, system).items():
+            # Where a memory stands between, an explained equation has no input of its own.
+            brought = forces.recalibrated.input_side
+            for site, error in relative_force_errors(model, system, brought).items():
                 row = rows.setdefault(site, {"half_width_s": system.half_width, "held_out": None})
                 row[role] = {**(row.get(role) or {}), name: error}
     return rows or None
 
 
-def relative_force_errors(model: Model, system: WeakSystem) -> dict[str, float | None]:
-    """rms of what an equation leaves over rms of what the inputs bring, by site."""
+def relative_force_errors(
+    model: Model, system: WeakSystem, brought: np.ndarray
+) -> dict[str, float | None]:
+    """rms of what an equation leaves over rms of what inputs have `brought` to it, by site."""
     errors: dict[str, float | None] = {}
     for state in np.unique(system.state):
         rows = system.state == state
-        power = float(np.mean(system.input_side[rows] ** 2))
+        power = float(np.mean(brought[rows] ** 2))
         left = float(np.mean(system.residual[rows] ** 2))
         name = f"equation:{model.states[state]}"
         errors[name] = float(np.sqrt(left / power)) if power > 0 else None

@@ -130,7 +130,7 @@ def search(
 ) -> State:
     """Grow the leading set until nothing that was offered adds to it, or time is over.
 
-    Where the largest set that is weighed leads, more is missing than can be told: the search ends.
+    Where the largest set that is weighed leads, it ends: what more is missing stays a force.
 
     Parameters
     ----------

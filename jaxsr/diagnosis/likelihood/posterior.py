@@ -11,7 +11,7 @@ from scipy.special import expit
 from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.evidence import Mode, Prior
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
-from jaxsr.diagnosis.likelihood.loop import MOST_MEMBERS, State, odds_of_force, search
+from jaxsr.diagnosis.likelihood.loop import State, odds_of_force, search
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.table import tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
@@ -40,8 +40,6 @@ class Posterior:
         Over what was estimated.
     wrong : tuple of WrongValue
         Where nothing is missing.
-    finished : bool
-        Whether everything was looked at that could be added to the leading set.
     timely : bool
         Whether the search came to an end of its own.
     asked : frozenset of str
@@ -56,7 +54,6 @@ class Posterior:
     hypotheses: tuple[Hypothesis, ...]
     probabilities: np.ndarray
     wrong: tuple[WrongValue, ...] = ()
-    finished: bool = False
     timely: bool = True
     asked: frozenset[str] = frozenset()
     something_else: float = 0.0
@@ -75,7 +72,6 @@ class Posterior:
             state.work.super_model.candidates,
             tuple(found),
             weights / max(weights.sum(), 1e-300),
-            finished=timely and len(found[0].members) < MOST_MEMBERS,
             timely=timely,
             asked=_asked(state),
             prepared=state.work.prepared,
@@ -191,7 +187,7 @@ def posterior_along(
     if null is None:
         return None
     found = Posterior.of(state)
-    if found.leader.share and found.finished:
+    if found.leader.share and found.timely:
         found = replace(found, something_else=float(expit(odds_of_force(work, found.leader))))
     if found.leader.members:
         return found
