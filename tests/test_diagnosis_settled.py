@@ -54,7 +54,7 @@ GIVEN = parse_model(MODEL)
 
 def found(hypotheses: list[Weighed], probabilities: list[float], **more: Any) -> Posterior:
     every = cast("Any", (CANDIDATES, tuple(hypotheses), np.array(probabilities)))
-    return Posterior(*every, finished=True, **more)
+    return Posterior(*every, **more)
 
 
 def claim(posterior: Posterior) -> Verdict:
