@@ -11,9 +11,9 @@ per set: runs that end with status 0 and without a traceback or warning, and tho
 findings (mechanism and place, values of the file's own parameters aside) are those of the bundled
 file; of these there must be nine of ten. Recordings come from the folder in JAXSR_DATA_DIR (by
 default ../shared/recordings beside the repository, where it exists), else from their origin.
-Results, as they come: ``results/rewritings.json``, in which runs of the same engine and budget
-are not made again unless --again is given. Ends with status 1 if a run failed or a set keeps its
-findings too seldom.
+Results, as they come: ``results/rewritings.json``, with the engine of each set; runs of the same
+engine and budget are not made again unless --again is given. Ends with status 1 if a run failed or
+a set keeps its findings too seldom.
 """
 
 from __future__ import annotations
@@ -173,13 +173,11 @@ def summary(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def kept(budget: float, engine: str) -> dict[str, dict[str, Any]]:
-    """Return the runs of this engine and budget that the result holds."""
+def kept() -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
+    """Return the runs that the result holds, and their summaries, by set."""
     path = RESULTS / "rewritings.json"
     document = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    if (document.get("engine"), document.get("budget")) != (engine, budget):
-        return {}
-    return document["runs"]
+    return document.get("runs", {}), document.get("summary", {})
 
 
 def main() -> int:
@@ -193,10 +191,12 @@ def main() -> int:
     local = ROOT.parent / "shared" / "recordings"
     if local.is_dir():
         os.environ.setdefault("JAXSR_DATA_DIR", str(local))
-    commit = engine()
-    runs = {} if given.again else kept(given.budget, commit)
+    about = {"engine": engine(), "budget_s": given.budget}
+    runs, rates = kept()
     asked = given.only.split(",")
     for dataset in asked:
+        if given.again or not about.items() <= rates.get(dataset, {}).items():
+            runs[dataset] = {}
         own = runs.setdefault(dataset, {})
         with tempfile.TemporaryDirectory() as folder:
             fetch(dataset, Path(folder))
@@ -211,14 +211,14 @@ def main() -> int:
                     f"({answer.seconds:.0f} s) {answer.trouble}".rstrip(),
                     flush=True,
                 )
-                rates = {name: summary(rows) for name, rows in runs.items()}
-                body = {"engine": commit, "budget": given.budget, "summary": rates, "runs": runs}
+                rates[dataset] = {**about, **summary(own)}
+                body = {"summary": rates, "runs": runs}
                 write("rewritings", "one model, written in ten ways", [0, 1, 2], body)
-    rates = {name: summary(runs[name]) for name in asked}
-    for name, rate in rates.items():
+    last = {name: summary(runs[name]) for name in asked}
+    for name, rate in last.items():
         print(name, rate)
     return int(
-        any(r["sound"] < r["ways"] or r["same_findings"] < SAME * r["ways"] for r in rates.values())
+        any(r["sound"] < r["ways"] or r["same_findings"] < SAME * r["ways"] for r in last.values())
     )
 
 

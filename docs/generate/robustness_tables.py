@@ -70,7 +70,13 @@ def interrupts_table() -> str:
 def rewritings_table() -> str:
     """Return whether one model gives one answer however it is written."""
     rows = [
-        (name, row["ways"], row["sound"], row["same_findings"], row["same_verdict"])
+        (
+            name,
+            *(row[k] for k in ("ways", "sound", "same_findings", "same_verdict")),
+            f"{row['budget_s']:.0f} s",
+            f"`{row['engine']}`",
+        )
         for name, row in result("rewritings")["summary"].items()
     ]
-    return table(["model", "ways", "without error", "same findings", "same verdict"], rows)
+    head = ["model", "ways", "without error", "same findings", "same verdict", "budget", "engine"]
+    return table(head, rows)
