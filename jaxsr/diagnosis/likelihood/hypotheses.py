@@ -162,8 +162,9 @@ class _Begun:
             begun = begun.led_on(hidden)
         # Along the path of a set with jumps no rounder ones have to lead to theirs.
         width = None if near is None else near.width
-        inside = -np.inf
-        if near is not None and {*near.members} <= {*members}:
+        # A set without a latent force is not one with a force to which something was added.
+        forced, inside = table.scales.shares.any(), -np.inf
+        if near is not None and {*near.members} <= {*members} and (forced or not near.share):
             inside = near.log_evidence
         return replace(begun, follow=replace(follow, width=width, inside=inside))
 

@@ -270,9 +270,9 @@ def odds_of_force(work: Workspace, found: Hypothesis) -> float:
 
 
 def _without_force(work: Workspace, table: Table, found: Hypothesis) -> Hypothesis | None:
-    """Estimate a set without a latent force, from where it stands with one."""
+    """Estimate a set without a latent force, from where it stands with one, while there is hope."""
     calm = replace(table, scales=replace(table.scales, shares=np.zeros(1)))
-    return hypothesis(work, calm, found.members, found)
+    return hypothesis(work, calm, found.members, found, found.log_evidence)
 
 
 def better(before: Hypothesis | None, after: Hypothesis | None) -> Hypothesis | None:
