@@ -145,6 +145,7 @@ def rmse(
 ) -> list[float]:
     """Return the free-run RMSE of the first output at each horizon; None is the whole length."""
     simulator = jaxsr.Simulator(model)
+    train, held = (tuple(prepare(model, [p.recording for p in items])) for items in (train, held))
     stepping = choose_stepping(simulator, train, theta)
     runs = (free_run(simulator, stepping, held, theta, h) for h in horizons)
     return [float(run.rmse[0, 0]) for run in runs]
