@@ -130,7 +130,8 @@ def search(
 ) -> State:
     """Grow the leading set until nothing that was offered adds to it, or time is over.
 
-    Where the largest set that is weighed leads, it ends: what more is missing stays a force.
+    Where the largest set that is weighed leads, and its rivals do not, it ends: what more is missing
+    stays a force.
 
     Parameters
     ----------
@@ -143,8 +144,6 @@ def search(
     if state.known[()] is None:
         return state
     while not work.stop() and state.leader.members not in state.grown:
-        if len(state.leader.members) == MOST_MEMBERS:
-            return replace(state, grown=state.grown | {state.leader.members})
         if tell is not None:
             tell(state)
         state = step(state, table)
@@ -178,6 +177,8 @@ def step(state: State, table: Table) -> State:
         state = replace(state, known=known, rivalled=rivalled)
         if state.leader.members != leader.members:
             return state  # nothing is added to what is not the best of its kind
+    if len(leader.members) == MOST_MEMBERS:
+        return replace(state, grown=state.grown | {leader.members})
     plain, others = _additions(state, here, leader)
     proposed = [(*leader.members, i) for i in (*plain[:TRIED], *others)]
     proposed += pairs(every, here, leader.members, PAIRED, PROMISING + size)
