@@ -130,8 +130,8 @@ def search(
 ) -> State:
     """Grow the leading set until nothing that was offered adds to it, or time is over.
 
-    Where the largest set that is weighed leads, and its rivals do not, it ends: what more is missing
-    stays a force.
+    Where the largest set that is weighed leads, and its rivals do not, it ends: what more is
+    missing stays a force.
 
     Parameters
     ----------
