@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,12 @@ import numpy as np
 import pytest
 
 from jaxsr.diagnosis.judging import parsimony
-from jaxsr.diagnosis.judging.parsimony import simpler, without_given, worth_their_constants
+from jaxsr.diagnosis.judging.parsimony import (
+    fewest,
+    simpler,
+    without_given,
+    worth_their_constants,
+)
 from jaxsr.diagnosis.search import believed
 
 GIVEN = {"J": 0.02, "Fc": 0.0, "kt": 0.0}
@@ -102,6 +108,32 @@ def test_a_law_with_as_many_constants_takes_no_place() -> None:
     _, plain, richer = sets(np.random.default_rng(0), 30.0, (2.0, 2.0))
     assert simpler(plain, arena(), [plain]) is None
     assert simpler(plain, arena(), [richer]) is None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_members_that_explain_less_than_is_left_are_not_counted(seed: int) -> None:
+    """Three effects and what nobody names: named are those without which more than that is left."""
+    rng = np.random.default_rng(seed)
+    left = 10.0 ** rng.uniform(0.5, 1.5)
+    sizes = left * np.sort(np.exp(rng.choice([-1.5, -0.8, 0.8, 1.5, 2.5], 3, replace=False)))
+    unnamed, noise, *effects = rng.standard_normal((5, 2, SAMPLES))
+    every = [
+        estimated(
+            members,
+            noise
+            + left * unnamed
+            + sum((sizes[k] * effects[k] for k in range(3) if k not in members), np.zeros(1)),
+        )
+        for count in range(1, 4)
+        for members in combinations(range(3), count)
+    ]
+    chosen = fewest(every[-1], arena(), every[:-1])
+    gained = sum(size**2 for k, size in enumerate(sizes) if k not in chosen.members)
+    assert gained < 1.1 * left**2
+    if len(chosen.members) > 1:  # without the smallest of them, too little
+        least = min(sizes[k] for k in chosen.members)
+        assert gained + least**2 > 0.9 * left**2
+    assert set(chosen.members) == set(range(3 - len(chosen.members), 3))
 
 
 @pytest.mark.parametrize("more", [1.0, 12.0])

@@ -40,7 +40,14 @@ from jaxsr.diagnosis.search.choice import (
     with_parts,
 )
 from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_equations
-from jaxsr.diagnosis.settled import above_noise, answered, borne_out, decided_by_evidence, weighed
+from jaxsr.diagnosis.settled import (
+    above_noise,
+    answered,
+    borne_out,
+    decided_by_evidence,
+    plainest,
+    weighed,
+)
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.diagnosis.thinning import prepare_search, time_for
 from jaxsr.diagnosis.unsigned import rectified_sensors
@@ -222,6 +229,7 @@ def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Cl
     told = explanations(found, case.simulator.model, above_noise(decision))
     claim = claimed(told, unnamed(told), costs)
     decision = answered(decision, claim, case.simulator.model.free_parameters)
+    decision = plainest(decision, claim)
     weights = replace(weights_of(told), deviations=deviations_of(found))
     return decision, weights, claim
 

@@ -30,6 +30,7 @@ from jaxsr.diagnosis.explanations import labels_of
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
 from jaxsr.diagnosis.judging.leading import best_so_far, leading
 from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
+from jaxsr.diagnosis.judging.parsimony import fewest
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.loop import State
@@ -119,10 +120,27 @@ def answered(found: Settled, claim: Claim, free: Collection[str]) -> Settled:
     return (arena, entries, of.get(wanted, chosen), detection), headline, stopped
 
 
+def plainest(found: Settled, claim: Claim) -> Settled:
+    """Return a decision with the fewest members that matter beside what is left.
+
+    Where free runs leave more than the sensors' noise, something acts that nobody named. What
+    members explain together may imitate it, if it is less than that (`judging.parsimony`). One of
+    the claimed verdict stays.
+    """
+    (arena, entries, chosen, detection), headline, stopped = found
+    if residual_to_noise(arena, chosen) <= ABOVE_NOISE:
+        return found
+    every, members = arena.super_model.candidates, {*chosen.members}
+    inside = [e for e in entries if {*e.members} < members]
+    inside = [e for e in inside if any(every[i].verdict is claim.verdict for i in e.members)]
+    return (arena, entries, fewest(chosen, arena, inside), detection), headline, stopped
+
+
 def decided_by_evidence(case: Case, found: Posterior) -> Settled:
     """Return the decision, its horizon in s, and why the search ended."""
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
     smaller = [h for h in found.hypotheses if set(h.members) < set(leader.members)]
+    smaller.sort(key=lambda h: len(h.members))  # those that may do are the cheapest
     every = zip(found.hypotheses, found.probabilities, strict=True)
     others = [(h, p) for h, p in every if labels_of(found, h) != labels_of(found, leader)]
     others = [(h, p) for h, p in others if h.members][:RIVALS]

@@ -37,6 +37,26 @@ def simpler(chosen: Entry, arena: Arena, inside: Sequence[Entry]) -> Entry | Non
     return min(enough, key=lambda e: e.fit.cost, default=None)
 
 
+def fewest(chosen: Entry, arena: Arena, inside: Sequence[Entry]) -> Entry:
+    """Return the smallest set that explains as much but for what the chosen one leaves.
+
+    Parameters
+    ----------
+    chosen : Entry
+    arena : Arena
+    inside : sequence of Entry
+        Sets of some of its members.
+
+    Returns
+    -------
+    Entry
+        Of sets as small the one that leaves least; `chosen` where all explain too little.
+    """
+    usable = [e for e in inside if e.fit.usable]
+    enough = [e for e in usable if left_for_gained(arena, chosen, e) >= 1.0]
+    return min(enough, key=lambda e: (len(e.members), e.fit.cost), default=chosen)
+
+
 def worth_their_constants(chosen: Entry, arena: Arena, entries: Sequence[Entry]) -> list[Entry]:
     """Return the sets without those richer than the chosen one that explain less than they leave.
 
