@@ -9,6 +9,8 @@ is told by the posterior and two costs (`diagnosis.verdict`).
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
+from itertools import chain, combinations
 
 import numpy as np
 from scipy.special import fdtrc
@@ -139,8 +141,7 @@ def plainest(found: Settled, claim: Claim) -> Settled:
 def decided_by_evidence(case: Case, found: Posterior) -> Settled:
     """Return the decision, its horizon in s, and why the search ended."""
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
-    smaller = [h for h in found.hypotheses if set(h.members) < set(leader.members)]
-    smaller.sort(key=lambda h: len(h.members))  # those that may do are the cheapest
+    smaller = _inside(found)
     every = zip(found.hypotheses, found.probabilities, strict=True)
     others = [(h, p) for h, p in every if labels_of(found, h) != labels_of(found, leader)]
     others = [(h, p) for h, p in others if h.members][:RIVALS]
@@ -158,7 +159,10 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled:
         case.compared.told |= found.asked
     if leader.width is not None:
         arena = in_sharpest_widths(arena, max(leader.width, 1.0))
-    arena, entries = _entered(case, arena, entry, starts[1:], found)
+    asked = [frozenset(h.members) for h in found.hypotheses]
+    pairs = zip(starts[1:], [h for h in shown if h.members], strict=True)
+    guessed = {members for (members, _), h in pairs if frozenset(h.members) not in asked}
+    arena, entries = _entered(case, arena, entry, starts[1:], found, guessed)
     null_entry = next(e for e in entries if not e.members)
     wanted = starts[1][0] if leader.members else ()
     chosen = next(e for e in entries if e.members == wanted)
@@ -168,6 +172,18 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled:
     if not found.timely:
         stopped = StoppedBy.INTERRUPTED if case.budget.interrupted else StoppedBy.BUDGET
     return (arena, entries, chosen, detection), headline.seconds, stopped
+
+
+def _inside(found: Posterior) -> list[Hypothesis]:
+    """Return sets of some members of the leader, the smallest first: they are the cheapest.
+
+    What was not estimated begins where the leader is.
+    """
+    leader, known = found.leader, {frozenset(h.members): h for h in reversed(found.hypotheses)}
+    sets = chain.from_iterable(
+        combinations(leader.members, count) for count in range(1, len(leader.members))
+    )
+    return [known.get(frozenset(s)) or replace(leader, members=s) for s in sets]
 
 
 def _starts(
@@ -198,11 +214,17 @@ def _starts(
 
 
 def _entered(
-    case: Case, arena: Arena, null: Entry, starts: Sequence[Start], found: Posterior
+    case: Case,
+    arena: Arena,
+    null: Entry,
+    starts: Sequence[Start],
+    found: Posterior,
+    guessed: Collection[tuple[int, ...]],
 ) -> tuple[Arena, list[Entry]]:
     """Estimate the sets in free run, every reading weighed by what the leading one leaves.
 
-    They are sought along the path that the evidence found.
+    They are sought along the path that the evidence found. Those `guessed`, which it did not
+    estimate, are asked where that one leaves more than the sensors' noise.
     """
     entries, path, near = [null], None, False
     if len(found.prepared) == len(case.prepared):
@@ -217,6 +239,8 @@ def _entered(
     for number, (members, start) in enumerate(starts):
         if number and stop():
             break
+        if members in guessed and residual_to_noise(arena, entries[1]) <= ABOVE_NOISE:
+            continue
         case.progress.update(number / len(starts), leading(arena, entries))
         entries.append(enter(arena, members, start, path, stop, near=near))
         if number == 0:
