@@ -92,14 +92,21 @@ def _calibrated(
 def _verdict_of(found: Posterior, item: Hypothesis, model: Model) -> Verdict:
     """Return the verdict of the member without which most evidence is lost.
 
-    What is left without one is the evidence of the best set known that has others alone.
+    What is left without one is the evidence of the best set known that has others alone. Beside the
+    leader all such sets are asked, beside others few: where they have its largest, that is theirs.
     """
 
-    def without(number: int) -> float:
-        rest = set(item.members) - {number}
-        return max(h.log_evidence for h in found.hypotheses if rest >= set(h.members))
+    def largest_of(members: Sequence[int]) -> int:
+        def without(number: int) -> float:
+            rest = set(members) - {number}
+            return max(h.log_evidence for h in found.hypotheses if rest >= set(h.members))
 
-    largest = found.candidates[min(item.members, key=without)]
+        return min(members, key=without)
+
+    leading = found.leader.members
+    if leading and largest_of(leading) in item.members:
+        return found.candidates[largest_of(leading)].verdict
+    largest = found.candidates[largest_of(item.members)]
     for number in found.leader.members:
         if equivalent(model, found.candidates[number], largest):
             return found.candidates[number].verdict
