@@ -7,7 +7,7 @@ import numpy as np
 from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.evidence import Gram
 from jaxsr.diagnosis.likelihood.kalman import Noise
-from jaxsr.diagnosis.likelihood.proposals import exclusive, pairs, swaps, without
+from jaxsr.diagnosis.likelihood.proposals import exclusive, pairs, plain_of_kin, swaps, without
 from jaxsr.diagnosis.likelihood.scales import Scales
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.mechanisms import force_candidates
@@ -70,6 +70,18 @@ def test_forms_of_one_law_exclude_each_other_and_stops_on_both_sides_do_not() ->
     assert exclusive(every, (above, above + 1))
     assert not exclusive(every, (above, below))
     assert not exclusive(every, (coulomb, drag, spring))
+
+
+def test_of_laws_that_jump_those_inside_others_are_asked_first() -> None:
+    every = offered()
+    coulomb, stribeck = first(every, "coulomb_friction"), first(every, "stribeck_friction")
+    drag, spring = first(every, "power_law_drag"), first(every, "cubic_stiffness")
+    proposed = [(stribeck,), (drag,), (coulomb,), (spring,), (stribeck, spring), (coulomb, spring)]
+    plain, kindred = plain_of_kin(every, proposed)
+    assert plain == [(drag,), (coulomb,), (spring,), (coulomb, spring)]
+    assert kindred == [(stribeck,), (stribeck, spring)]
+    # where the law inside is not proposed, none is put off
+    assert plain_of_kin(every, [(stribeck,), (drag,)]) == ([(stribeck,), (drag,)], [])
 
 
 def test_a_swap_is_weighed_as_the_set_itself_would_be() -> None:

@@ -124,6 +124,28 @@ def kin(super_model: SuperModel, members: Members) -> list[Members]:
     return list(best.values())
 
 
+def labels(super_model: SuperModel, members: Members) -> tuple[str, ...]:
+    """Return what the members of a set are called, in order of their numbers."""
+    return tuple(super_model.candidates[i].label for i in sorted(members))
+
+
+def plain_of_kin(
+    super_model: SuperModel, proposed: Sequence[Members]
+) -> tuple[list[Members], list[Members]]:
+    """Split proposals into the plainest of their kin, and those with one of more constants."""
+    plain: list[Members] = []
+    kindred: list[Members] = []
+
+    def constants(members: Members) -> int:
+        return sum(len(super_model.candidates[i].parameters) for i in members)
+
+    for members in sorted(proposed, key=constants):
+        near = {labels(super_model, m) for m in kin(super_model, tuple(sorted(members)))}
+        contains = any(labels(super_model, other) in near for other in plain)
+        (kindred if contains else plain).append(members)
+    return [m for m in proposed if m in plain], [m for m in proposed if m in kindred]
+
+
 def forms(super_model: SuperModel, members: Members) -> list[Members]:
     """Return sets with one law exchanged for the other forms of its mechanism.
 
