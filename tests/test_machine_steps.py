@@ -27,6 +27,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LAWS = {
     "products": "p*x*y/(1 + x**2) - q*u - x",
     "circles": "sin(p*x) - cos(y)*sin(y) + tan(0.1*x)",
+    "an angle between its sine and its cosine": "sin(x - y)*u + p*(x - y)*tanh(y) + cos(x - y)",
     "circles of large angles": "1e-4*sin(1e4*x) + 1e-4*cos(1e4*y)",
     "growth": "exp(-p*x**2) - log(1 + q*Abs(y)) + sqrt(1 + x*x)",
     "hyperbolas": "tanh(x/p) + sinh(0.1*x) - cosh(0.1*y) - x",
@@ -41,6 +42,19 @@ LAWS = {
     "nothing": "0.0",
     "constant": "p",
 }
+
+
+PIECES = (
+    *("x - y", "x + u", "sin(x - y)", "cos(x - y)", "sin(x + u)", "cos(x + u)", "p*y", "q"),
+    *("(x - y)**2", "Abs(x + u)", "tanh(p*y)", "sign(x - y)", "(1 + x**2)**q", "exp(-(x + u)**2)"),
+)
+
+
+def drawn(rng: np.random.Generator) -> str:
+    """Return a sum of products of pieces, which share their parts in a random order."""
+    products = (rng.choice(PIECES, rng.integers(1, 4)) for _ in range(rng.integers(3, 9)))
+    whole = " + ".join("*".join(f"({piece})" for piece in product) for product in products)
+    return f"0.01*({whole})"
 
 
 def model_of(law: str) -> Simulator:
@@ -107,8 +121,19 @@ def directions(simulator: Simulator, delays: dict[int, int] | None = None) -> Di
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("shape", [(1, 1), (300, 3)])
 def test_every_operation_is_that_of_numpy(name: str, shape: tuple[int, int]) -> None:
-    rng = np.random.default_rng(0)
-    simulator = model_of(LAWS[name])
+    agrees(LAWS[name], shape, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_what_several_operations_use_stays_until_the_last(seed: int) -> None:
+    """Registers are used anew: of laws that share their parts none is used too early."""
+    rng = np.random.default_rng(seed)
+    agrees(drawn(rng), (20, 1), rng)
+
+
+def agrees(law: str, shape: tuple[int, int], rng: np.random.Generator) -> None:
+    """Check states and derivatives of a law against NumPy."""
+    simulator = model_of(law)
     to = directions(simulator, {0: 4})
     field = Field(simulator, [0.8, 1.3], (), ["p", "q"], ["u"])
     x, parts = [rng.normal(size=shape) for _ in range(2)], course(rng, shape, 1, 3)

@@ -131,6 +131,7 @@ class _Assembler:
         once: list[tuple[int, ...]] = []
         each: list[tuple[int, ...]] = []
         partners = _partners(self.steps, self.last)
+        ends = self._ends(partners)
         for number, (name, args) in enumerate(self.steps):
             if number not in self.last or number in place or name is None:
                 continue
@@ -153,13 +154,24 @@ class _Assembler:
             if moves:  # after the target is placed: rows of an instruction are never the same
                 gone = {a for a in args if isinstance(a, int) and a in moving}
                 self.free += [
-                    place[a]
-                    for a in gone
-                    if self.last[a] <= max(both) and self.steps[a][0] != "given"
+                    place[a] for a in gone if ends[a] <= number and self.steps[a][0] != "given"
                 ]
         results = mapped(self.tree, lambda leaf: _Register(place[leaf.number]))
         results = _whole(results, self._number)
         return Instructions(_table(once), _table(each), np.array(self.preset), given, results)
+
+    def _ends(self, partners: Mapping[int, tuple[int, int]]) -> dict[int, int]:
+        """Return where each node is used last; a sine and a cosine are calculated at the first."""
+        ends = {
+            number: len(self.steps) for number, end in self.last.items() if end == len(self.steps)
+        }
+        for number in self.last:
+            at = min(partners.get(number, (number,)))
+            if self.steps[number][0] not in (None, "given"):
+                for arg in self.steps[number][1]:
+                    if isinstance(arg, int):
+                        ends[arg] = max(ends.get(arg, at), at)
+        return ends
 
     def _fresh(self, value: float = np.nan) -> int:
         self.preset.append(value)
