@@ -235,3 +235,17 @@ def test_a_model_with_events_is_left_to_the_contest() -> None:
     model = parse_model(MODEL + '[[events]]\nwhen = "q"\nreset = { v = "-v" }\n')
     case = cast("Any", type("C", (), {"simulator": Simulator(model)}))
     assert module.weighed(case) is None
+
+
+def test_a_rival_with_the_largest_member_of_the_leader_has_its_verdict() -> None:
+    """Beside a rival few sets are known: without which member it loses most is not told there."""
+    sets = [
+        Weighed((1, 2), 100.0),
+        Weighed((2, 3), 99.0),
+        Weighed((3,), 30.0),
+        Weighed((2,), 20.0),
+        Weighed((1,), 10.0),
+        Weighed(()),
+    ]
+    told = explanations(found(sets, [0.7, 0.3, 0.0, 0.0, 0.0, 0.0]), GIVEN)
+    assert [e.verdict for e in told[:2]] == [Verdict.STRUCTURE] * 2

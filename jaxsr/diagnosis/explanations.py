@@ -92,8 +92,8 @@ def _calibrated(
 def _verdict_of(found: Posterior, item: Hypothesis, model: Model) -> Verdict:
     """Return the verdict of the member without which most evidence is lost.
 
-    What is left without one is the evidence of the best set known that has others alone. Beside the
-    leader all such sets are asked, beside others few: where they have its largest, that is theirs.
+    What is left without one is the evidence of the best set known that has others alone. Such sets
+    are asked beside the leader, few beside others: where they have its largest, that is theirs.
     """
 
     def largest_of(members: Sequence[int]) -> int:
