@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -66,6 +67,21 @@ WRITTEN = [
     ("u/m - d*w - g", "1/m", "u/m - d*w - g - Fc*sign(w)/m"),
     ("-k*q/m - d*w/m + g", "1/m", "-k*q/m - d*w/m + g - Fc*sign(w)/m"),
     ("(u - b*w)/(J + m*q**2)", "1/(J + m*q**2)", "(u - b*w - Fc*sign(w))/(J + m*q**2)"),
+    # the inertia hangs on an input, the angle of a joint that is not part of the model
+    (
+        "(K*u - b*w)/(J + m*cos(r)**2)",
+        "1/(J + m*cos(r)**2)",
+        "(K*u - b*w - Fc*sign(w))/(J + m*cos(r)**2)",
+    ),
+    (
+        "u/(J + m*r**2) - b*w/(J + m*r**2)",
+        "1/(J + m*r**2)",
+        "u/(J + m*r**2) - b*w/(J + m*r**2) - Fc*sign(w)/(J + m*r**2)",
+    ),
+    # a flow that carries heat multiplies a difference, and divides nothing
+    ("r*(u - q)/J", "1/J", "(r*(u - q) - Fc*sign(w))/J"),
+    # what may vanish is no inertia
+    ("(K*u - b*w)/r", "1", "(K*u - b*w)/r - Fc*sign(w)"),
     # nothing tells a force from a rate
     ("u - d*w", "1", "u - d*w - Fc*sign(w)"),
     ("-g/l*sin(q) - d*w/(m*l**2)", "1", "-g/l*sin(q) - d*w/(m*l**2) - Fc*sign(w)"),
@@ -74,7 +90,7 @@ WRITTEN = [
 
 @pytest.mark.parametrize(("equation", "factor", "edited"), WRITTEN)
 def test_a_force_stands_in_the_bracket(equation: str, factor: str, edited: str) -> None:
-    inputs = ("u",) if "u" in equation else ()
+    inputs = [name for name in ("u", "r") if re.search(rf"\b{name}\b", equation)]
     model = axis(equation, inputs=inputs)
     expected = evaluate(model.term(factor), random_points(model))
     np.testing.assert_allclose(factor_at(model, "w"), expected, rtol=1e-12)

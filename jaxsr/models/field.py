@@ -86,6 +86,13 @@ class Field:
         own._shared = _calculations(self.simulator, self._shared.key, own.by)
         return own
 
+    def by_signs(self) -> Field:
+        """Return the field differentiated by the signs of what jumps alone."""
+        own = copy.copy(self)
+        own.by = frozenset(self.signs)
+        own._shared = _calculations(self.simulator, self._shared.key, own.by)
+        return own
+
     def valued(self, constants: Mapping[str, Array]) -> Field:
         """Return the field with other values of some constants."""
         own = copy.copy(self)

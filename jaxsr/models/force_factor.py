@@ -195,7 +195,9 @@ class _Reader:
         good: list[tuple[Term, Why, bool]] = [
             (term, why, plain)
             for term, why, plain in options
-            if term is not None and not term.variables & inputs and sound(_at(term, self.points))
+            if term is not None
+            and not _multiplied_by(term, inputs)
+            and sound(_at(term, self.points))
         ]
         if not good:
             return None
@@ -311,6 +313,14 @@ def _parts(term: Term) -> tuple[list[Term], list[Term]]:
         elif not (node.is_constant and abs(node.value) == 1.0):
             (above if up else below).append(node)
     return above, below
+
+
+def _multiplied_by(term: Term, names: frozenset[str]) -> bool:
+    """Whether any of these stands above the fraction bar.
+
+    An inertia may hang on where other joints are; a valve beside a force is no part of it.
+    """
+    return any(t.variables & names for t in _parts(term)[0])
 
 
 def _whole(power: Term) -> bool:

@@ -6,7 +6,7 @@ See `switching` for the formulas.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,44 +49,68 @@ class Sliding:
 
     def rates(self, at: Point) -> list[Array]:
         """Return rates."""
-        return self.slopes_at(at)[0]
+        if not self.stuck.any():
+            return self.signed.rates(at)
+        return list(self.motion(at)[0])
+
+    def motion(self, at: Point) -> tuple[Array, Array, Array]:
+        """Return rates, their derivatives by the signs, and these with those that stick.
+
+        Returns
+        -------
+        rates : ndarray, shape (states, ...)
+        by_signs : ndarray, shape (states, switches, ...)
+        signs : ndarray, shape (switches, ...)
+        """
+        brief = replace(self, field=self.field.by_signs())
+        f, by, change, (_, inverse) = brief._moving(at)
+        along = by + _dot(by, self._answer(inverse, by))
+        return f + _dot(by, change), along, self.signs + change
 
     def slopes(self, at: Point) -> tuple[list[Array], list[Row]]:
         """Return rates and their derivatives."""
-        return self.slopes_at(at)[:2]
-
-    def slopes_at(self, at: Point) -> tuple[list[Array], list[Row], Array]:
-        """Return rates, their derivatives, and the values of the signs with those that stick."""
-        rates, rows = self.signed.slopes(at)
         if not self.stuck.any():
-            return rates, rows, self.signs
-        names, none = self.names, np.zeros(self.stuck.shape[1:])
-        by = np.stack(  # (states, switches, samples, 1)
-            [np.stack([row.get(name, 0.0) + none for name in names]) for row in rows]
-        )
-        slope, stuck = self.slope, self.stuck
-        matrix = np.einsum("in,nj...->...ij", slope, by)
-        held = np.moveaxis(stuck, 0, -1)
+            return self.signed.slopes(at)
+        f, by, change, (rows, inverse) = self._moving(at)
+        names, none = list(dict.fromkeys(k for row in rows for k in row)), 0.0 * f[0]
+        columns = np.stack([np.stack([row.get(k, 0.0) + none for k in names]) for row in rows])
+        columns = columns + _dot(by, self._answer(inverse, columns))
+        projected = [dict(zip(names, own, strict=True)) for own in columns]
+        return list(f + _dot(by, change)), list(projected)
+
+    def _moving(self, at: Point) -> tuple[Array, Array, Array, tuple[list[Row], Array]]:
+        """Return rates of either side, their derivatives by signs, and how those that stick move.
+
+        With all derivatives of the rates, and the inverse that tells how signs answer.
+        """
+        rates, rows = self.signed.slopes(at)
+        f, none = np.stack(rates), np.zeros(self.stuck.shape[1:])
+        by = np.stack([np.stack([row.get(n, 0.0) + none for n in self.names]) for row in rows])
+        matrix = np.einsum("in,nj...->...ij", self.slope, by)
+        held = np.moveaxis(self.stuck, 0, -1)
         matrix = np.where(held[..., :, None] & held[..., None, :], matrix, 0.0)
-        own = np.arange(len(slope))
+        own = np.arange(len(self.slope))
         matrix[..., own, own] += ~held
-        f = np.stack(rates)
         inverse = np.linalg.inv(matrix)
+        return f, by, self._answer(inverse, f[:, None])[:, 0], (rows, inverse)
 
-        def moved(value: Array) -> Array:
-            """How the signs that stick answer to a change of the rates."""
-            pull = np.where(stuck, -np.einsum("in,n...->i...", slope, value), 0.0)
-            return np.einsum("...ij,j...->i...", inverse, pull)
+    def _answer(self, inverse: Array, values: Array) -> Array:
+        """Return how the signs that stick answer to changes of the rates, (switches, changes, ...).
 
-        change = moved(f)
-        f = f + np.einsum("nj...,j...->n...", by, change)
-        projected: list[dict[str, Array]] = [dict(row) for row in rows]
-        for name in dict.fromkeys(key for row in rows for key in row):
-            column = np.stack([row.get(name, 0.0) + none for row in rows])
-            answer = np.einsum("nj...,j...->n...", by, moved(column))
-            for row, entry, extra in zip(projected, column, answer, strict=True):
-                row[name] = entry + extra
-        return list(f), list(projected), self.signs + change
+        Parameters
+        ----------
+        values : ndarray, shape (states, changes, ...)
+        """
+        pull = -np.einsum("in,nk...->ik...", self.slope, values)
+        pull = np.where(self.stuck[:, None], pull, 0.0)
+        return np.einsum("...ij,jk...->ik...", inverse, pull)
+
+
+def _dot(by: Array, changes: Array) -> Array:
+    """Return what changes of the signs, shape (switches, ...), do to the rates, (states, ...)."""
+    if changes.ndim == by.ndim:
+        return np.einsum("nj...,jk...->nk...", by, changes)
+    return np.einsum("nj...,j...->n...", by, changes)
 
 
 def slid(

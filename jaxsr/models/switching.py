@@ -28,15 +28,17 @@ import numpy as np
 from jaxsr.expressions import Term, evaluate
 from jaxsr.expressions.affine import affine_slope
 from jaxsr.models.directions import Directions, Stages
-from jaxsr.models.field import Field, Point, Row
+from jaxsr.models.field import Field, Point
 from jaxsr.models.following import followed
 from jaxsr.models.parts import Part
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.sliding import Sliding, slid
 
 Array = Any
-MOST_CHANGES = 24
-"""Changes of mode within a substep; what is left of it is then taken in the last mode."""
+CHANGES = 3
+"""Changes of a switch within a substep: it arrives, lets go and comes back. More are steps that
+cannot tell the side (a drag whose slope is infinite at rest): the rest is taken in the last mode.
+"""
 LOCATED, SETTLED = 20, 1e-10
 """Iterations that locate a change, and the share of a substep up to which they do."""
 RESTING, BESIDE = 1e-9, 1e-3
@@ -187,14 +189,14 @@ class _Walk:
         for k in range(len(height)):
             self._settle(k, start, np.abs(height[k]) <= switches.rest[k], arriving=False)
 
-    def slopes_at(self, at: Point) -> tuple[list[Array], list[Row], Array]:
-        """Return rates, their derivatives, and the values of the signs with those that stick."""
-        return self._sliding(self.field, self.signs, self.stuck).slopes_at(at)
+    def motion(self, at: Point) -> tuple[Array, Array, Array]:
+        """Return rates, their derivatives by the signs, and these with those that stick."""
+        return self._sliding(self.field, self.signs, self.stuck).motion(at)
 
     def substep(self, time: Array, h: Array, stages: Stages) -> None:
         """Advance by one substep: from change to change, and on to its end."""
         done = np.zeros(self.shape)
-        for _ in range(MOST_CHANGES):
+        for _ in range(CHANGES * len(self.signs)):
             part = Part(stages, time, h, done, np.ones(self.shape))
             ends, by = self._stepped(part)
             over = (self._held(part, ends, 1.0) < 0.0).any(axis=0) & (part.length > 0.0)
@@ -260,7 +262,7 @@ class _Walk:
             height = np.where(self.fresh, height / np.maximum(share, 1e-6), height)
         if not self.stuck.any():
             return height
-        value = self.slopes_at(part.at(x, share))[2]
+        value = self.motion(part.at(x, share))[2]
         return np.where(self.stuck, 1.0 - np.abs(value), height)
 
     def _located(self, part: Part, over: Array, ends: Array) -> Array:
@@ -298,7 +300,7 @@ class _Walk:
             return
         letting = chosen & self.stuck[number]
         if letting.any():
-            value = self.slopes_at(at)[2][number]
+            value = self.motion(at)[2][number]
             self.signs[number] = np.where(letting, np.sign(value), self.signs[number])
             self.stuck[number] &= ~letting
             self.fresh[number] |= letting
@@ -323,9 +325,8 @@ class _Walk:
             return
         slope = self.switches.slope[number]
         self._put_on(number, chosen, self.signs[number])
-        before, rows, _ = self.slopes_at(Point(at.time, list(self.x), at.inputs))
-        f = np.stack(before)
-        by = np.stack([row.get(self.switches.names[number], 0.0) + 0.0 * f[0] for row in rows])
+        f, by, _ = self.motion(Point(at.time, list(self.x), at.inputs))
+        by = by[:, number]
         rate, own = np.tensordot(slope, f, axes=1), np.tensordot(slope, by, axes=1)
         sign = self.signs[number].copy()
         up, down = rate + (1.0 - sign) * own, rate - (1.0 + sign) * own
