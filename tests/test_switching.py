@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from jaxsr.models import Simulator, parse_model
 from jaxsr.models.lifting import closed, one_step
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments, build_segments
-from jaxsr.models.switching import switchable
+from jaxsr.models.switching import _Walk, switchable  # pyright: ignore[reportPrivateUsage]
 from jaxsr.recordings import Recording
 
 RUBBED_CART = CART.replace("- d*v", "- d*v - Fc*sign(v)") + "\nFc = { value = 2.0 }\n"
@@ -130,3 +131,31 @@ def test_only_surfaces_of_states_alone_are_switched() -> None:
     assert found("sign(v - u)") == ()  # it moves with the input
     assert found("sign(v)", "d(v)") == ()  # the sensor shows the jump
     assert found("sign(v) - sign(v - u)") == (0,)
+
+
+def test_a_drag_whose_slope_is_infinite_at_rest_does_not_chatter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Steps that cross v = 0 to and fro are not located for ever, and end near shorter ones."""
+    text = CART.replace("- d*v", "- d*v - Fc*sign(v) - kd*sign(v)*Abs(v)**0.4")
+    text += "\nFc = { value = 0.2 }\nkd = { value = 6.0 }\n"
+    rng = np.random.default_rng(7)
+    force = np.linspace(-4.0, 4.0, SAMPLES)
+    path = np.stack([np.zeros(SAMPLES), 1e-3 * rng.normal(size=SAMPLES)])
+    record = Recording("run", 0.03 * np.arange(SAMPLES), {"u": force, "y0": path[0]})
+    rounds, located = [], _Walk._located  # pyright: ignore[reportPrivateUsage]
+
+    def counted(self: _Walk, *args: Any) -> Any:
+        rounds.append(1)
+        return located(self, *args)
+
+    monkeypatch.setattr(_Walk, "_located", counted)
+    ends = []
+    for substeps in (4, 256):
+        rounds.clear()
+        found, _ = one_step(*along(text, record, path[:, :, None], substeps), (), tangents=False)
+        assert len(rounds) <= 3 * substeps
+        ends.append(found)
+    assert len(rounds) > 0
+    moved = np.abs(ends[1][1] - path[1, :-1, None]).max()
+    assert np.abs(ends[0] - ends[1]).max() < 0.05 * moved
