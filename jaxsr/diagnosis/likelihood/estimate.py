@@ -154,8 +154,11 @@ def estimated(
         other = climb.in_other_time(point, scales)
         if other is None or other[0].log < point.log + CALM:
             break
-        point, scales = other[0], replace(scales, decay=other[1])
-        point, settled = climb.to_the_mode(point, scales)
+        changed = replace(scales, decay=other[1])
+        found, rests = climb.to_the_mode(other[0], changed)
+        if found.log < point.log + CALM:  # about its own path it is no likelier
+            break
+        point, scales, settled = found, changed, rests
     latent = scales.latent(point.local, point.share)
     known = point.theta, point.path, point.share, point.mode, settled
     return Estimate(*known, point.local.by_first(len(chosen)), latent, scales.decay)
