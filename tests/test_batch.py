@@ -77,6 +77,7 @@ def but_for_seconds(path: Path) -> bytes:
     return re.sub(rb"<dt>Time taken</dt>\s*<dd>.*?</dd>", b"", text)
 
 
+@pytest.mark.long
 def test_files_are_those_of_single_runs_and_are_not_made_twice(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

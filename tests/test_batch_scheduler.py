@@ -122,6 +122,7 @@ def killing(process: subprocess.Popen[bytes], when: Callable[[], bool]) -> Itera
         thread.join()
 
 
+@pytest.mark.long
 def test_workers_and_the_scheduler_die_and_every_case_ends_once(
     machines: Machines, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -37,6 +37,7 @@ def _advanced(rng, state, problem, generations):
     return state
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "refined", "fixed"),
     [
@@ -169,6 +170,7 @@ def test_a_search_broken_off_again_and_again_ends_as_if_it_never_was(tmp_path, s
     assert generator.bit_generator.state == rng.bit_generator.state
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["sparse", "judge"])
 def test_views_and_judges_do_not_remember_what_they_were_asked(tmp_path, kind):
     def make():

@@ -352,6 +352,7 @@ def test_version_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"jaxsr {jaxsr.__version__}\n"
 
 
+@pytest.mark.long
 def test_module_runs_as_a_program_and_quiet_pipe_close_is_no_error() -> None:
     command = [sys.executable, "-m", "jaxsr", "datasets", "list"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60)
@@ -378,6 +379,7 @@ def test_namesake_is_named_once(tmp_path: Path) -> None:
     assert run_python("import jaxsr").stderr == ""
 
 
+@pytest.mark.long
 def test_a_diagnosis_loads_what_it_needs_alone() -> None:
     arm = ROOT / "jaxsr" / "datasets" / "demo" / "arm.toml"
     code = (

@@ -54,6 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.long
 def test_a_case_is_the_same_for_the_same_seed(folder: Path, tmp_path: Path) -> None:
     ticket = deal(11, 3)[0]
     seal_case(11, ticket, tmp_path, tiny=True)
@@ -152,6 +153,7 @@ def weighed(
     return planted, weigh(setting)[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "mechanism", ["coulomb_friction", "actuator_lag", "clipping", "hysteresis"]
 )
@@ -164,6 +166,7 @@ def test_the_oracle_leaves_noise_and_rejects_recalibration(mechanism: str) -> No
     assert len(evidence.horizons) == len(evidence.oracle) >= 3
 
 
+@pytest.mark.long
 def test_nothing_is_not_detected() -> None:
     for seed in range(3):
         _, evidence = weighed("", "nothing", 0.1, seed)

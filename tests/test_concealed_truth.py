@@ -199,6 +199,7 @@ def a_scene(name: str) -> tuple:
 PLANTABLE = [m for m in FAMILY if FAMILY[m] != "measurement"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mechanism", PLANTABLE)
 def test_an_effect_gets_the_size_it_is_given(mechanism: str) -> None:
     names = ("two_mass", "three_mass", "pendulum", "tanks")

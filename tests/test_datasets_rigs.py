@@ -336,6 +336,7 @@ def _cells(pieces: list[np.ndarray]) -> np.ndarray:
     return cells
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "write"),
     [("bam_xl330", _raw_bam), ("kvlcc2", _raw_kvlcc2), ("multiarm_pendulum", _raw_pendula)],

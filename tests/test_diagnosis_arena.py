@@ -81,6 +81,7 @@ def test_a_given_start_is_kept() -> None:
     assert not np.isfinite(segments.outputs[:, :MARGIN, 0]).any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(8))
 def test_a_body_that_stuck_before_it_is_judged_is_estimated_to_the_noise(seed: int) -> None:
     """chi^2 per reading is 1 +- 5 standard deviations, one in a million draws beyond."""
@@ -93,6 +94,7 @@ def test_a_body_that_stuck_before_it_is_judged_is_estimated_to_the_noise(seed: i
     np.testing.assert_allclose(entry.fit.theta[:2], TRUE[:2], rtol=5e-3)
 
 
+@pytest.mark.long
 def test_a_reversal_before_the_first_judged_reading_catches_no_estimate() -> None:
     """The arm's second joint slows down there, and would stick wherever its start were sought."""
     given = Simulator.from_file(ARM).model

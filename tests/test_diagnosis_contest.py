@@ -318,6 +318,7 @@ def test_weights_are_those_of_the_same_generator():
     np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.long
 def test_intervals_cover_the_truth():
     """40 noisy recordings of one oscillator: 95 % intervals hold 88 to 100 % of the truths."""
     truth, held = np.array([20.0, 0.8]), []

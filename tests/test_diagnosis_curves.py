@@ -127,6 +127,7 @@ def _field(case):
     return arena, [enter(arena, (), neutral_values(super_model))]
 
 
+@pytest.mark.long
 def test_a_curve_in_free_run_is_the_force_that_is_missing():
     """Up to a line, which the free spring of the model takes as well."""
     case, way = _cart(detent)

@@ -70,6 +70,7 @@ def fitted(noise: np.ndarray, columns: np.ndarray) -> tuple[Entry, Entry]:
     return entry(noise, 2, ()), entry(left, 2 + columns.shape[1], (0,))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("correlation", [0.0, 0.8])
 def test_pure_noise_seldom_passes_for_an_effect(correlation):
     """The stated rate is 1 in 1000; 9 or more of 2000 would come up once in 4000 runs of this."""

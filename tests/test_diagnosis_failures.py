@@ -74,6 +74,7 @@ def test_a_law_that_has_a_value_everywhere_is_not_blamed():
     )
 
 
+@pytest.mark.long
 def test_broken_stages_of_the_search_still_end_in_an_answer(monkeypatch):
     """Whatever breaks while sets grow and after, the verdict of what was found before is given."""
     monkeypatch.setattr(comparison, "grow", lambda *_: iter_broken())

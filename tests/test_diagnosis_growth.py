@@ -128,6 +128,7 @@ def test_growth_ends_where_the_best_mechanism_is_no_detection(
     assert largest(both, 1e-2) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("spring", "most", "least"), [(8.0, 1, 0), (9.0, 20, 19)])
 def test_given_values_are_wrong_where_the_likelihood_says_so(spring, most, least):
     """Noise of a sixth of the motion: 20 draws, a false alarm in 1000 each is allowed."""

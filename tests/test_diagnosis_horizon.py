@@ -123,6 +123,7 @@ def test_a_limit_that_acts_rarely_shows_in_longer_segments() -> None:
     assert abs(chosen.fit.theta[super_model.index(number)[0]] - 4.5) < 0.3
 
 
+@pytest.mark.long
 def test_a_second_look_at_nothing_changes_nothing() -> None:
     before, after = second_look(100.0)
     assert after is before

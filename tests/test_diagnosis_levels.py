@@ -128,6 +128,7 @@ def test_sets_that_may_be_steep_leave_the_explicit_method() -> None:
         assert lean(super_model, simulator, stepping, ()).stepping == stepping
 
 
+@pytest.mark.long
 def test_a_second_flow_below_a_place_is_found_where_a_sensor_shows_the_level() -> None:
     """A second inlet opens below a level of 3; no overflow, whose flow is above its edge, is it."""
     found = diagnose(Simulator(parse_model(TANK)), [drained(s) for s in (1, 2)], seed=0)

@@ -156,6 +156,7 @@ def test_a_long_gap_costs_its_own_rows_alone():
     assert cut.residual.size == np.count_nonzero(beside)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("column", ["empty", "none"])
 def test_a_sensor_absent_in_one_recording_is_missing_there(column):
     model, first, second = parse_model(CHAIN), chain(), chain(name="second.csv", seed=1)

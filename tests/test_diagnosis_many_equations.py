@@ -114,6 +114,7 @@ def screened(force: Force, seed: int) -> Screened:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_what_acts_at_several_of_many_equations_is_found_and_nothing_else(seed: int) -> None:
     found = screened(left_out, seed)
@@ -137,6 +138,7 @@ def test_nothing_is_found_where_nothing_is_left_out() -> None:
         assert [s.members for s in sets] == [()]
 
 
+@pytest.mark.long
 def test_gain_is_that_of_least_squares_without_a_block() -> None:
     found = screened(left_out, 2)
     search = _Search(found.system, found.super_model)
@@ -200,6 +202,7 @@ def test_one_segment_alone_goes_the_way_of_several() -> None:
     np.testing.assert_allclose(ways[0][:, :, 0], ways[1][:, :, 1], rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_diagnosis_says_nothing_where_nothing_is_left_out() -> None:
     # noise above what inputs held between samples leave
     record = moved(lambda mass, v: 0.0, 0, 5e-3).select(slice(0, 500))

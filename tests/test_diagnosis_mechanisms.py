@@ -156,6 +156,7 @@ def test_names_and_families_are_those_promised(model, candidate):
     assert candidate.verdict == expected
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("model", "candidate"), CASES)
 def test_neutral_values_leave_the_model_as_it_was(model, candidate):
     edited = apply_edit(model, candidate.edit(model, names_in(model, candidate)))
@@ -179,6 +180,7 @@ def test_other_values_change_it(model, candidate):
     assert moved > 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("model", "candidate"), CASES)
 def test_edited_model_reads_back_with_sound_units(model, candidate):
     values = engaged(candidate)

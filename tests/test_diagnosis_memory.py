@@ -87,6 +87,7 @@ def mechanisms() -> list[Candidate]:
     return all_candidates(*pendulum())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", range(len(mechanisms())))
 def test_each_candidate_is_neutral_then_simulates_as_its_edit(number):
     """The edit at values away from neutral and the super-model with its switch on agree."""

@@ -73,6 +73,7 @@ def responses_of(arena: Arena, entry: Entry) -> Responses:
     return Responses.of(arena, entry, sites_of(arena.super_model.given, {}))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_a_push_on_an_unseen_mass_is_located_in_its_recording(seed):
     arena, null = arena_of(seed, 0.1)
@@ -98,6 +99,7 @@ def test_the_gain_foreseen_is_the_gain_of_the_estimate():
     assert abs((null.fit.cost - found.cost) / best.gain - 1.0) < 0.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seeds", [range(5), pytest.param(range(5, 15), marks=pytest.mark.slow)], ids=str
 )

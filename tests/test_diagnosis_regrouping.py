@@ -115,6 +115,7 @@ def test_a_limit_is_taken_away_as_a_whole() -> None:
     assert 0.5 * np.log(expected.fit.cost / full.fit.cost) == pytest.approx(0.0, abs=0.3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     ("force", "planted"),

@@ -71,6 +71,7 @@ def test_the_reaction_is_that_of_the_equation_of_motion(pace: float, damping: fl
     assert np.std(found - force) < 0.05 * np.std(force)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_a_resonator_is_located_where_it_swings(seed: int) -> None:
     arena, null = arena_of(seed, MASS, 5.0)
@@ -88,6 +89,7 @@ def test_nothing_is_located_once_time_has_ended() -> None:
     assert wider is arena and entries == [null]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("horizon", [1.0, 5.0, 20.0])
 def test_its_constants_are_estimated_over_segments_of_any_length(horizon: float) -> None:
     """A second is half a period: how the starts follow the constants decides."""
@@ -126,6 +128,7 @@ def test_entries_keep_their_cost_where_a_memory_joins() -> None:
     np.testing.assert_array_equal(again.fit.residual.shape, same.fit.residual.shape)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seeds", [range(3), pytest.param(range(3, 10), marks=pytest.mark.slow)], ids=str
 )

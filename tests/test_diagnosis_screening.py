@@ -120,6 +120,7 @@ PLANTED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("mechanism", sorted(PLANTED))
 def test_planted_force_is_the_best_single_candidate(mechanism, seed):
@@ -139,6 +140,7 @@ def test_planted_force_is_the_best_single_candidate(mechanism, seed):
     assert best.error < 0.5 * found.screening.empty.error
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_planted_coupling_is_the_best_single_candidate(seed):
     found = screened(TWO, two_axes(seed, 5.0))

@@ -186,6 +186,7 @@ def _never(*args: object) -> None:
     raise AssertionError("the contest was asked")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("force", "k", "verdict", "mechanism"),
     [

@@ -76,6 +76,7 @@ def located(law: str, seed: int) -> tuple[Arena, Entry, list[Candidate]]:
     return arena, null, spring_candidates(arena, null, responses)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("law", "mechanism", "side", "place"),
     [
@@ -102,6 +103,7 @@ def test_a_spring_is_started_near_the_place_at_which_it_engages(law, mechanism, 
     assert sorted(values.values()) == pytest.approx(sorted((3.0, place)), abs=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(10))
 def test_noise_alone_engages_no_spring(seed: int) -> None:
     """Chance gets beyond the threshold in less than one of a thousand recordings."""

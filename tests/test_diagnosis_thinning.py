@@ -320,6 +320,7 @@ def test_where_not_every_sample_can_be_looked_at_stretches_spread_evenly_stand_f
     assert thinning._stretches([long], 1.0) == [(long, True)]
 
 
+@pytest.mark.long
 def test_pieces_that_there_is_no_time_to_prepare_are_left_out():
     every, _ = thinning.thinned(MODEL, [recording(60_000)], 60_000)
     few, whole = thinning.thinned(MODEL, [recording(60_000)], 60_000, room=0.0)

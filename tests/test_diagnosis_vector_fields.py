@@ -123,6 +123,7 @@ def test_the_table_is_named_beside_a_function_alone(
     assert "--model goes with file.py:function" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_wrong_value_in_a_function_is_a_parameter(tmp_path: Path) -> None:
     data = recorded(tmp_path, "(u - c*v - 11.0*q)/M")
     found = diagnose(Simulator.from_file(written(tmp_path)), [data], budget=120)
@@ -131,6 +132,7 @@ def test_a_wrong_value_in_a_function_is_a_parameter(tmp_path: Path) -> None:
     assert found.findings[0]["parameters"]["k"]["value"] == pytest.approx(11.0, rel=0.01)
 
 
+@pytest.mark.long
 def test_the_weak_view_of_a_function_is_that_of_its_formulas(tmp_path: Path) -> None:
     """Masses in front of rates: the arm as a function says what its TOML says."""
     (tmp_path / "arm.py").write_text(ARM)
@@ -225,6 +227,7 @@ def dropped(drag: float, e: float, seed: int = 0) -> Recording:
     return Recording("drop.csv", np.arange(300) * dt, {"h": y})
 
 
+@pytest.mark.long
 def test_a_model_with_events_keeps_its_budget_in_steps() -> None:
     """Counted, not timed: nothing is compiled, and no candidate is begun after the budget."""
     import jaxsr.models.rollout as rollout

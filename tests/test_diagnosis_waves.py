@@ -73,6 +73,7 @@ def arena_of(seed: int, force: Force) -> tuple[Arena, Entry, Responses]:
     return arena, entry, Responses.of(arena, entry, sites_of(super_model.given, {}))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "site", "force"),
     [

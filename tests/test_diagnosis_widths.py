@@ -106,6 +106,7 @@ def test_of_a_law_that_jumps_nowhere_along_a_path_no_width_is_sought() -> None:
     assert fitted == (arena.problem, still.fit)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("share", "law"),
     [

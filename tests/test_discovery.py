@@ -64,6 +64,7 @@ def found():
     )
 
 
+@pytest.mark.long
 def test_rate_is_recognised_and_law_found_exactly(found):
     first, second = found.equations
     assert (first.state, first.expression, first.complexity) == ("q", "v", 1)
@@ -120,6 +121,7 @@ def test_free_runs_over_held_out_recordings_are_kept_and_drawn(found, tmp_path):
     assert (tmp_path / "out" / "held_out_run_2.png").exists()
 
 
+@pytest.mark.long
 def test_held_out_files_change_nothing_but_their_own_error(found):
     other = jaxsr.discover(
         DATA, states=["q", "v"], derivatives=["dq", "dv"], inputs=["u"], config=QUICK

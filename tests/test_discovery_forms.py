@@ -59,6 +59,7 @@ def _refused(constant):
     raise AssertionError(f"{constant} in the document")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FEW)
 def test_a_form_is_answered_or_refused(name, tmp_path):
     answered([form(name)], tmp_path / "out", budget=1.5)

@@ -142,6 +142,7 @@ def test_units_given_to_discover_bind_by_default(bind):
     assert ("sin(q)" in texts) is (bind is False)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "noise"), [pytest.param(0, 0.0, marks=pytest.mark.slow), (1, 0.1)]
 )
@@ -255,6 +256,7 @@ def test_integrals_begin_anew_in_every_recording():
     assert fit.loss < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("measure", ["adaptive", "bic"])
 def test_fitness_on_rows_held_back_finds_the_law_in_few_samples(measure):
     record = _oscillator(n=36, noise=0.0)

@@ -48,6 +48,7 @@ def found():
     )
 
 
+@pytest.mark.long
 def test_forms_agree(found):
     rng = np.random.default_rng(0)
     named = {name: rng.normal(size=50) for name in ("t", "q", "v", "u")}

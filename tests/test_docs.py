@@ -118,6 +118,7 @@ def test_python_blocks_are_python(block: Block) -> None:
             assert hasattr(importlib.import_module("jaxsr"), name), name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("block", [b for b in of("python") if quick(b)], ids=str)
 def test_short_python_blocks_run(
     block: Block, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -108,6 +108,7 @@ def _rms(expression: sympy.Expr) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("spurious", ["y**3", "x**2*z", "sin(3*x)", "exp(-2*z)", "1/(x + 3)"])
 def test_a_spurious_term_is_rejected_unless_it_is_nothing(law: str, spurious: str) -> None:
@@ -239,6 +240,7 @@ def _wrong(number: int, place: int) -> list[str]:
     return out
 
 
+@pytest.mark.long
 def test_every_system_is_itself() -> None:
     assert len(_runs()) == 63
     for number, (equations, data) in _runs().items():
@@ -265,6 +267,7 @@ def test_constants_that_share_a_coefficient(number: int, place: int) -> None:
     assert not _wrong(number, place)
 
 
+@pytest.mark.long
 def test_a_spurious_term_is_seen_in_every_system() -> None:
     for number, (equations, data) in _runs().items():
         names = sorted(data)

@@ -26,6 +26,7 @@ matplotlib.use("Agg")
 EXPECTED_FAILURES: dict[str, str] = {}
 
 
+@pytest.mark.long
 @parametrize_with_checks(
     [jaxsr.SymbolicSparseRegressor(population=20, generations=1, random_state=0)],
     expected_failed_checks=lambda estimator: EXPECTED_FAILURES,
@@ -59,6 +60,7 @@ def two():
     return _quick().fit(frame, Y), frame, Y
 
 
+@pytest.mark.long
 def test_law_is_found_with_intervals_that_hold_it(fitted):
     model, _, _ = fitted
     terms = dict(zip(map(to_text, model.terms_), model.coef_, strict=True))

@@ -139,6 +139,7 @@ def test_small_terms_are_canonical_and_hold_the_mechanicians_ones():
     assert {"x", "sign(v)", "Abs(v)*v", "v*x", "sin(x)", "1.0"} <= texts
 
 
+@pytest.mark.long
 def test_a_step_never_loses_the_best_and_the_seed_fixes_the_result():
     config = SearchConfig(population=40, refined=3)
     fronts = []
@@ -154,6 +155,7 @@ def test_a_step_never_loses_the_best_and_the_seed_fixes_the_result():
     assert fronts[0] == fronts[1]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_law_with_friction_and_a_force_of_unknown_frequency_is_found(seed):
     state, reason = search(np.random.default_rng(seed), _problem(seed))

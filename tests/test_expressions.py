@@ -145,6 +145,7 @@ def test_sympy_and_back_keeps_the_value() -> None:
     assert compared > 100
 
 
+@pytest.mark.long
 def test_numpy_and_jax_agree() -> None:
     rng = np.random.default_rng(2)
     with jax.enable_x64(True):

@@ -68,6 +68,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in sorted(folder.iterdir())}
 
 
+@pytest.mark.long
 def test_a_seed_gives_the_same_files(tmp_path: Path) -> None:
     for name in ("one", "two"):
         written(planted(SMALL, 7, SYSTEMS["dc_motor"], 120), tmp_path / name, 7)
@@ -120,6 +121,7 @@ def noncentrality(effect: Effect | None, free: list[str], sigma: float, **given:
     return shown(system, changed, system.gauges, channels, [run]).left(free)
 
 
+@pytest.mark.long
 def test_what_a_free_constant_absorbs_is_not_seen() -> None:
     damping = Effect(LAWS["viscous_damping"], (0,), {"Fv": 0.05})
     without, beside = (noncentrality(damping, f, 0.003) for f in ([], ["Rm"]))

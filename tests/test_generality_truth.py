@@ -280,6 +280,7 @@ def scene_for(rng: np.random.Generator) -> Scene:
     return Scene(t, run, q=q, v=v, u=2.0 * q, y=q, net=3.0, dt=0.01, duration=2.99)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mechanism", LAWS)
 def test_laws_are_drawn_to_a_size(mechanism: str) -> None:
     law, rng = LAWS[mechanism], np.random.default_rng(8)

@@ -54,6 +54,7 @@ def found() -> jaxsr.Discovery:
     return jaxsr.discover(data, states=["y", "v"], derivatives=["dy", "dv"], config=QUICK)
 
 
+@pytest.mark.long
 def test_two_modes_are_found_with_their_laws_and_their_guard(found) -> None:
     stance, flight = sorted(found.modes, key=str)
     assert str(flight).startswith("y > ")
@@ -68,6 +69,7 @@ def test_two_modes_are_found_with_their_laws_and_their_guard(found) -> None:
     assert guard.threshold == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.long
 def test_the_files_say_modes_and_switching_and_the_model_runs(found, tmp_path: Path) -> None:
     found.save(tmp_path / "out")
     document = json.loads((tmp_path / "out" / "discovery.json").read_text())
@@ -109,6 +111,7 @@ def test_one_mode_may_be_asked_for() -> None:
     assert one.to_dict()["modes"] == [] and one.to_dict()["switching"] == {}
 
 
+@pytest.mark.long
 def test_a_smooth_law_is_not_split() -> None:
     t = np.linspace(0.0, 6.0, 300)
     x = 1.5 * np.cos(1.3 * t) + 0.4 * np.sin(3.1 * t)
@@ -117,6 +120,7 @@ def test_a_smooth_law_is_not_split() -> None:
     assert law.modes == ()
 
 
+@pytest.mark.long
 def test_impacts_become_events_of_the_model() -> None:
     t = np.linspace(0.0, 1.2, 300)
     fall, gone = np.sqrt(2.0 / 9.81), 0.8 * np.sqrt(2.0 * 9.81)

@@ -114,6 +114,7 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_keeps_the_best_so_far(files: Path, number: int) -> None:
     process = quick(files)
@@ -127,6 +128,7 @@ def test_a_signal_keeps_the_best_so_far(files: Path, number: int) -> None:
     assert names(files / "d") == {"diagnosis.json", "report.html", ".jaxsr-files"}
 
 
+@pytest.mark.long
 def test_a_second_interrupt_drops_the_work_without_litter(files: Path) -> None:
     process = quick(files, "slow")
     process.send_signal(signal.SIGINT)
@@ -158,6 +160,7 @@ def test_the_echo_of_a_request_is_no_second_one(monkeypatch: pytest.MonkeyPatch)
     assert len(dropped) == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_what_the_parent_ignores_stays_ignored(files: Path, number: int) -> None:
     process = quick(files, first=lambda: signal.signal(number, signal.SIG_IGN))
@@ -178,6 +181,7 @@ def test_a_reader_that_left_loses_no_work(files: Path) -> None:
     assert "report.html" in names(files / "d")
 
 
+@pytest.mark.long
 def test_results_that_do_not_fit_are_saved_elsewhere(
     files: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -149,6 +149,7 @@ def arm_with(friction: Callable, seed: int = 0) -> list[Recording]:
     return [run(ARM, rate, [drive], rng, 1e-3) for drive in drives]
 
 
+@pytest.mark.long
 def test_friction_that_grows_with_the_load_is_told_from_one_that_depends_on_the_place() -> None:
     state = searched(ARM, arm_with(lambda q, load: 0.2 + 0.15 * np.abs(load)), DRY)
     assert [c.mechanism for c in named(state)] == ["load_dependent_friction"]
@@ -197,6 +198,7 @@ def test_a_load_is_written_with_the_definitions_of_the_model() -> None:
     assert evaluate(term, at) == pytest.approx(-held - (0.5 + 0.1 * abs(held)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("way", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
 def test_friction_on_two_speeds_is_told_from_friction_on_each(way: float) -> None:
     rng = np.random.default_rng(3)

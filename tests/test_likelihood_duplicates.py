@@ -11,6 +11,7 @@ from jaxsr.diagnosis.thinning import prepare_search
 from jaxsr.models import parse_model
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [0.8, 1.15])
 def test_a_thrust_that_is_off_is_its_coefficient_and_no_gain_of_the_input(factor: float) -> None:
     machine = MACHINES["rocket"]

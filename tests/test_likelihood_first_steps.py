@@ -65,6 +65,7 @@ def recorded(rng: np.random.Generator, drive: float, friction: float) -> Recordi
     return Recording("run", TIME, {"u": u, "a": a, "b": b, "y": y, "w": w})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("drive", "friction"), [(2.0, 32.0), (4.0, 60.0)])
 def test_a_large_friction_is_estimated_from_every_start(

@@ -129,6 +129,7 @@ def moving(rng: np.random.Generator, delay: float) -> Recording:
     return Recording("run", TIME, {"u": np.array([drive(t) for t in TIME]), **readings})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("delay", [0.08, 0.17])
 @pytest.mark.parametrize("seed", range(2))
 def test_a_late_sensor_is_found_though_a_force_imitates_it(seed: int, delay: float) -> None:

@@ -75,6 +75,7 @@ def short(seed: int, folder: Path) -> float:
     return true.log_evidence - found.log_evidence
 
 
+@pytest.mark.long
 def test_slow_noise_is_told_from_a_force_wherever_the_search_begins(tmp_path: Path) -> None:
     """It begins at re-calibration, whose noise is white and whose missing force is large.
 

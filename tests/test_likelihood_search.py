@@ -72,6 +72,7 @@ def searched(seed: int, force, k: float = 6.0) -> Posterior:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("force", "mechanism", "constant", "value"),
     [
@@ -106,6 +107,7 @@ def test_a_wrong_value_is_told_from_a_missing_force() -> None:
     assert abs(wrong.value - 6.6) < 4.0 * wrong.deviation
 
 
+@pytest.mark.long
 def test_a_model_without_free_parameters_is_searched_too() -> None:
     text = "\n".join(line.split(", bounds")[0] + " }" if "bounds" in line else line
                      for line in MODEL.splitlines())  # fmt: skip
@@ -122,6 +124,7 @@ def test_a_model_without_free_parameters_is_searched_too() -> None:
     assert found.candidates[number].mechanism == "quadratic_drag"
 
 
+@pytest.mark.long
 def test_what_a_neighbouring_set_has_does_nothing_in_a_set_without_it() -> None:
     """A constant force stays in every model as what stands for unknown forces: at nothing."""
     rng = np.random.default_rng(7)

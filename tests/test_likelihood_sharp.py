@@ -64,6 +64,7 @@ def test_a_stribeck_peak_is_told_from_coulomb_friction() -> None:
         assert abs(found[own][0] - value) < 4.0 * found[own][1]
 
 
+@pytest.mark.long
 def test_steps_that_do_for_a_law_that_is_off_are_not_kept_once_it_acts(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -92,11 +92,13 @@ def _nothing(name: str, seed: int) -> None:
     assert all(f["mechanism"] == "wrong_value" for f in found.document["findings"])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["square", "radiation"])
 def test_losses_of_a_temperature_are_named(name: str) -> None:
     _named(name, 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted(WHOLE))
 def test_nothing_is_lost_where_nothing_is_missing(name: str) -> None:
     _nothing(name, 0)

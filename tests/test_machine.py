@@ -123,6 +123,7 @@ def test_two_hashes_that_collide_cost_sharing_not_truth(monkeypatch):
     np.testing.assert_array_equal(_plain(plan, data), expected)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("dtype", "rtol"), [(np.float64, 1e-9), (np.float32, 2e-3)])
 @pytest.mark.parametrize(
     "rows", [1, 127, 1024, 1025, 2100, pytest.param(9000, marks=pytest.mark.slow)]
@@ -169,6 +170,7 @@ def test_leaves_twins_and_powers():
     np.testing.assert_array_equal(compile_terms(["1.5 + 1"], ()).evaluate(np.zeros((3, 0))), 2.5)
 
 
+@pytest.mark.long
 def test_one_compilation_serves_every_population_of_a_bucket():
     data = _data(6, 900, np.float32)
     one = EngineConfig(threads=1)
@@ -193,6 +195,7 @@ def test_every_segment_is_written_into_the_same_memory():
     assert len(places) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("threads", [2, 3])
 def test_threads_change_no_bit_and_chunks_only_the_last(threads):
     terms, data = _terms(7, 120, primitives=TAME), _data(7, 700)

@@ -19,6 +19,7 @@ SENSORS = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("body", ["a", "b", "c", "d", "welded"])
 def test_readings_are_those_of_mujoco(tmp_path: Path, body: str) -> None:
     place = EVERYTHING.index(">", EVERYTHING.index(f'<body name="{body}"')) + 1

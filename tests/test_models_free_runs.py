@@ -16,6 +16,7 @@ from jaxsr.models.rollout import Stepping
 from jaxsr.recordings import Recording
 
 
+@pytest.mark.long
 def test_fixed_steps_agree_with_adaptive_ones_on_the_arm() -> None:
     simulator = Simulator(read_model(ARM))
     m = simulator.model
@@ -47,6 +48,7 @@ def stick_slip(time: np.ndarray, u: np.ndarray, fc: float, fine: int) -> tuple[n
     return np.array(qs), np.array(vs)
 
 
+@pytest.mark.long
 def test_a_mass_below_its_friction_stays_put() -> None:
     recording = quiet(10.0, 0.02, u=0.8 * np.sin(np.arange(501) * 0.02))
     width = 1e-4
@@ -61,6 +63,7 @@ def test_a_mass_below_its_friction_stays_put() -> None:
     assert np.abs(x[:, 0]).max() <= bound * 10.0
 
 
+@pytest.mark.long
 def test_stick_and_slip_agree_with_the_exact_rule() -> None:
     time = np.arange(501) * 0.02
     u = 1.5 * np.sin(time)
@@ -90,6 +93,7 @@ def test_stiff_and_nonstiff_agree_and_the_switch_is_automatic() -> None:
     np.testing.assert_allclose(a.states, b.states, atol=1e-6)
 
 
+@pytest.mark.long
 def test_an_escaping_state_is_reported_and_not_hidden() -> None:
     simulator = model("x", 'x = "x**2"')
     run = free_run(simulator, np.arange(31) * 0.1, np.array([1.0]))

@@ -116,6 +116,7 @@ def test_delay_on_an_input(delay: str) -> None:
     np.testing.assert_allclose(run.states[:, 0], exact, atol=1e-6)
 
 
+@pytest.mark.long
 def test_delay_and_clock_on_an_output() -> None:
     recording = quiet(2.0, 0.01, u=np.zeros(201))
     two = {"outputs": ("late", "fast"), "readings": {"late": "x", "fast": "x"}}

@@ -102,6 +102,7 @@ def test_a_ball_that_comes_to_rest_stays_on_the_floor() -> None:
     assert path[0].min() > -1e-6
 
 
+@pytest.mark.long
 def test_a_simulated_ball_comes_to_rest() -> None:
     text = ball().model
     at = replace(
@@ -140,6 +141,7 @@ def test_events_of_time_and_of_both_directions() -> None:
     np.testing.assert_allclose(path[0][apart], expected[apart], atol=1e-9)
 
 
+@pytest.mark.long
 def test_rows_that_are_missing_do_not_change_a_simulation() -> None:
     dropped = Simulator(replace(FORCED.model, initial={"q": 1.0, "v": 0.0}))
     time = np.arange(301) * 0.01

@@ -99,6 +99,7 @@ def segments_of(
     return build_segments(simulator.model, items, cut(items, horizon), substeps)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("formula", FORMULAS)
 def test_slopes_are_the_derivatives_that_jax_takes(formula):
     term, rng = parse(formula), np.random.default_rng(1)
@@ -207,6 +208,7 @@ def test_a_path_closes_through_sticking_and_equals_the_run_from_sample_to_sample
     assert closed(simulator, stepping, segments, theta, other, lambda: True) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("window", [8, 64])
 def test_windows_that_newton_closes_lead_where_single_steps_lead(window, monkeypatch):
     monkeypatch.setattr("jaxsr.models.lifting.CLOSING_LONG", 1)  # all of it by windows

@@ -32,6 +32,7 @@ def test_initial_numbers_hold_at_the_first_sample_alone() -> None:
     assert segments.guess[0, 1] == pytest.approx(0.6 * np.cos(5.0), abs=0.02)
 
 
+@pytest.mark.long
 def test_per_recording_values_hold_in_their_file_alone() -> None:
     simulator = model(
         "x", 'x = "-k*x"', "k = 1.0", extra='[per_recording]\nk = { "b.csv" = 2.0 }\n'

@@ -106,6 +106,7 @@ def truth(function: Function, simulator: Simulator, t: Any, x: Any, u: Any) -> n
         return np.array(rows).T
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", READ)
 def test_a_function_runs_as_it_says_with_exact_slopes(name: str) -> None:
     simulator = read(READ[name])

@@ -132,6 +132,7 @@ def test_a_stream_in_pieces_is_judged_as_the_whole(watch: jaxsr.Monitor) -> None
     watch.finish()
 
 
+@pytest.mark.long
 def test_correlated_noise_and_lost_samples_are_normal() -> None:
     rng = np.random.default_rng(4)
     first, second = (_with_losses(run, rng) for run in TANKS.runs(rng, 2, 2000))

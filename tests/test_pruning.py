@@ -36,6 +36,7 @@ def _fitted(trial: Trial, extra: str) -> dict[str, set[str]]:
     return {s: {to_text(t) for t in own} for s, own in moved(pruned(result, trial))[0].items()}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_what_noise_alone_pays_for_leaves_both_laws(seed: int) -> None:
     law = _fitted(_trial(seed), "x**2 t v*x**2")

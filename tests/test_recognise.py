@@ -29,6 +29,7 @@ def _glide(seed: int, noise: float, gain: float = 1.0, n: int = 300, bias: float
     return samples(recordings, roles(["x", "v", "w"], ["dx", "dv", "dw"], 1, (), None))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", [0.0, 1e-3, 0.01, 0.05])
 @pytest.mark.parametrize("seed", range(5))
 def test_a_rate_is_recognised(seed: int, noise: float) -> None:
@@ -39,6 +40,7 @@ def test_a_rate_is_recognised(seed: int, noise: float) -> None:
     assert recognised(data, "w", ("x", "v", "w")) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 @pytest.mark.parametrize(
     "seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 5))]

@@ -86,6 +86,7 @@ def test_the_script_is_given_the_figures_as_numbers() -> None:
     assert numbers(row["variables"]["q"]) == pytest.approx(np.cos(part.time), rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_report_stays_below_3_megabytes_whatever_it_is_about(tmp_path: Path) -> None:
     run, part = drive_evidence().trajectories[0], drive_evidence().residuals[0]
     time = np.linspace(0.0, 2000.0, 200_000)
@@ -251,6 +252,7 @@ def others(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {"runs": directory / "report.html", "bare": bare / "report.html", "batch": batch}
 
 
+@pytest.mark.long
 @needs_browser
 @pytest.mark.parametrize("which", ["runs", "bare", "batch"])
 @pytest.mark.parametrize("width", [400, 800, 1600])

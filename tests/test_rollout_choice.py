@@ -115,6 +115,7 @@ def swing(seed: int, start: float, noise: float) -> Recording:
     return Recording(f"swing{seed}", t, {"q": q + noise * rng.normal(size=160)})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_recordings_to_choose_by_decide_what_the_others_leave_open(seed: int) -> None:
     """Small swings cannot tell sin q from q, large ones can; constants stay those of DATA."""

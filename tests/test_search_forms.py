@@ -61,6 +61,7 @@ def test_known_forms_are_found(form: str) -> None:
     assert right >= 9
 
 
+@pytest.mark.long
 def test_each_form_is_found_once() -> None:
     assert sum(_found(make, 100) for make in FORMS.values()) == len(FORMS)
 

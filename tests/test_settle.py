@@ -137,6 +137,7 @@ def _settled(budget: Budget, reason: StoppedBy = StoppedBy.CONVERGED) -> list[Eq
     return settle(equations, tasks, data.traces, budget)
 
 
+@pytest.mark.long
 def test_what_is_not_cut_short_is_the_same_and_what_differs_says_so(clock: Clock) -> None:
     """Whatever look at the clock is the last one in time, "converged" means the same equations."""
     whole = _settled(Budget())
@@ -153,6 +154,7 @@ def test_what_is_not_cut_short_is_the_same_and_what_differs_says_so(clock: Clock
     assert [e.stopped_by for e in found] == ["converged", "converged"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("search", "stop", "told"),
     [

@@ -57,6 +57,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, shared_cases.
     return shared_cases.run_all([copies / folder.name for folder in HOSTILE])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("folder", HOSTILE, ids=lambda f: f.name)
 def test_a_hostile_file_is_read_or_refused_in_one_line(
     folder: Path, results: dict[str, shared_cases.Result]

@@ -56,6 +56,7 @@ def test_few_steps_in_numbers_are_those_of_a_compiled_program(
     np.testing.assert_allclose(runs[0], runs[1], rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_long_gap_of_rows_is_crossed_with_steps_of_its_own() -> None:
     """Sixty turns between two rows: no even number of steps between rows resolves them."""
     time = np.concatenate([np.arange(0.0, 1.0, 0.01), 130.0 + np.arange(0.0, 1.0, 0.01)])
@@ -129,6 +130,7 @@ def test_how_a_run_starts_is_told_as_it_is_done() -> None:
     assert start_told(mixed, long) == told
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "message"),
     [

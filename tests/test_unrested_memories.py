@@ -119,6 +119,7 @@ def _asked(name: str, seed: int) -> None:
     assert found.document["fit"]["train"]["explained"][-1] < 0.04
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", sorted(PLANTS))
 def test_memories_are_named_wherever_they_begin(name: str) -> None:
     _asked(name, 0)

@@ -220,6 +220,7 @@ def test_wrong_calls_teach():
         total_variation(t, t, strength=-1.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["auto", *sorted(DERIVATIVES)])
 def test_short_constant_gappy_and_tiny_signals_give_numbers_or_one_clear_line(method):
     # the adaptive spline is the slow one

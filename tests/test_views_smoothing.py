@@ -132,6 +132,7 @@ def test_scaling_and_shifting_of_time_and_signal_pass_through(method):
     np.testing.assert_allclose((moved + 20.0) / 50.0, x, atol=tolerance)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["auto", *sorted(SMOOTHERS)])
 @pytest.mark.parametrize("uneven", [False, True])
 def test_missing_samples_are_filled_and_errors_stay_below_the_noise(method, uneven):

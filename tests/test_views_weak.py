@@ -144,6 +144,7 @@ def test_a_falling_ball_gets_a_quarter_of_its_record():
         assert choose_half_width(t, y) == pytest.approx(t[-1] / 4.0)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason="../shared/recordings is not there")
 def test_widths_on_real_recordings():
     for name in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"):

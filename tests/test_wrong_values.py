@@ -38,6 +38,7 @@ def check(wrong: str, seed: int, driven: bool) -> None:
     assert parameters[f"parameters.{wrong}"]["value"] == pytest.approx(told, rel=1e-3)
 
 
+@pytest.mark.long
 def test_a_factor_of_all_forces_is_one_wrong_mass() -> None:
     """The file fixes the mass and frees all that it is divided into: these would all be scaled."""
     document = asked("m", 0, driven=False)
@@ -53,6 +54,7 @@ def test_a_factor_of_all_forces_is_one_wrong_mass() -> None:
         assert row[2] == pytest.approx(0.0, abs=0.1)
 
 
+@pytest.mark.long
 def test_the_explained_model_has_the_value_that_is_told() -> None:
     model = given("m", 1.4, driven=False)
     found = diagnose(Simulator(model), recordings(1, driven=False), budget=1000.0)
