@@ -24,6 +24,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -160,7 +161,10 @@ def task_of(dataset: str, way: str, folder: Path) -> Task:
 
 
 def summary(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return how many of the ways of a set end soundly, and how many keep the findings."""
+    """Return how many of the ways of a set end soundly, and how many keep the findings.
+
+    `alike` counts the most that have the same findings, those of the bundled file or others.
+    """
     ways = {way: row for way, row in runs.items() if way != BUNDLED}
     sound = [row for row in ways.values() if row["status"] == 0 and not row["trouble"]]
     bundled = runs.get(BUNDLED)
@@ -169,6 +173,7 @@ def summary(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         "ways": len(ways),
         "sound": len(sound),
         "same_findings": len(same),
+        "alike": max(Counter(frozenset(r["findings"]) for r in sound).values(), default=0),
         "same_verdict": sum(bool(bundled) and r["verdict"] == bundled["verdict"] for r in sound),
     }
 

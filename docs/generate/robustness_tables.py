@@ -72,11 +72,12 @@ def rewritings_table() -> str:
     rows = [
         (
             name,
-            *(row[k] for k in ("ways", "sound", "same_findings", "same_verdict")),
+            *(row[k] for k in ("ways", "sound", "same_findings", "alike", "same_verdict")),
             f"{row['budget_s']:.0f} s",
             f"`{row['engine']}`",
         )
         for name, row in result("rewritings")["summary"].items()
     ]
-    head = ["model", "ways", "without error", "same findings", "same verdict", "budget", "engine"]
+    head = ["model", "ways", "without error", "same findings", "alike", "same verdict"]
+    head += ["budget", "engine"]
     return table(head, rows)

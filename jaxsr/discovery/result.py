@@ -66,7 +66,7 @@ class Discovery(EquationForms):
     samples: Samples = field(repr=False)
     hybrid: Hybrid | None = field(default=None, repr=False)
     rare: RareMode | None = None
-    columns: Mapping[str, str] = field(default_factory=dict)
+    columns: Mapping[str, str] = field(default_factory=dict[str, str])
     judgement: Verdict = field(default_factory=lambda: Verdict(UNDECIDED, OUT_OF_TIME))
     data_checks: tuple[DataCheck, ...] = field(default=(), repr=False)
     held_out_runs: tuple[ModelRun, ...] = field(default=(), repr=False)
@@ -162,7 +162,7 @@ class Discovery(EquationForms):
         from jaxsr.discovery import plots
 
         ax = plots.plot_front(front_table(self[state]), ax)
-        ax.set_title(f"rate of {state}")
+        ax.set(title=f"rate of {state}")
         return ax
 
     def plot_fit(self, state: str, ax: Axes | None = None, *, recording: int = 0) -> Axes:
@@ -193,7 +193,8 @@ class Discovery(EquationForms):
     def to_dict(self) -> dict[str, Any]:
         """Return the contents of ``discovery.json``."""
         keys = ("complexity", "mse", "expression")
-        rows = self.pareto.to_dict("records")
+        table: Any = self.pareto
+        rows: list[dict[str, Any]] = table.to_dict("records")
         fronts = {
             e.state: [{k: row[k] for k in keys} for row in rows if row["state"] == e.state]
             for e in self.equations

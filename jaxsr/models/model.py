@@ -76,21 +76,23 @@ class Model:
     input_hold: Hold = "linear"
     sample_time: float | None = None
     base: str | None = None
-    additions: Mapping[str, str] = field(default_factory=dict)
-    definitions: Mapping[str, str] = field(default_factory=dict)
-    inertia: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    parameters: Mapping[str, Parameter] = field(default_factory=dict)
-    per_recording: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    initial: Mapping[str, float | str] = field(default_factory=dict)
-    delays: Mapping[str, float | str] = field(default_factory=dict)
-    clock: Mapping[str, str] = field(default_factory=dict)
-    noise: Mapping[str, float] = field(default_factory=dict)
-    resolution: Mapping[str, float] = field(default_factory=dict)
+    additions: Mapping[str, str] = field(default_factory=dict[str, str])
+    definitions: Mapping[str, str] = field(default_factory=dict[str, str])
+    inertia: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
+    parameters: Mapping[str, Parameter] = field(default_factory=dict[str, Parameter])
+    per_recording: Mapping[str, Mapping[str, float]] = field(
+        default_factory=dict[str, Mapping[str, float]]
+    )
+    initial: Mapping[str, float | str] = field(default_factory=dict[str, float | str])
+    delays: Mapping[str, float | str] = field(default_factory=dict[str, float | str])
+    clock: Mapping[str, str] = field(default_factory=dict[str, str])
+    noise: Mapping[str, float] = field(default_factory=dict[str, float])
+    resolution: Mapping[str, float] = field(default_factory=dict[str, float])
     events: tuple[Event, ...] = ()
-    units: Mapping[str, str] = field(default_factory=dict)
-    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    columns: Mapping[str, str] = field(default_factory=dict[str, str])
     vector_field: VectorField | None = field(default=None, compare=False, repr=False)
-    forces: Mapping[str, str] = field(default_factory=dict)
+    forces: Mapping[str, str] = field(default_factory=dict[str, str])
     factors: Mapping[str, Factor] | None = field(default=None, compare=False, repr=False)
     within: Callable[[Recording], Recording] | None = field(default=None, compare=False, repr=False)
 
@@ -105,7 +107,7 @@ class Model:
     @cached_property
     def definition_terms(self) -> dict[str, Term]:
         """Definitions with earlier ones substituted."""
-        given = {} if self.vector_field is None else self.vector_field.gains
+        given = dict[str, Term]() if self.vector_field is None else self.vector_field.gains
         terms = {name: term for name, term in given.items() if name not in self.definitions}
         known = dict.fromkeys((*self.symbols, *terms))
         for name, text in self.definitions.items():
