@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
+import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
 
 from jaxsr._files import atomic_directory, atomic_write_text, dump_json
 from jaxsr._progress import Budget
