@@ -57,6 +57,7 @@ def test_a_recording_of_nothing_but_gaps_is_refused():
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rows", [1, 2, 3, 5])
 def test_so_few_samples_that_there_are_more_terms_than_rows(rows):
     rng = np.random.default_rng(rows)

@@ -77,6 +77,7 @@ def test_the_line_is_that_of_least_squares() -> None:
     assert fit.covariance == pytest.approx(known, rel=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("own", [0.0, 0.5, 3.0])
 def test_alarms_are_false_as_rarely_as_stated(own: float) -> None:
     """Machines that are alike, errors that differ up to threefold, beside a scatter of one."""

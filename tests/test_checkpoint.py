@@ -106,6 +106,7 @@ def test_another_process_goes_on_the_same(tmp_path):
     assert theirs == _advanced(rng, state, problem, 3)
 
 
+@pytest.mark.long
 def test_an_interrupt_inside_a_generation_goes_back_to_the_last_whole_one(tmp_path):
     rng, problem = np.random.default_rng(2), _problem(2)
     keeper = Keeper(tmp_path / "c.json", problem, CONFIG, every=1e9)

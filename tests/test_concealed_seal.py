@@ -188,6 +188,7 @@ def test_scales_that_imitate_each_other_are_known() -> None:
     assert pendulum.detectable and pendulum.indistinct == ()
 
 
+@pytest.mark.long
 def test_effects_below_the_noise_are_made_undetectable(tmp_path: Path) -> None:
     ticket = Ticket(1, "below_noise", "coulomb_friction", "oscillator", 0, False, 0.008)
     seal_case(5, ticket, tmp_path, tiny=True)

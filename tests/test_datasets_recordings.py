@@ -48,6 +48,7 @@ def _model(dataset_name: str) -> dict:
     return tomllib.loads(text)
 
 
+@pytest.mark.long
 @needs_recordings
 def test_the_whole_arm_stands_beside_its_first_joint(folder: Path) -> None:
     """Gravity on the rigid arm is most of what the motors of the shoulder and the elbow hold."""

@@ -64,6 +64,7 @@ def arena_of(model: Model, recording: Recording) -> Arena:
     return build_arena(super_model, prepared, STEPPING, 3.6, scale, simulator_of(model))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("initial", ["", '[initial]\nq = "free"\nv = "free"\n'])
 def test_a_segment_starts_at_its_first_judged_reading(initial: str) -> None:
     arena = arena_of(parse_model(SLIDER + initial), recorded(0)[1])

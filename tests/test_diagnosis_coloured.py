@@ -39,6 +39,7 @@ def waves(frequency: float) -> np.ndarray:
     return columns
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("frequency", [0.03, 0.3, 2.0])
 def test_the_ratio_is_chi_squared_at_any_frequency(frequency: float) -> None:
     """Two constants too many: 10 % of the draws above the 90th percentile, of 300, +-4 sigma."""

@@ -113,6 +113,7 @@ def largest(data: Prepared, noise: float) -> int:
     return max(len(e.members) for e in rounds[-1])
 
 
+@pytest.mark.long
 def test_nothing_grows_out_of_noise() -> None:
     """One false alarm in 1000 is what the detection allows: twelve have one in 1.2 % of runs."""
     assert sum(largest(cart(seed, 1e-2), 1e-2) > 1 for seed in range(12)) == 0

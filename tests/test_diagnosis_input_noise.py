@@ -42,6 +42,7 @@ def recording(seed: int, acts: bool, noise: float = 0.03) -> Recording:
     return Recording("a.csv", TIME, {"V": read, "y": i + 0.005 * rng.normal(size=TIME.size)})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("acts", [True, False])
 def test_the_readings_tell_whether_noise_of_an_input_acted(seed: int, acts: bool) -> None:

@@ -49,6 +49,7 @@ def test_a_simulator_is_learnt_from_its_output_and_its_missing_friction_found():
     assert low < 0.75 < high  # a force over the mass of 2
 
 
+@pytest.mark.long
 def test_files_that_are_equal_leave_nothing_to_learn():
     one = run("sim.csv", 0.0, 1, 0.0)
     with pytest.raises(InputError, match="no channel differs"):

@@ -112,6 +112,7 @@ def relative(system: WeakSystem, model: Model, state: str) -> float:
     return float(np.sqrt(np.mean(system.residual[rows] ** 2) / np.mean(np.sum(terms**2, axis=1))))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", DROPPED)
 def test_samples_lost_at_random_leave_nearly_all_rows_and_the_law(share):
     model, whole = parse_model(CHAIN), chain()
@@ -203,6 +204,7 @@ def motor(seed: int = 0) -> Recording:
     return Recording("motor.csv", time, {"u": np.asarray(voltage(time)), "yi": yi, "yw": yw})
 
 
+@pytest.mark.long
 def test_a_motor_whose_angle_no_sensor_tells_is_screened():
     """Mechanisms of the hidden angle take the angle that the measured speed leads to."""
     model = parse_model(MOTOR)

@@ -189,6 +189,7 @@ def test_jumps_are_widened_only_until_explicit_steps_are_stable() -> None:
     assert rounded_explicit(stiff, rubbing, alone, steeper) is stiff
 
 
+@pytest.mark.long
 def test_one_segment_alone_goes_the_way_of_several() -> None:
     prepared = prepare(CHAIN.model, [moved(left_out, 3)])
     theta = np.array([p.value for p in CHAIN.model.parameters.values()])

@@ -168,6 +168,7 @@ def test_neutral_values_leave_the_model_as_it_was(model, candidate):
     np.testing.assert_allclose(*y, rtol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("model", "candidate"), CASES)
 def test_other_values_change_it(model, candidate):
     values = engaged(candidate)

@@ -270,6 +270,7 @@ def believed(item: Recording) -> set[str]:
     return {found.candidates[i].mechanism for i in found.leader.members}
 
 
+@pytest.mark.long
 def test_a_push_in_time_is_believed_where_there_is_one():
     assert believed(recording()) == set()
     label, values = best_single(recording(lambda q, v, t: 1.0 * np.sin(9.0 * t + 0.8)))
@@ -285,6 +286,7 @@ def test_harmonics_of_a_periodic_input_are_no_push():
     assert believed(item) == {"coulomb_friction"}
 
 
+@pytest.mark.long
 def test_an_end_stop_needs_a_sharp_turn_at_one_place():
     assert "end_stop" not in mechanisms(recording())
     assert "end_stop" not in mechanisms(recording(frequency=4.0))
@@ -329,6 +331,7 @@ def test_a_push_needs_a_residual_concentrated_in_time():
     assert values["t0"] == pytest.approx(12.0, abs=0.2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mechanism", "change"),
     [

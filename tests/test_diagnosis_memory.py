@@ -246,6 +246,7 @@ def test_constants_are_found(mechanism, truth):
         assert abs(estimated - value) < max(1.5 * half, 0.05 * value)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("plant", ["nothing", *RIVALS])
 def test_the_planted_mechanism_wins(plant):
     arena = arena_of(PLANTS[plant].record(0), RIVALS)
@@ -279,6 +280,7 @@ def test_time_constants_stay_resolved():
     assert lag.low == pytest.approx(RESOLVED * STEP) and lag.low < lag.neutral < lag.high
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("samples", [0.3, 1.0, 3.0])
 def test_a_lag_shorter_than_a_sample_is_estimated(samples):
     """RK4 would be unstable below 0.36 samples; sets with a lag take shorter steps."""

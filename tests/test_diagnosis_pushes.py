@@ -84,6 +84,7 @@ def test_a_push_on_an_unseen_mass_is_located_in_its_recording(seed):
     assert own.tried > 100
 
 
+@pytest.mark.long
 def test_the_gain_foreseen_is_the_gain_of_the_estimate():
     """The model is linear: the cost falls with J exactly as the projection says."""
     arena, null = arena_of(4, 0.1)

@@ -42,6 +42,7 @@ def arena_of(seed: int) -> Arena:
     return build_arena(super_model, prepared, Stepping("rk4", 4, ()), 1.5, scale, simulator)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_outputs_are_weighed_by_noise_where_other_weights_hide_the_fit(seed: int) -> None:
     arena = arena_of(seed)

@@ -83,6 +83,7 @@ def test_a_resonator_is_located_where_it_swings(seed: int) -> None:
     assert found["equation:vb"].tried > 10
 
 
+@pytest.mark.long
 def test_nothing_is_located_once_time_has_ended() -> None:
     arena, null = arena_of(3, MASS, 5.0)
     wider, entries = with_located(arena, [null], lambda: True)
@@ -105,6 +106,7 @@ def test_its_constants_are_estimated_over_segments_of_any_length(horizon: float)
     assert entry.fit.cost < 0.1 * again.fit.cost
 
 
+@pytest.mark.long
 def test_one_linearisation_tells_what_a_memory_gains() -> None:
     arena, null = arena_of(3, MASS, 5.0)
     wider, (again,) = with_located(arena, [null])
@@ -117,6 +119,7 @@ def test_one_linearisation_tells_what_a_memory_gains() -> None:
     assert values["mh"] == pytest.approx(MASS, rel=0.3)
 
 
+@pytest.mark.long
 def test_entries_keep_their_cost_where_a_memory_joins() -> None:
     arena, null = arena_of(3, MASS, 5.0)
     wider, (again,) = with_located(arena, [null])

@@ -56,6 +56,7 @@ def test_a_design_fills_the_bounds_over_orders_of_magnitude() -> None:
     assert np.array_equal(starts, design(low, high))
 
 
+@pytest.mark.long
 def test_a_wrong_valley_is_left() -> None:
     whole, given = arena(None), neutral_values(SuperModel.build(MODEL, []))
     first = enter(whole, (), given)

@@ -176,6 +176,7 @@ PLAIN = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mechanism", PLAIN, ids=lambda c: c.mechanism)
 def test_a_course_names_its_mechanism(mechanism):
     rng = np.random.default_rng(0)

@@ -114,6 +114,7 @@ def test_many_recordings_become_few():
     assert all(p.begins and p.time.size == 500 for p in prepared)
 
 
+@pytest.mark.long
 def test_samples_that_follow_each_other_too_fast_become_fewer(monkeypatch):
     """1 kHz for a motion of 0.7 Hz."""
     monkeypatch.setattr(thinning, "MOST", 12_000)

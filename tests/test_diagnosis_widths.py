@@ -80,6 +80,7 @@ def estimated(law: str, share: float, seed: int = 0) -> tuple[Arena, tuple[Prepa
     return in_steps_of(arena, entry), prepared, entry
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("share", "seed"), [(2.0, 0), (2.0, 1), (4.0, 0), (5.0, 0), (5.0, 1)])
 def test_what_another_width_promises_is_what_it_gains(share: float, seed: int) -> None:
     """To first order, from four times the sharpest width on; at the width found, nothing."""

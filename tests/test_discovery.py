@@ -76,6 +76,7 @@ def test_rate_is_recognised_and_law_found_exactly(found):
     assert found.pareto.query("state == 'v' and picked").complexity.tolist() == [4]
 
 
+@pytest.mark.long
 def test_files_are_complete_and_the_model_reads_back(found, tmp_path):
     found.save(tmp_path / "out")
     document = json.loads((tmp_path / "out" / "discovery.json").read_text())
@@ -183,6 +184,7 @@ def test_a_zero_budget_still_gives_whole_files(tmp_path):
     assert document["provenance"]["stopped_by"] == "budget"
 
 
+@pytest.mark.long
 def test_paths_are_read_and_missing_samples_left_out(tmp_path):
     record = DATA[0]
     channels = {k: np.array(v) for k, v in record.channels.items()}
@@ -248,6 +250,7 @@ def test_choice_takes_the_smallest_within_one_standard_error():
     assert pick == 1
 
 
+@pytest.mark.long
 def test_regressor_is_a_scikit_learn_estimator():
     rng = np.random.default_rng(1)
     X = rng.uniform(-2.0, 2.0, size=(200, 2))

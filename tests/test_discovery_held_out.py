@@ -81,6 +81,7 @@ def test_recordings_of_one_name_stay_apart():
     assert [run.recording for run in runs] == ["a.csv (1)", "a.csv (2)"]
 
 
+@pytest.mark.long
 def test_recordings_take_turns_and_time_ends_the_figures():
     spans = [(f"r{k}.csv", 0.0, 1.0) for k in range(MOST_RUNS + 2)]
     runs = runs_of(pieces(*spans), [0.1] * len(spans)).runs

@@ -96,6 +96,7 @@ def test_a_checkpoint_of_other_data_or_settings_is_refused(tmp_path):
 UNITS = {"q": "m", "v": "m/s"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 3))]
 )
@@ -124,6 +125,7 @@ def test_units_bind_where_every_variable_has_one():
         binding_units({"q": "m"}, True, "t", names)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bind", [None, False])
 def test_units_given_to_discover_bind_by_default(bind):
     t = np.linspace(0.0, 6.0, 120)

@@ -87,6 +87,7 @@ def test_a_law_of_another_frequency_is_no_law():
     assert verdict == "undecided" and "missing input or state" in reason
 
 
+@pytest.mark.long
 def test_random_walks_have_no_law_whatever_drift_is_fitted():
     claims = 0
     for seed in range(6):

@@ -92,6 +92,7 @@ def test_angles_on_the_axes_and_at_infinity():
     np.testing.assert_array_equal(np.signbit(found[known]), np.signbit(truth[known]))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("name", ONE)
 def test_infinities_and_nan_mean_what_they_mean_in_numpy(name, dtype):

@@ -147,6 +147,7 @@ def test_a_missing_term_is_rejected(law: str) -> None:
     assert not equivalent(sympy.Float(1.3), truth, DATA)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", LAWS)
 def test_one_per_cent_is_accepted_and_five_are_not(law: str) -> None:
     truth = _read(law)

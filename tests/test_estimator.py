@@ -121,6 +121,7 @@ def test_names_come_from_the_frame_or_the_call():
             _quick().fit(X, y, variable_names=names)
 
 
+@pytest.mark.long
 def test_several_outputs_have_an_equation_each(two):
     model, X, Y = two
     assert model.target_names_ == ["lift", "drag"]
@@ -198,6 +199,7 @@ def test_constant_target_gives_a_constant(value):
     assert np.shape(model.to_jax()(jnp.asarray(X))) == (40,)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("samples", [1, 2, 3, 5, 8])
 def test_fewer_samples_than_terms_never_crash_nor_interpolate_noise(samples):
     rng = np.random.default_rng(samples)

@@ -152,6 +152,7 @@ def test_a_search_asks_the_engine_that_compile_terms_asks(asked: list[int]) -> N
     np.testing.assert_allclose(theta, Reference(data).columns(_many(7)), rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.long
 def test_discovery_goes_through_the_engine_and_finds_the_same(
     rule: str, asked: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:

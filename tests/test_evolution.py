@@ -50,6 +50,7 @@ def test_nothing_in_evolution_imports_jax_itself():
         assert "import jax\n" not in text and "jax.numpy" not in text, path.name
 
 
+@pytest.mark.long
 def test_evaluation_and_regression_do_not_reach_up():
     code = (
         "import jaxsr.evaluation, jaxsr.regression, sys;"

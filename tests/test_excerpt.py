@@ -60,6 +60,7 @@ def test_short_samples_are_taken_whole() -> None:
     np.testing.assert_allclose(problem.excerpt.residual(TERMS[:3]), residual, atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rows", [700, LONG])
 def test_waves_are_sines_of_the_grid_and_show_the_frequency(rows: int) -> None:
     problem = _problem(rows)

@@ -179,6 +179,7 @@ def test_functions_compute_the_same(name: str) -> None:
             same(own, wanted, 1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_formulas_in_sympy_compute_the_same(name: str) -> None:
     model = model_of(name)

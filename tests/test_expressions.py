@@ -202,6 +202,7 @@ def test_values_at_jumps(library: Any) -> None:
     np.testing.assert_array_equal(np.asarray(step), [0, 0.5, 1])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "at", "slope"),
     [

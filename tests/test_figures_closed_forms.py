@@ -22,6 +22,7 @@ from jaxsr.models.shooting import fit
 from jaxsr.recordings import Recording
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", PLANTS)
 def test_figures_are_exact(name: str) -> None:
     rows = list(PLANTS[name](0))

@@ -128,6 +128,7 @@ def kill_at_random(out: Path, kills: int, seed: int, shared: bool) -> None:
     assert runs_of(out), "no run came to its end"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("shared", [False, True])
 def test_kills_at_random_moments(tmp_path: Path, shared: bool) -> None:
     kill_at_random(tmp_path / "out", 3, 0, shared)
@@ -139,6 +140,7 @@ def test_fifty_kills_at_random_moments(tmp_path: Path, shared: bool) -> None:
     kill_at_random(tmp_path / "out", 50, 1, shared)
 
 
+@pytest.mark.long
 def test_a_reader_never_meets_files_of_two_runs(tmp_path: Path) -> None:
     out = tmp_path / "out"
     writer = subprocess.Popen([sys.executable, "-c", WRITER, str(out)], cwd=ROOT)

@@ -125,6 +125,7 @@ def test_a_parameter_of_the_fmu_changes_its_rates(tmp_path: Path) -> None:
     assert found[:, 1] == pytest.approx([0.05, 0.025, 0.225])
 
 
+@pytest.mark.long
 @needs_compiler
 @pytest.mark.parametrize(
     ("law", "what"),
@@ -153,6 +154,7 @@ def test_code_that_hangs_dies_or_prints(tmp_path: Path, law: str, what: str) -> 
     assert native._process.poll() is not None
 
 
+@pytest.mark.long
 @needs_compiler
 @pytest.mark.parametrize(
     ("change", "what"),
@@ -235,6 +237,7 @@ def test_units_of_modelica_are_read() -> None:
     assert unit_text("no such unit") is None and unit_text("") is None
 
 
+@pytest.mark.long
 def test_co_simulation_is_known_by_its_steps(tmp_path: Path, data: Path) -> None:
     unit = read_fmu(slave_fmu(tmp_path), None, [data])
     model = unit.simulator.model

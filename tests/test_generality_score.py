@@ -78,6 +78,7 @@ def test_a_seed_gives_the_same_files(tmp_path: Path) -> None:
     assert all(one[n] != other[n] for n in ("model.toml", "run1.csv", "truth.json"))
 
 
+@pytest.mark.long
 def test_a_planted_case_says_what_it_is(tmp_path: Path) -> None:
     case = planted(SMALL, 7, SYSTEMS["dc_motor"], 120)
     written(case, tmp_path, 7)
@@ -134,6 +135,7 @@ def test_nothing_is_seen_where_nothing_is_planted() -> None:
     assert noncentrality(None, [], 0.003) < 1e-3
 
 
+@pytest.mark.long
 def test_noncentrality_falls_with_the_square_of_the_noise() -> None:
     wrong = [noncentrality(None, ["Rm"], s, Cm=1.02) for s in (0.003, 0.006)]
     assert wrong[0] == pytest.approx(4.0 * wrong[1], rel=1e-6)

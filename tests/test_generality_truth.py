@@ -50,6 +50,7 @@ def rates_of(name: str, values: dict[str, float], x: np.ndarray) -> np.ndarray:
 # -- two writings of one motion --------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_model_file_and_motion_have_the_same_rates(name: str) -> None:
     system, rng = SYSTEMS[name], np.random.default_rng(1)
@@ -184,6 +185,7 @@ def energy_of_furuta(p: dict[str, float], x: np.ndarray) -> np.ndarray:
     return kinetic - p["mp"] * 9.81 * p["lp"] * np.cos(tilt)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "lossless", "start", "energy"),
     [

@@ -103,6 +103,7 @@ def test_clusters_are_told_by_their_submodel_and_events(found) -> None:
     assert split is not None and split[0] in ("y", "v", "t")
 
 
+@pytest.mark.long
 def test_one_mode_may_be_asked_for() -> None:
     data = [hop((1.3, 0.0), 1.0)]
     options = {"states": ["y", "v"], "derivatives": ["dy", "dv"], "config": QUICK}

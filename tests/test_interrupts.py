@@ -171,6 +171,7 @@ def test_what_the_parent_ignores_stays_ignored(files: Path, number: int) -> None
     assert ended(process)[0] == 130 and "report.html" in names(files / "d")
 
 
+@pytest.mark.long
 def test_a_reader_that_left_loses_no_work(files: Path) -> None:
     process = quick(files)
     assert process.stdout is not None and process.stderr is not None
@@ -224,11 +225,13 @@ def interrupt(folder: Path, moment: float, seconds: float) -> tuple[int, str]:
     return status, err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("moment", [0.05, 0.2, 0.6, 1.2])
 def test_an_interrupt_while_libraries_load(tmp_path: Path, moment: float) -> None:
     assert interrupt(tmp_path, moment, 5.0)[0] == 130
 
 
+@pytest.mark.long
 def test_the_run_begins_with_the_process() -> None:
     code = (
         "import time; now = time.monotonic(); from jaxsr._process import _process_began;"

@@ -48,6 +48,7 @@ def close(known: dict[str, tuple[float, float]], **wanted: float) -> None:
         assert abs(estimate - value) < 4.0 * deviation, name
 
 
+@pytest.mark.long
 def test_drag_is_found_on_a_motor_of_which_the_current_alone_is_read() -> None:
     missing = Missing({"drag": 0.02})
     label, known = alone(searched(MOTOR, ("current",), missing, 200))
@@ -55,12 +56,14 @@ def test_drag_is_found_on_a_motor_of_which_the_current_alone_is_read() -> None:
     close(known, kd=0.02)
 
 
+@pytest.mark.long
 def test_a_hysteresis_is_found_by_an_accelerometer() -> None:
     label, known = alone(searched(CART, ("a",), Missing(LOOP), 200))
     assert label == "hysteresis@equation:v"
     close(known, kz=15.0, b=6.0, g=3.0)
 
 
+@pytest.mark.long
 def test_a_sensor_at_its_limit_is_clipped_and_no_gain() -> None:
     found = searched(CART, ("y",), Missing(fault={"clip": 1.2}), 200)
     label, _ = alone(found)
@@ -68,12 +71,14 @@ def test_a_sensor_at_its_limit_is_clipped_and_no_gain() -> None:
     assert found.of_labels()[label] > 0.95
 
 
+@pytest.mark.long
 def test_a_tank_that_no_sensor_reads_overflows() -> None:
     label, known = alone(searched(TANKS, ("second",), Missing(level=2.3), 200))
     assert label == "overflow@equation:h1"
     close(known, ko=2.0, xo=2.3)
 
 
+@pytest.mark.long
 def test_a_model_of_ten_masses_offers_what_its_residual_forces_speak_for() -> None:
     sensors = tuple(f"y{i}" for i in range(10))
     model, prepared = recorded(chain(10, 5), sensors, Missing({"cubic": 60.0}), 60)

@@ -99,6 +99,7 @@ def test_nothing_is_claimed_where_nothing_is_missing() -> None:
     assert sum(claimed) <= 1
 
 
+@pytest.mark.long
 def test_a_wrong_value_is_told_from_a_missing_force() -> None:
     found = searched(2, lambda q, v: 0.0, k=6.6)
     assert not found.leader.members

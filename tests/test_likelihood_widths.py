@@ -50,6 +50,7 @@ def followed() -> Iterator[dict[str, Any]]:
     yield kept | {"work": work, "constant": names.index("constant_force"), "coulomb": coulomb}
 
 
+@pytest.mark.long
 def test_a_constant_force_may_be_a_member_beside_a_jump(followed: dict[str, Any]) -> None:
     """It is then estimated, and stands for the latent force all the same."""
     work = followed["work"]

@@ -208,6 +208,7 @@ def test_threads_change_no_bit_and_chunks_only_the_last(threads):
     np.testing.assert_allclose(found, whole, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("engine", ["machine", "columns", "interpreter"])
 def test_theta_may_be_written_where_the_caller_says(engine):
     batch, data = compile_terms(_terms(14, 30, primitives=TAME), NAMES), _data(14, 300)

@@ -203,6 +203,7 @@ def test_it_is_compiled_for_all_models_together() -> None:
     assert len(machine.signatures) == 1
 
 
+@pytest.mark.long
 def test_what_is_not_compiled_yet_is_compiled_beside(tmp_path: Path) -> None:
     (tmp_path / "small.py").write_text("def twice(x):\n    return 2.0 * x\n", encoding="utf-8")
     script = """

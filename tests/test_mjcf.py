@@ -77,6 +77,7 @@ def test_accelerations_are_those_of_mujoco(tmp_path: Path, xml: str) -> None:
     assert difference(robot(tmp_path, xml)) < 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("joints", [1, 2, 3, 5, 7])
 def test_random_trees_move_as_in_mujoco(tmp_path: Path, joints: int) -> None:
     xml = random_tree(np.random.default_rng(joints), joints)

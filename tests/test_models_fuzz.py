@@ -38,6 +38,7 @@ def test_hostile_files() -> None:
     assert 10 < run(range(400)) < 250
 
 
+@pytest.mark.long
 def test_every_wrong_type_at_every_key() -> None:
     refused = 0
     for path, text in wrong_types():

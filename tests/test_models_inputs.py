@@ -27,6 +27,7 @@ def lag_of_line(time: np.ndarray, tau: float) -> np.ndarray:
     return at - tau * (1 - np.exp(-at / tau))
 
 
+@pytest.mark.long
 def test_zero_hold_against_the_exact_recursion() -> None:
     rng = np.random.default_rng(0)
     recording = quiet(2.0, 0.1, u=rng.normal(size=21))
@@ -50,6 +51,7 @@ def test_zero_hold_with_delay(delay: str) -> None:
     np.testing.assert_allclose(run.states[:, 0], exact, atol=1e-7)
 
 
+@pytest.mark.long
 def test_linear_hold_against_the_ramp_response() -> None:
     recording = quiet(2.0, 0.1, u=np.arange(21) * 0.1)
     exact = lag_of_line(recording.time, 0.5)

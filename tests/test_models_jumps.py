@@ -93,6 +93,7 @@ def test_derivatives_go_through_jumps(method: str, substeps: int) -> None:
         np.testing.assert_allclose(own, (up - down) / (2 * eps), atol=2e-6)
 
 
+@pytest.mark.long
 def test_a_ball_that_comes_to_rest_stays_on_the_floor() -> None:
     simulator = ball()
     time = np.arange(601) * 0.01

@@ -65,6 +65,7 @@ def simulator() -> Simulator:
     return Simulator(parse_model(PENDULUM))
 
 
+@pytest.mark.long
 def test_parameters_are_recovered_inside_their_intervals(simulator: Simulator) -> None:
     rng = np.random.default_rng(0)
     active, scores = np.array([0, 1]), []

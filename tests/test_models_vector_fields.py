@@ -130,6 +130,7 @@ def test_a_function_runs_as_it_says_with_exact_slopes(name: str) -> None:
         np.testing.assert_allclose(own, difference[1] / (2 * eps), rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.long
 def test_what_is_no_term_is_called_and_depends_on_what_it_uses() -> None:
     model = read(newton).model
     rate = model.equation_terms["v"]

@@ -88,6 +88,7 @@ def test_what_is_learnt_is_the_sensors_noise(watch: jaxsr.Monitor) -> None:
     assert watch.exponent == 1.0
 
 
+@pytest.mark.long
 def test_normal_running_raises_no_alarm_and_a_softer_spring_does(watch: jaxsr.Monitor) -> None:
     rng = np.random.default_rng(2)
     assert watch.read(MOUNT.runs(rng, 1, 3000)[0]) == []
@@ -177,6 +178,7 @@ def test_files_that_are_still_written_are_waited_for(tmp_path: Path) -> None:
     assert [p.name for p in recordings([tmp_path], False, lambda: False)] == ["a.csv", "b.csv"]
 
 
+@pytest.mark.long
 def test_the_command_judges_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(5)
     runs, folder = MOUNT.runs(rng, 2, 1200), tmp_path / "runs"

@@ -88,6 +88,7 @@ def _edges(term: Term, signals: dict[str, np.ndarray]) -> np.ndarray:
     return near
 
 
+@pytest.mark.long
 @settings(max_examples=400)
 @given(_TERMS)
 def test_a_form_equals_its_term_and_is_its_own_form(term: Term) -> None:

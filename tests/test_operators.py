@@ -194,6 +194,7 @@ def test_wrong_sets_limits_and_weights_are_refused_in_one_line(make) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_simplifying_keeps_values_is_idempotent_and_hardly_grows(seed: int) -> None:
     rng = np.random.default_rng(seed)

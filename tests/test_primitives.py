@@ -199,6 +199,7 @@ def test_the_same_definition_again_changes_nothing() -> None:
     assert PRIMITIVES["cell_twice"] is first
 
 
+@pytest.mark.long
 def test_terms_travel_to_another_process_with_their_functions(tmp_path) -> None:
     terms = {parse("bump(x) + 2*t", NAMES), parse("sin(x)", NAMES), parse("x**2", NAMES)}
     assert pickle.loads(pickle.dumps(terms)) == terms

@@ -54,6 +54,7 @@ def test_tdms_waveforms_of_two_rates(tmp_path: Path) -> None:
     assert found.time[seen] == pytest.approx(SLOW)
 
 
+@pytest.mark.long
 def test_mdf4_groups_of_two_rasters(tmp_path: Path) -> None:
     asammdf = pytest.importorskip("asammdf")
     with asammdf.MDF(version="4.10") as file:

@@ -208,6 +208,7 @@ def test_page_stands_alone(which: str, request: pytest.FixtureRequest) -> None:
     assert names == {figure.name for figure in figures} | {"report.html"}
 
 
+@pytest.mark.long
 def test_markup_in_names_stays_text(tmp_path: Path) -> None:
     bad = "<script>alert('x')</script>"
 

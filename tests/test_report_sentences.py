@@ -78,6 +78,7 @@ def test_errors_that_fall_are_the_noise_of_the_starts():
     assert free_run(simulator, stepping, recorded(y), theta, 0.6).nrmse < 0.01 * short
 
 
+@pytest.mark.long
 def test_sets_are_shown_with_their_probabilities(tmp_path: Path):
     """First what was taken, then the most probable; by the evidence where that was told."""
     evidence, findings = drive_evidence(), drive_document()["findings"]

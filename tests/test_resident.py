@@ -133,6 +133,7 @@ print("same")
 """
 
 
+@pytest.mark.long
 def test_the_kernel_on_numbas_simulator() -> None:
     from pathlib import Path
 

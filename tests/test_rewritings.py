@@ -93,7 +93,8 @@ def test_only_sound_runs_with_the_same_findings_count() -> None:
         "2": row(["a@x", "b@y"], "RuntimeWarning: overflow"),
         "3": row(["a@x", "b@y"], status=-9),
     }
-    assert summary(runs) == {"ways": 4, "sound": 2, "same_findings": 1, "same_verdict": 2}
+    expected = {"ways": 4, "sound": 2, "same_findings": 1, "alike": 1, "same_verdict": 2}
+    assert summary(runs) == expected
 
 
 @pytest.mark.slow

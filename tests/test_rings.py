@@ -79,6 +79,7 @@ def edges() -> set[tuple[str, str]]:
     return graph(module_files())
 
 
+@pytest.mark.long
 def test_no_ring_but_the_known_ones(edges: set[tuple[str, str]]) -> None:
     assert [sorted(ring) for ring in rings(edges - KNOWN.keys())] == []
 

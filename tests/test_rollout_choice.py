@@ -219,6 +219,7 @@ def test_a_displacement_is_not_a_drive_that_is_smoothed_but_follows_from_its_rat
     assert [law[n] for n in ("x", "v", "x**3")] == pytest.approx([1.0, -0.2, -1.0], abs=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("count", "least", "most"), [(60, 2, 16), (1200, 1, 1)])
 def test_samples_that_lie_far_apart_are_integrated_in_smaller_steps(
     count: int, least: int, most: int

@@ -21,6 +21,7 @@ from jaxsr.discovery.rollout import fit as fitting
 from jaxsr.expressions.term import Term
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_clean_data_give_the_constants_back(seed: int) -> None:
     rng = np.random.default_rng(seed)

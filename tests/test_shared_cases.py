@@ -71,6 +71,7 @@ def test_a_hostile_file_is_read_or_refused_in_one_line(
         assert any(name in result.message for name in named), result.message
 
 
+@pytest.mark.long
 def test_hostile_files_write_nothing(tmp_path: Path) -> None:
     folder = shutil.copytree(HOSTILE[0], tmp_path / "case")
     before = sorted(p.name for p in folder.iterdir())

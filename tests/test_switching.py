@@ -78,6 +78,7 @@ def test_steps_are_those_of_the_modes(make: Callable[[], Case]) -> None:
     assert (np.abs(speeds) < 1e-12).sum() > 10  # it does stick
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("make", [stuck_cart, stuck_pair])
 def test_derivatives_go_through_crossings_and_sticking(make: Callable[[], Case]) -> None:
     """Against differences; where a sample's own speed is zero there is one on one side alone."""
@@ -151,7 +152,7 @@ def test_a_drag_whose_slope_is_infinite_at_rest_does_not_chatter(
 
     monkeypatch.setattr(_Walk, "_located", counted)
     ends = []
-    for substeps in (4, 256):
+    for substeps in (4, 64):
         rounds.clear()
         found, _ = one_step(*along(text, record, path[:, :, None], substeps), (), tangents=False)
         assert len(rounds) <= 3 * substeps

@@ -70,6 +70,7 @@ def drawn(rng: np.random.Generator, depth: int) -> Term:
     return Term.apply(str(rng.choice(BINARY)), drawn(rng, depth - 1), drawn(rng, depth - 1))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(200))
 def test_a_tape_repeats_the_walk_bit_by_bit(seed):
     """Where no number is divided by zero or beyond all bounds: 0 times it is 0 on a tape."""

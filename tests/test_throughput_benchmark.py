@@ -92,6 +92,7 @@ def machines(population: Population, data: np.ndarray) -> dict[str, np.ndarray]:
     return theta
 
 
+@pytest.mark.long
 def test_all_machines_evaluate_the_same_trees(population: Population) -> None:
     data = samples(40, 5)
     truth = reference(population.terms, VARIABLES, data)
@@ -103,6 +104,7 @@ def test_all_machines_evaluate_the_same_trees(population: Population) -> None:
         assert facts["share_where_float32_can"] > 0.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("text", ["x1 - x2", "x1/x2", "(x1 - x2)/(x3 - 2)", "1 - sqrt(Abs(x1))/x2"])
 def test_peers_keep_the_order_of_arguments(text: str) -> None:
     data = samples(30, 1)
@@ -214,6 +216,7 @@ def test_a_cold_process() -> None:
         assert run["first_seconds"] >= 0.5 * run["second_seconds"] > 0.0
 
 
+@pytest.mark.long
 def test_scaling_compares_equal_work() -> None:
     facts = scaling.in_term_size([3, 9], 1)
     nodes = [p["nodes"] for p in facts["points"]]

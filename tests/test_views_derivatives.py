@@ -87,6 +87,7 @@ def test_savitzky_golay_on_uniform_and_nearly_uniform_grids_agree():
         np.testing.assert_allclose(fast, slow, rtol=1e-3, atol=2e-3 * np.max(np.abs(fast)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("sigma", [1e-4, 1e-2, 0.1])
 @pytest.mark.parametrize("uneven", [False, True])

@@ -98,6 +98,7 @@ def test_errors_fall_with_the_noise_at_the_rate_of_theory(method):
     assert errors[1] < 0.35 * 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("choice", CHOICES)
 def test_every_choice_of_the_strength_is_near_the_best(choice):
     """Error at most 1.5 times (discrepancy: 2 times) the least over all strengths, on median."""
@@ -175,6 +176,7 @@ def test_clean_data_come_back_unchanged_and_filled():
     np.testing.assert_array_equal(smooth(t, np.ones(t.size)), np.ones(t.size))
 
 
+@pytest.mark.long
 def test_noise_that_grows_with_the_signal_is_recognised():
     t = np.linspace(0.0, 10.0, 512)
     truth = np.exp(-0.3 * t) * np.cos(4.0 * t)
@@ -217,6 +219,7 @@ def test_fast_signals_are_not_taken_for_noise():
     assert _rms(fit.spline(t) - np.sin(40.0 * t)) < 0.02
 
 
+@pytest.mark.long
 def test_the_pick_is_the_spline_for_motions_and_total_variation_for_relays():
     t = np.linspace(0.0, 10.0, 250)
     for seed in range(2):

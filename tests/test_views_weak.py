@@ -32,6 +32,7 @@ def test_integration_by_parts_moves_the_derivative(k):
     np.testing.assert_allclose(by_parts, gain * at_centres(w * view.centres), atol=1e-11)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("k", [0, 1, 2])
 def test_polynomials_to_degree_three_are_exact_on_any_grid(k):
     for seed in range(10):
@@ -45,6 +46,7 @@ def test_polynomials_to_degree_three_are_exact_on_any_grid(k):
             np.testing.assert_allclose(view.integrate(c(t), k), fine, rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.long
 def test_uneven_grids_converge():
     """The error falls with the sample time at least quadratically, measured over a factor 4."""
     errors = []
@@ -115,6 +117,7 @@ def test_wrong_widths_are_refused():
         choose_half_width(t[:10], t[:10])
 
 
+@pytest.mark.long
 def test_the_width_scales_with_the_motion():
     """Twice as fast and twice as finely sampled is the same signal: the width halves."""
     for seed in range(10):

@@ -47,6 +47,7 @@ def test_weak_rows_of_sines_have_a_closed_form(speed: float, order: int) -> None
     assert centre[0] - width > -1e-9 and centre[-1] + width < 10.0 + 1e-9
 
 
+@pytest.mark.long
 def test_the_error_of_a_row_is_what_noise_leaves_in_it() -> None:
     t = np.linspace(0.0, 10.0, 500)
     pulls = []
