@@ -7,12 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.likelihood.course import followed
-from jaxsr.diagnosis.likelihood.hypotheses import hypothesis
+from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
 from jaxsr.diagnosis.likelihood.loop import begun
 from jaxsr.diagnosis.likelihood.offered import offered
+from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.models import Simulator, parse_model
+from jaxsr.models import parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
 
@@ -66,6 +67,19 @@ def recorded(rng: np.random.Generator, drive: float, friction: float) -> Recordi
 
 
 @pytest.mark.long
+def weighed(records: list[Recording]) -> tuple[SuperModel, Workspace, Table, Hypothesis]:
+    """What sets are estimated from: candidates, data, the table, and re-calibration."""
+    model = parse_model(MODEL)
+    course = followed(model, [Prepared.build(model, record) for record in records])
+    assert course is not None
+    every = SuperModel.build(model, offered(model, course, ()))
+    work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
+    state, table = begun(work, course.null)
+    null = state.known[()]
+    assert null is not None
+    return every, work, table, null
+
+
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("drive", "friction"), [(2.0, 32.0), (4.0, 60.0)])
 def test_a_large_friction_is_estimated_from_every_start(
@@ -73,15 +87,7 @@ def test_a_large_friction_is_estimated_from_every_start(
 ) -> None:
     """The force that is missing is half of the net force: first steps go to the bounds."""
     rng = np.random.default_rng(seed)
-    simulator = Simulator(parse_model(MODEL))
-    prepared = [Prepared.build(simulator.model, recorded(rng, drive, friction)) for _ in range(2)]
-    course = followed(simulator.model, prepared)
-    assert course is not None
-    every = SuperModel.build(simulator.model, offered(simulator.model, course, ()))
-    work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
-    state, table = begun(work, course.null)
-    null = state.known[()]
-    assert null is not None
+    every, work, table, null = weighed([recorded(rng, drive, friction) for _ in range(2)])
     starts = [i for i, c in enumerate(every.candidates) if c.label == "power_law_drag@equation:v"]
     assert len(starts) > 1
     for number in starts:

@@ -6,32 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_likelihood_first_steps import MODEL, recorded
+from test_likelihood_first_steps import recorded, weighed
 
 from jaxsr.diagnosis.likelihood import estimate, hypotheses
-from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import hypothesis
-from jaxsr.diagnosis.likelihood.loop import begun
-from jaxsr.diagnosis.likelihood.offered import offered
-from jaxsr.diagnosis.likelihood.workspace import Workspace
-from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.models import Simulator, parse_model
-from jaxsr.models.segments import Prepared
 
 
 def test_a_time_that_is_likelier_about_one_path_alone_is_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The mode beside another time has less evidence than what led to it: that one stands."""
-    simulator = Simulator(parse_model(MODEL))
-    record = recorded(np.random.default_rng(0), 2.0, 32.0)
-    course = followed(simulator.model, [Prepared.build(simulator.model, record)])
-    assert course is not None
-    every = SuperModel.build(simulator.model, offered(simulator.model, course, ()))
-    work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
-    state, table = begun(work, course.null)
-    null = state.known[()]
-    assert null is not None and null.share > 0.0
+    every, work, table, null = weighed([recorded(np.random.default_rng(0), 2.0, 32.0)])
+    assert null.share > 0.0
     first, *_, last = table.scales.decays
     number = next(i for i, c in enumerate(every.candidates) if c.mechanism == "viscous_damping")
 

@@ -33,12 +33,10 @@ def test_the_files_that_are_mutated_are_models() -> None:
     assert [outcome(toml(document)) for document in VALID] == [""] * len(VALID)
 
 
-@pytest.mark.long
 def test_hostile_files() -> None:
     assert 10 < run(range(400)) < 250
 
 
-@pytest.mark.long
 def test_every_wrong_type_at_every_key() -> None:
     refused = 0
     for path, text in wrong_types():
@@ -50,7 +48,6 @@ def test_every_wrong_type_at_every_key() -> None:
     assert refused > 500
 
 
-@pytest.mark.long
 def test_the_script_tells_what_is_wrong_and_what_it_cost() -> None:
     done = subprocess.run(
         [sys.executable, str(SCRIPT), "0", "20"], capture_output=True, text=True, check=True

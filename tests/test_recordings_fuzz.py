@@ -35,7 +35,6 @@ def _run(first: int, last: int, folder: Path) -> list[dict]:
     return [json.loads(line) for line in done.stdout.splitlines()[:-1]]
 
 
-@pytest.mark.long
 def test_hostile_recordings_are_refused_in_one_line(tmp_path):
     assert _run(0, SHORT, tmp_path) == []
 

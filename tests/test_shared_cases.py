@@ -57,7 +57,6 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, shared_cases.
     return shared_cases.run_all([copies / folder.name for folder in HOSTILE])
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("folder", HOSTILE, ids=lambda f: f.name)
 def test_a_hostile_file_is_read_or_refused_in_one_line(
     folder: Path, results: dict[str, shared_cases.Result]
@@ -71,7 +70,6 @@ def test_a_hostile_file_is_read_or_refused_in_one_line(
         assert any(name in result.message for name in named), result.message
 
 
-@pytest.mark.long
 def test_hostile_files_write_nothing(tmp_path: Path) -> None:
     folder = shutil.copytree(HOSTILE[0], tmp_path / "case")
     before = sorted(p.name for p in folder.iterdir())

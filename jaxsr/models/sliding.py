@@ -64,8 +64,8 @@ class Sliding:
         """
         brief = replace(self, field=self.field.by_signs())
         f, by, change, (_, inverse) = brief._moving(at)
-        along = by + _dot(by, self._answer(inverse, by))
-        return f + _dot(by, change), along, self.signs + change
+        along = _carried(by, by, self._answer(inverse, by))
+        return _carried(f, by, change), along, self.signs + change
 
     def slopes(self, at: Point) -> tuple[list[Array], list[Row]]:
         """Return rates and their derivatives."""
@@ -74,14 +74,21 @@ class Sliding:
         f, by, change, (rows, inverse) = self._moving(at)
         names, none = list(dict.fromkeys(k for row in rows for k in row)), 0.0 * f[0]
         columns = np.stack([np.stack([row.get(k, 0.0) + none for k in names]) for row in rows])
-        columns = columns + _dot(by, self._answer(inverse, columns))
+        columns = _carried(columns, by, self._answer(inverse, columns))
         projected = [dict(zip(names, own, strict=True)) for own in columns]
-        return list(f + _dot(by, change)), list(projected)
+        return list(_carried(f, by, change)), list(projected)
 
     def _moving(self, at: Point) -> tuple[Array, Array, Array, tuple[list[Row], Array]]:
-        """Return rates of either side, their derivatives by signs, and how those that stick move.
+        """Return rates on the sides of `signs`, and what takes them along the surfaces.
 
-        With all derivatives of the rates, and the inverse that tells how signs answer.
+        Returns
+        -------
+        rates : ndarray, shape (states, ...)
+        by_signs : ndarray, shape (states, switches, ...)
+        change : ndarray, shape (switches, ...)
+            Of the signs that stick.
+        (rows, inverse)
+            All derivatives of the rates, and the inverse by which signs answer to changes of them.
         """
         rates, rows = self.signed.slopes(at)
         f, none = np.stack(rates), np.zeros(self.stuck.shape[1:])
@@ -106,11 +113,17 @@ class Sliding:
         return np.einsum("...ij,jk...->ik...", inverse, pull)
 
 
-def _dot(by: Array, changes: Array) -> Array:
-    """Return what changes of the signs, shape (switches, ...), do to the rates, (states, ...)."""
-    if changes.ndim == by.ndim:
-        return np.einsum("nj...,jk...->nk...", by, changes)
-    return np.einsum("nj...,j...->n...", by, changes)
+def _carried(values: Array, by: Array, changes: Array) -> Array:
+    """Add to rates, or their changes, what changes of the signs do to them.
+
+    Parameters
+    ----------
+    values : ndarray, shape (states, ...) or (states, changes, ...)
+    by : ndarray, shape (states, switches, ...)
+    changes : ndarray, shape (switches, ...) or (switches, changes, ...)
+    """
+    axes = "nj...,jk...->nk..." if changes.ndim == by.ndim else "nj...,j...->n..."
+    return values + np.einsum(axes, by, changes)
 
 
 def slid(
