@@ -66,7 +66,6 @@ def recorded(rng: np.random.Generator, drive: float, friction: float) -> Recordi
     return Recording("run", TIME, {"u": u, "a": a, "b": b, "y": y, "w": w})
 
 
-@pytest.mark.long
 def weighed(records: list[Recording]) -> tuple[SuperModel, Workspace, Table, Hypothesis]:
     """What sets are estimated from: candidates, data, the table, and re-calibration."""
     model = parse_model(MODEL)

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import expit
 
 from jaxsr.diagnosis.likelihood.course import Course, followed
-from jaxsr.diagnosis.likelihood.evidence import Mode, Prior
-from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.evidence import Mode
+from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
 from jaxsr.diagnosis.likelihood.loop import State, odds_of_force, search
 from jaxsr.diagnosis.likelihood.offered import offered
-from jaxsr.diagnosis.likelihood.table import tabled
+from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -112,39 +112,49 @@ def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
     """Return the free parameters that the recordings ask to move, the others held as given.
 
     One after the other is freed, as long as the evidence gains more than the prior odds of one
-    parameter among all; a parameter held as given is one that is known for certain.
+    parameter among all; a parameter held as given is one that is known for certain. Those that are
+    free are estimated at their mode before the next is asked for: what a wrong value does is not
+    linear in it, and another one would make up for that.
     """
     # About the given values: along what no sensor tells, re-calibration may have gone anywhere.
     table = tabled(work, work.theta, null.path, null.noise, null.decay)
-    base = list(table.base)
-    known = table.prior(base)
-    names = [n for n in work.super_model.given.free_parameters]
-
-    def weighed(free: Sequence[int]) -> Mode:
-        certain = [k not in free for k in base]
-        deviation = np.where(certain, CERTAIN * known.deviation, known.deviation)
-        prior = Prior(known.mean, deviation, known.low, known.high)
-        modes = [g.evidence(base, prior) for g in table.grams]
-        return max(modes, key=lambda m: m.log_evidence)
-
+    base, given = list(table.base), work.super_model.given.free_parameters
     free: dict[int, float] = {}
-    best = weighed([])
+    found: dict[str, tuple[float, float]] = {}
+    here = table
     while len(free) < len(base):
-        found = {k: weighed([*free, k]) for k in base if k not in free}
-        k = max(found, key=lambda k: found[k].log_evidence)
-        odds = found[k].log_evidence - best.log_evidence - np.log(len(base)) - ODDS
+        best = _weighed(here, free)
+        tried = {k: _weighed(here, {*free, k}) for k in base if k not in free}
+        k = max(tried, key=lambda k: tried[k].log_evidence)
+        odds = tried[k].log_evidence - best.log_evidence - np.log(len(base)) - ODDS
         if odds <= 0.0:
             break
-        free[k], best = float(expit(odds)), found[k]
-    return tuple(
-        WrongValue(
-            names[k],
-            float(table.value[k] + best.change[k]),
-            float(best.deviation[k]),
-            probability,
-        )
-        for k, probability in free.items()
-    )
+        free[k], change = float(expit(odds)), tried[k].change
+        begun = work.theta.copy()
+        begun[work.super_model.base_index()] = here.value[base] + change
+        after = hypothesis(work, _held(table, free), (), replace(null, theta=begun))
+        if after is None or not after.settled:
+            spread = tried[k].deviation
+            found = {given[k]: (here.value[k] + change[k], spread[k]) for k in free}
+            break
+        found = {given[k]: after.constants[given[k]] for k in free}
+        here = tabled(work, after.theta, after.path, after.noise, after.decay)
+    names = zip(free.values(), (given[k] for k in free), strict=True)
+    return tuple(WrongValue(n, float(found[n][0]), float(found[n][1]), p) for p, n in names)
+
+
+def _weighed(table: Table, free: Collection[int]) -> Mode:
+    """Weigh the given model with some of its free parameters free and the others as given."""
+    base = list(table.base)
+    prior = _held(table, free).prior(base)
+    return max((g.evidence(base, prior) for g in table.grams), key=lambda m: m.log_evidence)
+
+
+def _held(table: Table, free: Collection[int]) -> Table:
+    """Return a table in which all but some of the given model's parameters are known."""
+    known, deviation = table.belief, table.belief.deviation.copy()
+    deviation[[k for k in table.base if k not in free]] *= CERTAIN
+    return replace(table, belief=replace(known, deviation=deviation))
 
 
 def posterior(
