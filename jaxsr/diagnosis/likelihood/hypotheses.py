@@ -164,7 +164,7 @@ class _Begun:
         width = None if near is None else near.width
         # A set without a latent force is not one with a force to which something was added.
         forced, inside = table.scales.shares.any(), -np.inf
-        if near is not None and {*near.members} <= {*members} and (forced or not near.share):
+        if near is not None and {*near.members} < {*members} and (forced or not near.share):
             inside = near.log_evidence
         return replace(begun, follow=replace(follow, width=width, inside=inside))
 

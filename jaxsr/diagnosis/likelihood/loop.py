@@ -34,6 +34,8 @@ MOST_MEMBERS = 4
 RENEWED = 1.0
 """Log evidence by which a set must have gained for its rivals to be estimated again; two estimates
 of a set that are closer are alike."""
+FOLLOWED = 6
+"""Times that an estimate that would lead is begun anew where it stopped."""
 Members = tuple[int, ...]
 
 
@@ -253,19 +255,32 @@ def _estimated(
             continue
         needed = state.needed(known, members)
         found = hypothesis(state.work, table, members, leader, needed)
-        while found is not None and not found.settled and found.log_evidence > needed:
-            # What would lead is followed until it rests, or gains no more: where it stopped, its
-            # evidence was a promise.
-            further = hypothesis(state.work, table, members, found, needed)
-            gains = further is not None and further.log_evidence > found.log_evidence + RENEWED
-            if further is None or not (further.settled or gains):
-                break
-            found = further
+        found = _followed(state.work, table, members, found, needed)
         known[members] = better(before, found)
         if not again and found is not None and found.log_evidence > needed:
             if _completes(state.work, leader, found):
                 break
     return known, tuple(due)
+
+
+def _followed(
+    work: Workspace, table: Table, members: Members, found: Hypothesis | None, needed: float
+) -> Hypothesis | None:
+    """Follow what would lead until it rests: where it stopped, its evidence was a promise.
+
+    An estimate rests as well where, begun anew from where it stopped, it ends with the same
+    evidence: beside a corner of friction no step becomes a small one. What it had on its way, and
+    has not where its own steps lead, is no evidence of it.
+    """
+    for _ in range(FOLLOWED):
+        if found is None or found.settled or found.log_evidence <= needed:
+            break
+        further = hypothesis(work, table, members, found, needed)
+        if further is None:
+            break
+        alike = abs(further.log_evidence - found.log_evidence) < RENEWED
+        found = replace(further, settled=further.settled or alike)
+    return found
 
 
 def _completes(work: Workspace, leader: Hypothesis, found: Hypothesis) -> bool:
