@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 from jaxsr._progress import as_budget
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
+from jaxsr.diagnosis.contest.colour import colour, independent
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.alternatives import (
     alternatives,
@@ -21,7 +22,7 @@ from jaxsr.diagnosis.judging.alternatives import (
 )
 from jaxsr.diagnosis.judging.criteria import most_credible
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, detect, detect_in_noise
-from jaxsr.diagnosis.judging.noise_ratio import NOISE_ALONE, colour, residual_to_noise
+from jaxsr.diagnosis.judging.noise_ratio import NOISE_ALONE, residual_to_noise
 from jaxsr.diagnosis.verdict import Costs
 from jaxsr.models import parse_model
 from jaxsr.models.least_squares import Fit
@@ -188,6 +189,17 @@ def test_the_colour_of_noise_is_its_lag_one_correlation(rho):
     white = rng.normal(size=(4000 + 200, 20))
     noise = np.asarray(lfilter([1.0], [1.0, -rho], white, axis=0))[200:]
     assert abs(colour(noise) - rho) < 0.05
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6, 0.8])
+def test_coloured_noise_is_worth_fewer_samples(rho):
+    """The mean of first-order noise varies as that of so many independent samples."""
+    rng, count = np.random.default_rng(0), 40000
+    noise = lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], rng.standard_normal(count))
+    means = noise.reshape(400, 100).mean(axis=1)
+    worth = independent(noise.reshape(1, count, 1)) / 400
+    # a variance of 400 means is told to 7 %, of which 3.5 deviations are allowed
+    assert worth == pytest.approx(1.0 / np.var(means), rel=0.25)
 
 
 def test_white_noise_and_what_is_left_of_a_motion_have_no_colour():

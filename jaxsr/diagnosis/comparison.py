@@ -138,11 +138,13 @@ def opening(
     starts: list[Start],
     promised: float = 0.0,
     beyond: float | None = None,
+    led: bool = False,
 ) -> tuple[Arena, Entry, Headline, list[Start]] | None:
     """Lay out the arena of some candidates and estimate re-calibration in it.
 
     `promised` is what the leading set, the second of `starts`, leaves in the weak view, relative to
-    re-calibration. None where segments `beyond` a horizon do not exist.
+    re-calibration; sets that are `led` have a path to start from. None where segments `beyond` a
+    horizon do not exist.
     """
     case.compared.screen(case.screened, super_model)
     simulator = Simulator(super_model.model, case.simulator.function)
@@ -158,7 +160,7 @@ def opening(
     outlook = Outlook(super_model, case.prepared, stepping, scale, simulator, stop)
     starts = outlook.usable_starts(starts)
     if beyond is None:
-        headline = outlook.headline(starts, promised)
+        headline = outlook.headline(starts, promised, led)
     else:
         longer = outlook.beyond(beyond)
         if longer is None:

@@ -148,7 +148,7 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled:
     rivals = [h for k, (h, p) in enumerate(others) if k == 0 or p >= TOLD]
     shown = [h for h in dict.fromkeys([leader, *smaller, *rivals]) if h.members]
     super_model, starts = _starts(case, found, [null, *shown])
-    opened = opening(case, super_model, starts)
+    opened = opening(case, super_model, starts, led=True)
     assert opened is not None  # a horizon of its own was not asked for
     arena, entry, headline, starts = opened
     case.compared.reach(RECALIBRATION)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr.diagnosis.contest.colour import independent
 from jaxsr.diagnosis.contest.converters import Converters
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.rollout import Stepping
@@ -59,8 +60,11 @@ class Entry:
         return float(np.exp(np.mean(np.log(self.errors + 1e-300))))
 
     def follows_as_well_as(self, other: Entry) -> bool:
-        """Whether it follows the recordings no worse, within one unit of log likelihood."""
-        count = max(np.count_nonzero(other.fit.residual), 1)
+        """Whether it follows the recordings no worse, within one unit of log likelihood.
+
+        What noise of a colour leaves is worth fewer samples.
+        """
+        count = max(independent(other.fit.residual), 1.0)
         return bool(self.fit.cost <= other.fit.cost * np.exp(2.0 / count))
 
     def lost(self) -> Entry:

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from jaxsr.diagnosis.contest.arena import Arena
+from jaxsr.diagnosis.contest.colour import colour
 from jaxsr.diagnosis.contest.converters import steps_of
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.models.least_squares import LARGEST
@@ -21,8 +22,6 @@ MODEL_LIMITED = 3.0
 """Ratio of residual to sensor noise above which the model, not the sensor, sets the error."""
 NOISE_ALONE = 2.5
 """Ratio of residual to coloured noise up to which noise alone may be all that is left."""
-SMOOTH = 0.93
-"""Correlation of neighbouring samples from which a residual is motion and not coloured noise."""
 
 
 def model_limited(arena: Arena, entry: Entry) -> bool:
@@ -77,19 +76,3 @@ def _noise(arena: Arena, output: int) -> float:
 @lru_cache(maxsize=64)
 def _median_noise(prepared: tuple[Prepared, ...], output: int) -> float:
     return float(np.median([noise_level(p.time, p.outputs[:, output]) for p in prepared]))
-
-
-def colour(residual: np.ndarray) -> float:
-    """Lag-one correlation of a residual, shape (samples, segments), where it is noise; 0 otherwise.
-
-    Correlation of first-order noise falls by rho with every sample. What a model leaves of a
-    motion falls more slowly than by `SMOOTH`, whatever white noise lies over it: lags 2 and 4 do
-    not see that.
-    """
-    products = [
-        float(np.mean(residual[: residual.shape[0] - lag] * residual[lag:])) for lag in (0, 2, 4)
-    ]
-    if residual.shape[0] < 3 * 4 or products[1] <= 0.1 * products[0]:
-        return 0.0  # also where nothing at all is left
-    rho = np.sqrt(max(products[2] / products[1], 0.0))
-    return float(rho) if rho < SMOOTH else 0.0

@@ -106,10 +106,13 @@ class Outlook:
                 break
         return arena
 
-    def headline(self, starts: list[Start], promised: float = 0.0) -> Headline:
+    def headline(self, starts: list[Start], promised: float = 0.0, led: bool = False) -> Headline:
         """Choose the horizon of the verdict, and segment lengths for the contest, in seconds.
 
         `promised` is what the leading set leaves in the weak view, relative to re-calibration.
+        Sets that are `led` along their paths need no short segments to find them: every further
+        start that is estimated anew absorbs some of what is left out, and more where no sensor
+        tells it.
 
         The longest horizon up to which the re-calibrated model's error stays small, or no longer
         grows: errors of a drifting, unstable or chaotic system grow with the horizon, and judging
@@ -148,7 +151,9 @@ class Outlook:
             headline = options[-1] if scores[-1] <= least else headline
         fitting = [h for h in fitting if h <= headline]
         least = MANY_SEGMENTS
-        if self._jumps(starts[: 2 if promised < BELIEVED else 1]):
+        if led:
+            least = 1
+        elif self._jumps(starts[: 2 if promised < BELIEVED else 1]):
             least = MANY_WITH_JUMPS
         elif headline == options[-1] and len(self.prepared) == 1 and self.prepared[0].states.hidden:
             least = 1  # the start of a hidden state, estimated anew, absorbs what is left out
