@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import cycle
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -191,17 +192,22 @@ def found(
 
 
 @pytest.mark.parametrize(
-    ("passes", "kept"),
+    ("passes", "kept", "rests"),
     [
-        ([(50.0, False), (60.0, False), (58.0, True), (99.0, True)], 58.0),
-        ([(50.0, False), (50.5, False), (99.0, True)], 50.0),
-        ([(3.0, False), (99.0, True)], 3.0),
+        ([(50.0, False), (60.0, False), (58.0, True), (99.0, True)], 58.0, True),
+        ([(50.0, False), (50.5, False), (99.0, True)], 50.5, True),
+        ([(50.0, False), (30.0, False), (30.5, False), (99.0, True)], 30.5, True),
+        ([(50.0, False), (30.0, False), (9.0, False), (99.0, True)], 9.0, False),
+        ([(3.0, False), (99.0, True)], 3.0, False),
     ],
 )
-def test_what_would_lead_is_followed_until_it_rests_or_gains_no_more(
-    monkeypatch: pytest.MonkeyPatch, passes: list[tuple[float, bool]], kept: float
+def test_what_would_lead_is_followed_until_it_rests_or_ends_alike(
+    monkeypatch: pytest.MonkeyPatch,
+    passes: list[tuple[float, bool]],
+    kept: float,
+    rests: bool,
 ) -> None:
-    """What rests has less evidence than was promised, and stands; what is behind is left."""
+    """What it was promised and has not where its steps lead is gone; what is behind is left."""
     candidate = SimpleNamespace(label="drag@v", physical=None, tried=1)
     every = SimpleNamespace(candidates=(candidate, candidate))
     work: Any = SimpleNamespace(super_model=every, stop=lambda: False)
@@ -212,7 +218,8 @@ def test_what_would_lead_is_followed_until_it_rests_or_gains_no_more(
     known, due = loop._estimated(state, table, null, [(0,)])
     assert not due
     estimate = known[(0,)]
-    assert estimate is not None and estimate.log_evidence == kept
+    assert estimate is not None
+    assert (estimate.log_evidence, estimate.settled) == (kept, rests)
 
 
 @pytest.mark.parametrize(
@@ -229,8 +236,10 @@ def test_additions_end_with_one_that_leads_and_leaves_nothing(
     leader, table = found(10.0, True, (3,), share=0.2), cast(Any, None)
     logs: dict[tuple[int, ...], float] = {(0, 3): 5.0, (1, 3): 50.0, (2, 3): 20.0}
 
+    away = cycle((0.0, 0.0 if settled else 2.0))  # what does not rest ends elsewhere every time
+
     def estimate(w: Any, t: Any, m: tuple[int, ...], *_: Any) -> Hypothesis:
-        return found(logs[m], settled, m, share if logs[m] > 10.0 else 0.2)
+        return found(logs[m] + next(away), settled, m, share if logs[m] > 10.0 else 0.2)
 
     monkeypatch.setattr(loop, "hypothesis", estimate)
     monkeypatch.setattr(loop, "believable", lambda *_: True)

@@ -15,6 +15,7 @@ from jaxsr.diagnosis import settled
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.detection import Detection
 from jaxsr.diagnosis.likelihood import loop
+from jaxsr.diagnosis.likelihood.kalman import Noise
 
 PLAIN = 12
 """Candidates; the last is what the force stands for."""
@@ -66,7 +67,7 @@ def decision(left: float, detected: bool) -> settled.Settled:
         Entry(members, cast(Any, SimpleNamespace(cost=cost, residual=residual)), np.ones(1))
         for members, cost in (((), 1.0), ((0,), left))
     )
-    arena: Any = None
+    arena: Any = SimpleNamespace(problem=SimpleNamespace(scale=np.ones(1)))
     test = Detection(detected, 0.0, 1.0, 0.0, 1e-3)
     return (arena, [null, chosen], chosen, test), 1.0, StoppedBy.CONVERGED
 
@@ -93,5 +94,17 @@ def test_a_decision_stands_on_noise_or_beside_a_force_on_most_of_the_mismatch(
     forced: bool,
     stands: bool,
 ) -> None:
-    monkeypatch.setattr(settled, "residual_to_noise", lambda *_: ratio)
-    assert settled.borne_out(decision(left, detected), forced) == stands
+    monkeypatch.setattr(settled, "ratios_to_noise", lambda *_: [ratio])
+    loud = Noise(np.array([1e-2]), np.zeros(1), np.zeros(1))  # the residual is 1: 10 of these
+    assert settled.borne_out(decision(left, detected), forced, loud) == stands
+
+
+def test_a_bias_that_wanders_is_noise_where_the_evidence_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(settled, "ratios_to_noise", lambda *_: [7.0])
+    found = decision(0.3, True)
+    for size, noise_alone in ((2.0, True), (0.1, False)):
+        wandering = Noise(np.array([1e-2]), np.array([size]), np.array([0.998]))
+        assert settled.borne_out(found, False, wandering) == noise_alone
+        assert settled.above_noise(found, wandering) != noise_alone

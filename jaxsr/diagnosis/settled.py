@@ -31,10 +31,15 @@ from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.explanations import labels_of
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
 from jaxsr.diagnosis.judging.leading import best_so_far, leading
-from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
+from jaxsr.diagnosis.judging.noise_ratio import (
+    ratios_to_noise,
+    residual_to_noise,
+    root_mean_square,
+)
 from jaxsr.diagnosis.judging.parsimony import fewest
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.loop import State
 from jaxsr.diagnosis.likelihood.paths import path_over
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
@@ -81,25 +86,38 @@ def weighed(case: Case) -> Posterior | None:
     )
 
 
-def borne_out(found: Settled, forced: bool) -> bool:
+def left_over(arena: Arena, entry: Entry, noise: Noise) -> float:
+    """Largest ratio, over the outputs, of what a set leaves to the noise of the sensor.
+
+    That noise is what neighbouring samples tell, or what the evidence does: a bias that wanders
+    shows in no difference of neighbours.
+    """
+    told = np.sqrt(noise.white + noise.coloured)
+    return max(
+        min(ratio, root_mean_square(entry.fit.residual[k]) * arena.problem.scale[k] / told[k])
+        for k, ratio in enumerate(ratios_to_noise(arena, entry))
+    )
+
+
+def borne_out(found: Settled, forced: bool, noise: Noise) -> bool:
     """Whether free runs bear a decision out.
 
     They do not where the set follows the recordings worse than re-calibration, or leaves more than
     the sensors' noise, which the evidence takes for noise. Where the evidence has a force beside
     the set, `forced`, that is what free runs gather of it: the set stands then as long as they
     detect it and it explains more of the mismatch than it leaves, so that no other cause has a
-    larger share.
+    larger share. The evidence says of the sensors' noise as well.
     """
     (arena, entries, chosen, detection), *_ = found
     null = next(e for e in entries if not e.members)
     if not chosen.follows_as_well_as(null):
         return False
-    if residual_to_noise(arena, chosen) <= ABOVE_NOISE:
+    if left_over(arena, chosen, noise) <= ABOVE_NOISE:
         return True
     return forced and detection.detected and 2.0 * chosen.fit.cost < null.fit.cost
 
 
-def above_noise(found: Settled) -> bool:
+def above_noise(found: Settled, noise: Noise) -> bool:
     """Whether re-calibration leaves more than the sensors' noise, at the rate of the detection.
 
     Neighbouring samples tell that noise by as many of its values.
@@ -107,7 +125,7 @@ def above_noise(found: Settled) -> bool:
     (arena, entries, *_), *_ = found
     null = next(e for e in entries if not e.members)
     count = max(int(np.count_nonzero(null.fit.residual[0])), 1)
-    return bool(fdtrc(count, count, residual_to_noise(arena, null) ** 2) < SIGNIFICANCE)
+    return bool(fdtrc(count, count, left_over(arena, null, noise) ** 2) < SIGNIFICANCE)
 
 
 def answered(found: Settled, claim: Claim, free: Collection[str]) -> Settled:

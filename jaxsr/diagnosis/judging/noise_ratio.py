@@ -47,14 +47,17 @@ def ratios_to_noise(arena: Arena, entry: Entry) -> list[float]:
         if not np.abs(residual).max(initial=0.0) < LARGEST:
             ratios.append(np.inf)
             continue
-        count = max(np.count_nonzero(residual), 1)
-        rms = np.sqrt(np.sum(residual**2) / count)
         rho = colour(residual)
-        ratio = rms / max(_noise(arena, k), 1e-300)
+        ratio = root_mean_square(residual) / max(_noise(arena, k), 1e-300)
         # More than such noise can leave is a misfit, whatever its correlation.
         coloured = ratio * np.sqrt((1.0 - rho) / (1.0 + rho))
         ratios.append(float(coloured if coloured < NOISE_ALONE else ratio))
     return ratios
+
+
+def root_mean_square(residual: np.ndarray) -> float:
+    """Over the samples that there are: what is missing is 0."""
+    return float(np.sqrt(np.sum(residual**2) / max(np.count_nonzero(residual), 1)))
 
 
 def in_noise(arena: Arena) -> Arena:
