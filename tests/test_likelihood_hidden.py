@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.hidden_plants import CART, MOTOR, TANKS, Missing, Plant, chain
+from jaxsr.diagnosis.likelihood import support
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
@@ -89,6 +90,20 @@ def test_a_model_of_ten_masses_offers_what_its_residual_forces_speak_for() -> No
     assert "cubic_stiffness@equation:v5" in labels
     assert len(candidates) <= MOST + 2 * len(model.outputs)
     assert {f"constant_force@equation:v{i}" for i in range(10)} <= labels
+
+
+@pytest.mark.long
+def test_no_mechanism_makes_room_for_variants_of_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is offered once before any with other inner constants, however little it removes."""
+    sensors = tuple(f"y{i}" for i in range(3))
+    model, prepared = recorded(chain(3, 1, True), sensors, Missing({"viscous": 6.0}), 60)
+    course = followed(model, prepared)
+    assert course is not None
+    few = offered(model, course)
+    monkeypatch.setattr(support, "MOST", 10**6)
+    every = offered(model, course)
+    assert len(every) > MOST == len(few)
+    assert {c.label for c in few} == {c.label for c in every}
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -24,7 +25,9 @@ largest residual forces."""
 def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return the candidates that remove most of the smoothed forces; all where they are few.
 
-    What is no force along an equation (a sensor, an actuator, a wrong value, a mass) stays, and so
+    Of those at one place that differ in their inner constants alone, one comes before the second
+    of any: what re-calibration does most of removes little, and is asked all the same. What is no
+    force along an equation (a sensor, an actuator, a wrong value, a mass) stays, and so
     does a constant force along each.
 
     Parameters
@@ -47,7 +50,12 @@ def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> 
         else:
             ranked.append((_removed(model, course, candidate, signals), number))
     ranked.sort(reverse=True)
-    kept += [number for _, number in ranked[: max(MOST - len(kept), 0)]]
+    turns, taken = Counter[str](), list[tuple[int, int]]()
+    for place, (_, number) in enumerate(ranked):
+        label = candidates[number].label
+        taken.append((turns[label], place))
+        turns[label] += 1
+    kept += [ranked[place][1] for _, place in sorted(taken)[: max(MOST - len(kept), 0)]]
     return [candidates[i] for i in sorted(kept)]
 
 
