@@ -195,7 +195,8 @@ def test_the_colour_of_noise_is_its_lag_one_correlation(rho):
 def test_coloured_noise_is_worth_fewer_samples(rho):
     """The mean of first-order noise varies as that of so many independent samples."""
     rng, count = np.random.default_rng(0), 40000
-    noise = lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], rng.standard_normal(count))
+    white = rng.standard_normal(count)
+    noise = np.asarray(lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], white))
     means = noise.reshape(400, 100).mean(axis=1)
     worth = independent(noise.reshape(1, count, 1)) / 400
     # a variance of 400 means is told to 7 %, of which 3.5 deviations are allowed
