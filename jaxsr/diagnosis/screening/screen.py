@@ -144,6 +144,7 @@ class _Search:
         keep = self.rows > 0
         self.gram, self.moment = self.gram[keep], self.moment[keep]
         self.power, self.rows = self.power[keep], self.rows[keep]
+        self.total, self.pull = self.gram.sum(0), self.moment.sum(0)
         self.base = super_model.base_index()
         self.index = [
             super_model.index(i, coefficients_only=True) for i in range(len(super_model.candidates))
@@ -166,8 +167,7 @@ class _Search:
 
     def _left_over(self, candidate: int) -> float:
         """Share of a candidate's columns that the free parameters cannot reproduce."""
-        total = self.gram.sum(0)
-        own, base = self.index[candidate], self.base
+        total, own, base = self.total, self.index[candidate], self.base
         norms = np.diag(total)[own]
         if not norms.max() > 1e-12:
             return 0.0
@@ -188,7 +188,7 @@ class _Search:
         if self.super_model.candidates[candidate].mechanism not in ("wrong_value", "input_gain"):
             return False
         active = [*self.base, *self.index[candidate]]
-        total, right = self.gram.sum(0), self.moment.sum(0)
+        total, right = self.total, self.pull
         solved = np.linalg.lstsq(total[np.ix_(active, active)], right[active], rcond=1e-12)[0]
         return self.power.sum() - right[active] @ solved < TRIVIAL * self.power.sum()
 
