@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -61,8 +62,8 @@ def known_states(
         return known
     simulator = simulator or Simulator(model)
     values = simulator.values() if theta is None else theta
-    path = _path(simulator, item, tuple(float(v) for v in values), (), _as_key(start))[0]
-    return np.concatenate([known, path], axis=1)
+    path = _course(simulator, item, tuple(float(v) for v in values), _as_key(start)).path
+    return np.concatenate([known, path[known.shape[1] :, :, 0].T], axis=1)
 
 
 def driven_states(
@@ -91,14 +92,30 @@ def _as_key(start: np.ndarray | None) -> tuple[float, ...] | None:
     return None if start is None else tuple(float(v) for v in start)
 
 
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """All states along a recording, and how one sample leads to the next.
+
+    Attributes
+    ----------
+    path : ndarray, shape (states, samples, 1)
+    inputs : Stages
+        Of the steps between samples.
+    method : str
+    """
+
+    path: np.ndarray
+    inputs: Stages
+    method: str
+
+
 @functools.lru_cache(maxsize=64)
-def _path(
+def _course(
     simulator: Simulator,
     item: Known,
     theta: tuple[float, ...],
-    chosen: tuple[str, ...] = (),
     start: tuple[float, ...] | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> _Course:
     """Integrate the driven states along known ones.
 
     Newton's method on all samples at once (`lifting`), the known states held where they are.
@@ -133,12 +150,34 @@ def _path(
             size = np.abs(path[known:]).max() + 1e-300
             if np.abs(shift).max() < 1e-9 * size:
                 break
-        n = len(model.states)
-        columns = {name: n + k for k, name in enumerate(chosen)}
-        to = Directions(tuple(model.states), columns, {}, tuple(model.inputs))
-        field = Field(simulator, theta, active=chosen)
+    return _Course(path, stages, method)
+
+
+@functools.lru_cache(maxsize=64)
+def _path(
+    simulator: Simulator,
+    item: Known,
+    theta: tuple[float, ...],
+    chosen: tuple[str, ...] = (),
+    start: tuple[float, ...] | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the driven states with their derivatives by parameters and by their start."""
+    model, time = simulator.model, item.time
+    n, known = len(model.states), len(model.states) - len(model.driven)
+    course = _course(simulator, item, theta, start)
+    path, length = course.path, np.diff(time)[:, None, None]
+    columns = {name: n + k for k, name in enumerate(chosen)}
+    to = Directions(tuple(model.states), columns, {}, tuple(model.inputs))
+    field = Field(simulator, theta, active=chosen)
+    with np.errstate(all="ignore"):
         _, tangents = advanced(
-            field, to, method, list(path[:, :-1]), time[:-1, None], length, lambda _: stages
+            field,
+            to,
+            course.method,
+            list(path[:, :-1]),
+            time[:-1, None],
+            length,
+            lambda _: course.inputs,
         )
         tangents[:known] = 0.0
         spread, _ = condensed(tangents, np.zeros((n, time.size - 1, 1)))
