@@ -6,12 +6,22 @@ import numpy as np
 
 from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.evidence import Gram
+from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, _inherited
 from jaxsr.diagnosis.likelihood.kalman import Noise
-from jaxsr.diagnosis.likelihood.proposals import exclusive, pairs, plain_of_kin, swaps, without
+from jaxsr.diagnosis.likelihood.proposals import (
+    exclusive,
+    pairs,
+    plain_of_kin,
+    shifts,
+    swaps,
+    without,
+)
 from jaxsr.diagnosis.likelihood.scales import Scales
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.mechanisms.memory import memory_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.models import parse_model
 
 MODEL = """
@@ -70,6 +80,40 @@ def test_forms_of_one_law_exclude_each_other_and_stops_on_both_sides_do_not() ->
     assert exclusive(every, (above, above + 1))
     assert not exclusive(every, (above, below))
     assert not exclusive(every, (coulomb, drag, spring))
+
+
+def test_what_makes_a_signal_late_has_the_others_that_do_as_rivals() -> None:
+    model = parse_model(MODEL)
+    two = parse_model(MODEL.replace('["y"]', '["y", "w"]').replace("[param", 'w = "v"\n[param'))
+    for given, outputs in ((model, ["y"]), (two, ["y", "w"])):
+        known = [*memory_candidates(given, SCALE, 0.01), *timing_candidates(given, 0.01, 1.0)]
+        every = SuperModel.build(given, known)
+        place = {c.label: i for i, c in enumerate(every.candidates)}
+        lag = place["actuator_lag@input:u"]
+        rivals = {every.candidates[i].label for (i,) in shifts(every, (lag,))}
+        # of one input and one output the delay stands at the sensor for both
+        single = len(outputs) == 1
+        assert rivals == {"sensor_delay@output:y" if single else "input_delay@input:u"}
+        late = place["sensor_delay@output:y"]
+        assert bool(shifts(every, (late,))) == single
+        # the rival begins with its time
+        theta = np.array([p.value for p in every.model.parameters.values()])
+        constants = {every.names[lag]["tau"]: (0.02, 1e-3)}
+        near = estimated((lag,), {lag: every.names[lag]}, constants)
+        (rival,) = shifts(every, (lag,))
+        begun = _inherited(every, rival, near, theta)
+        at = list(every.model.parameters).index(every.names[rival[0]]["tau"])
+        assert begun[at] == 0.02
+
+
+def estimated(
+    members: tuple[int, ...],
+    names: dict[int, dict[str, str]],
+    constants: dict[str, tuple[float, float]],
+) -> Hypothesis:
+    """A set with its constants, and nothing else."""
+    none, noise = np.zeros(0), Noise(np.ones(1), np.zeros(1), np.zeros(1))
+    return Hypothesis(members, 0.0, 0.0, constants, names, none, none, True, noise, 0.0)
 
 
 def test_of_laws_that_jump_those_inside_others_are_asked_first() -> None:

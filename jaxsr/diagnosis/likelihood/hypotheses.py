@@ -20,6 +20,7 @@ from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.mechanisms.timing import as_late
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.segments import build_segments
 
@@ -268,7 +269,8 @@ def _inherited(
             if full in near.constants
         }
         for i in set(members) - set(near.members):
-            if model.candidates[i].site != model.candidates[gone].site:
+            one, other = model.candidates[gone], model.candidates[i]
+            if one.site != other.site and not as_late(model.given, one, other):
                 continue
             for spec in model.candidates[i].parameters:
                 source = spec.name if spec.name in known else spec.floor

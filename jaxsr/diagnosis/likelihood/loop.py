@@ -16,6 +16,7 @@ from jaxsr.diagnosis.likelihood.proposals import (
     labels,
     pairs,
     plain_of_kin,
+    shifts,
     swaps,
 )
 from jaxsr.diagnosis.likelihood.table import Table, tabled
@@ -177,7 +178,8 @@ def step(state: State, table: Table) -> State:
     if leader.log_evidence > state.rivalled.get(leader.members, -np.inf) + RENEWED:
         rivals = [tuple(m for m in leader.members if m != i) for i in leader.members]
         rivals += swaps(every, here, leader.members, SWAPPED, RIVAL)
-        alike = [*kin(every, leader.members), *forms(every, leader.members)]
+        exchanged = (kin, forms, shifts)
+        alike = [members for of in exchanged for members in of(every, leader.members)]
         rivals += [r for r in alike if r not in rivals]
         # A rival that is known was estimated beside another noise: the same is due to it.
         known, due = _estimated(state, table, leader, rivals, again=True)

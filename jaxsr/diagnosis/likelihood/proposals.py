@@ -14,6 +14,7 @@ import numpy as np
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.mechanisms.timing import as_late
 from jaxsr.diagnosis.screening.screen import CONTAINED
 
 CERTAIN = 1e-6
@@ -121,6 +122,23 @@ def kin(super_model: SuperModel, members: Members) -> list[Members]:
                 continue
             if not exclusive(super_model, changed):
                 best.setdefault(tuple(candidates[k].label for k in changed), changed)
+    return list(best.values())
+
+
+def shifts(super_model: SuperModel, members: Members) -> list[Members]:
+    """Return sets with one member that makes a signal late exchanged for another that does.
+
+    To first order in its time a lag is a delay: the table, which is linear in it, does not tell how
+    they compare. Of one input and one output either is late for both.
+    """
+    candidates, best = super_model.candidates, dict[tuple[str, ...], Members]()
+    for gone in members:
+        for i, other in enumerate(candidates):
+            changed = tuple(sorted((*(m for m in members if m != gone), i)))
+            if i in members or not as_late(super_model.given, candidates[gone], other):
+                continue
+            if not exclusive(super_model, changed):
+                best.setdefault(labels(super_model, changed), changed)
     return list(best.values())
 
 

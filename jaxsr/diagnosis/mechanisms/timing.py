@@ -8,6 +8,8 @@ from jaxsr.models import Model
 REACH = 20.0
 """Largest shift in samples that the segments of a contest can hold (see `contest.MARGIN`)."""
 
+LATE = frozenset({"actuator_lag", "input_delay", "sensor_delay"})
+
 
 def timing_candidates(model: Model, step: float, duration: float) -> list[Candidate]:
     """Return a delay of every input and output and a skew of every sensor's clock.
@@ -57,3 +59,10 @@ def timing_candidates(model: Model, step: float, duration: float) -> list[Candid
             )
         )
     return found
+
+
+def as_late(given: Model, one: Candidate, other: Candidate) -> bool:
+    """Whether two mechanisms make one signal late: the same to first order in their time."""
+    single = len(given.inputs) == len(given.outputs) == 1
+    late = {one.mechanism, other.mechanism} <= LATE and one.mechanism != other.mechanism
+    return late and (single or one.site == other.site)
