@@ -36,7 +36,6 @@ from benchmarks.force_plants import PLANTS, WAYS
 from benchmarks.generality.scoring import settled_on
 from benchmarks.hidden import cases as hidden_cases
 from benchmarks.sensing import CASES, MUST, task
-from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.posterior import Posterior
 from jaxsr.diagnosis.verdict import Claim
 from jaxsr.models import parse_model
@@ -88,8 +87,8 @@ class Way:
         self.found = self.known or self.own["weighed"](case)
         return self.found
 
-    def _borne_out(self, settled: Any, forced: bool, noise: Noise) -> bool:
-        self.borne = bool(self.own["borne_out"](settled, forced, noise))
+    def _borne_out(self, settled: Any, forced: bool) -> bool:
+        self.borne = bool(self.own["borne_out"](settled, forced))
         return self.borne or self.name == "evidence"
 
     def _claimed(self, *args: Any, **more: Any) -> Claim:

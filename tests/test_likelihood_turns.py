@@ -94,9 +94,8 @@ def test_a_decision_stands_on_noise_or_beside_a_force_on_most_of_the_mismatch(
     forced: bool,
     stands: bool,
 ) -> None:
-    monkeypatch.setattr(settled, "ratios_to_noise", lambda *_: [ratio])
-    loud = Noise(np.array([1e-2]), np.zeros(1), np.zeros(1))  # the residual is 1: 10 of these
-    assert settled.borne_out(decision(left, detected), forced, loud) == stands
+    monkeypatch.setattr(settled, "residual_to_noise", lambda *_: ratio)
+    assert settled.borne_out(decision(left, detected), forced) == stands
 
 
 def test_a_bias_that_wanders_is_noise_where_the_evidence_says_so(
@@ -106,5 +105,4 @@ def test_a_bias_that_wanders_is_noise_where_the_evidence_says_so(
     found = decision(0.3, True)
     for size, noise_alone in ((2.0, True), (0.1, False)):
         wandering = Noise(np.array([1e-2]), np.array([size]), np.array([0.998]))
-        assert settled.borne_out(found, False, wandering) == noise_alone
         assert settled.above_noise(found, wandering) != noise_alone

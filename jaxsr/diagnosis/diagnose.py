@@ -224,10 +224,10 @@ def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Cl
         "estimating what the evidence says", lambda: decided_by_evidence(case, found), None
     )
     forced = found.leader.share > 0.0 and found.leader.settled
-    noise = found.leader.noise
-    if decision is None or not borne_out(decision, forced, noise):
+    if decision is None or not borne_out(decision, forced):
         return None
-    told = explanations(found, case.simulator.model, above_noise(decision, noise))
+    above = above_noise(decision, found.leader.noise)
+    told = explanations(found, case.simulator.model, above)
     claim = claimed(told, unnamed(told), costs)
     decision = answered(decision, claim, case.simulator.model.free_parameters)
     decision = plainest(decision, claim)

@@ -99,20 +99,20 @@ def left_over(arena: Arena, entry: Entry, noise: Noise) -> float:
     )
 
 
-def borne_out(found: Settled, forced: bool, noise: Noise) -> bool:
+def borne_out(found: Settled, forced: bool) -> bool:
     """Whether free runs bear a decision out.
 
     They do not where the set follows the recordings worse than re-calibration, or leaves more than
     the sensors' noise, which the evidence takes for noise. Where the evidence has a force beside
     the set, `forced`, that is what free runs gather of it: the set stands then as long as they
     detect it and it explains more of the mismatch than it leaves, so that no other cause has a
-    larger share. The evidence says of the sensors' noise as well.
+    larger share.
     """
     (arena, entries, chosen, detection), *_ = found
     null = next(e for e in entries if not e.members)
     if not chosen.follows_as_well_as(null):
         return False
-    if left_over(arena, chosen, noise) <= ABOVE_NOISE:
+    if residual_to_noise(arena, chosen) <= ABOVE_NOISE:
         return True
     return forced and detection.detected and 2.0 * chosen.fit.cost < null.fit.cost
 

@@ -110,9 +110,8 @@ class Outlook:
         """Choose the horizon of the verdict, and segment lengths for the contest, in seconds.
 
         `promised` is what the leading set leaves in the weak view, relative to re-calibration.
-        Sets that are `led` along their paths need no short segments to find them: every further
-        start that is estimated anew absorbs some of what is left out, and more where no sensor
-        tells it.
+        Sets that are `led` along their paths need no short segments to find them: where no sensor
+        tells a state, every further start that is estimated anew absorbs what is left out.
 
         The longest horizon up to which the re-calibrated model's error stays small, or no longer
         grows: errors of a drifting, unstable or chaotic system grow with the horizon, and judging
@@ -151,7 +150,7 @@ class Outlook:
             headline = options[-1] if scores[-1] <= least else headline
         fitting = [h for h in fitting if h <= headline]
         least = MANY_SEGMENTS
-        if led:
+        if led and any(p.states.hidden for p in self.prepared):
             least = 1
         elif self._jumps(starts[: 2 if promised < BELIEVED else 1]):
             least = MANY_WITH_JUMPS
