@@ -79,6 +79,7 @@ def weighed(records: list[Recording]) -> tuple[SuperModel, Workspace, Table, Hyp
     return every, work, table, null
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("drive", "friction"), [(2.0, 32.0), (4.0, 60.0)])
 def test_a_large_friction_is_estimated_from_every_start(

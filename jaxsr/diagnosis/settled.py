@@ -86,7 +86,7 @@ def weighed(case: Case) -> Posterior | None:
     )
 
 
-def left_over(arena: Arena, entry: Entry, noise: Noise) -> float:
+def _left_over(arena: Arena, entry: Entry, noise: Noise) -> float:
     """Largest ratio, over the outputs, of what a set leaves to the noise of the sensor.
 
     That noise is what neighbouring samples tell, or what the evidence does: a bias that wanders
@@ -121,11 +121,16 @@ def above_noise(found: Settled, noise: Noise) -> bool:
     """Whether re-calibration leaves more than the sensors' noise, at the rate of the detection.
 
     Neighbouring samples tell that noise by as many of its values.
+
+    Parameters
+    ----------
+    noise : Noise
+        That the evidence has of the sensors.
     """
     (arena, entries, *_), *_ = found
     null = next(e for e in entries if not e.members)
     count = max(int(np.count_nonzero(null.fit.residual[0])), 1)
-    return bool(fdtrc(count, count, left_over(arena, null, noise) ** 2) < SIGNIFICANCE)
+    return bool(fdtrc(count, count, _left_over(arena, null, noise) ** 2) < SIGNIFICANCE)
 
 
 def answered(found: Settled, claim: Claim, free: Collection[str]) -> Settled:

@@ -9,6 +9,7 @@ REACH = 20.0
 """Largest shift in samples that the segments of a contest can hold (see `contest.MARGIN`)."""
 
 LATE = frozenset({"actuator_lag", "input_delay", "sensor_delay"})
+"""Mechanisms that make a signal late."""
 
 
 def timing_candidates(model: Model, step: float, duration: float) -> list[Candidate]:
