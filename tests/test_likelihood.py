@@ -13,9 +13,10 @@ from scipy.stats import multivariate_normal, norm
 
 from jaxsr.diagnosis.likelihood import kalman, recursions
 from jaxsr.diagnosis.likelihood.estimate import Belief
-from jaxsr.diagnosis.likelihood.evidence import Gram, Prior, _factor
+from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
 from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
+from jaxsr.diagnosis.likelihood.truncated import factored
 
 STEPS, STATES, FORCES, OUTPUTS, CONSTANTS = 9, 2, 1, 2, 2
 NONE = 1e12
@@ -250,7 +251,7 @@ def test_the_factor_of_a_matrix_that_rounding_made_indefinite() -> None:
         wide = columns @ rng.normal(size=(3, 6))  # of rank three
         inner = wide.T @ wide
         inner = inner - np.eye(6) * 1e-15 * np.trace(inner)  # as far as rounding may go
-        factor = _factor(np.eye(6) + inner)
+        factor = factored(np.eye(6) + inner)
         assert np.allclose(factor, np.tril(factor)) and (np.diag(factor) > 0.0).all()
         error = factor @ factor.T - (np.eye(6) + inner)
         assert np.abs(error).max() < 1e-13 * np.trace(inner) + 1e-9

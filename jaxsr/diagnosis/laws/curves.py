@@ -22,6 +22,7 @@ from jaxsr.diagnosis.laws.unnamed import (
     ProposedForce,
     as_candidate,
     choices,
+    estimable,
     has_a_name,
     law_of,
     length_of,
@@ -141,7 +142,8 @@ def laws_along(
         budget=seconds,
     )
     n = independent_residuals(entry)
-    fit = [p for p in found if 0 < len(p.terms) <= MAX_TERMS and not has_a_name(p)]
+    fit = [p for p in found if 0 < len(p.terms) <= MAX_TERMS and estimable(p)]
+    fit = [p for p in fit if not has_a_name(p)]
     fit.sort(key=lambda p: p.loss * len(onto) + length_of(p, n))
     site = next(s for s in sites_of(case.simulator.model, {}) if s.state == curve.state)
     signals = {s: x.ravel() for s, x in zip(site.model.states, entry.fit.path, strict=False)}

@@ -20,6 +20,7 @@ from jaxsr.diagnosis.laws.unnamed import (
     UNNAMED,
     Law,
     as_candidate,
+    estimable,
     has_a_name,
     law_of,
     length_of,
@@ -136,7 +137,9 @@ def laws_at(case: Case, place: Place, rng: np.random.Generator) -> list[Law]:
     )
     nothing, n = view.cost(np.zeros((view.samples, 0))), independent_residuals(place.entry)
     laws = [
-        (p, p.loss * view.target.size + view.beyond) for p in found if 0 < len(p.terms) <= MAX_TERMS
+        (p, p.loss * view.target.size + view.beyond)
+        for p in found
+        if 0 < len(p.terms) <= MAX_TERMS and estimable(p)
     ]
     nameless = [law for law in laws if not has_a_name(law[0])]
     state = case.simulator.model.states.index(place.site.state)

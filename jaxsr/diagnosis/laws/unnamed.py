@@ -12,7 +12,7 @@ from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.criteria import independent_residuals
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
-from jaxsr.diagnosis.mechanisms.candidate import UNNAMED, Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, UNNAMED, Candidate, ParameterSpec
 from jaxsr.evolution.propose import Proposal
 from jaxsr.expressions import Term, to_text
 from jaxsr.expressions.description import description_length, estimated_length, opened
@@ -188,6 +188,14 @@ def _written(term: Term, sizes: dict[str, float], inner: list[float], within: st
     if not term.args:
         return term
     return Term.apply(term.op, *(_written(a, sizes, inner, term.op) for a in term.args))
+
+
+def estimable(proposal: Proposal) -> bool:
+    """Whether its coefficients are inside the bounds of coefficients.
+
+    q (q^2 + 47)^-61 is a bell of its own kind, and wants 1e102 of itself.
+    """
+    return bool((np.abs(proposal.coefficients) < UNLIMITED).all())
 
 
 def has_a_name(proposal: Proposal) -> bool:

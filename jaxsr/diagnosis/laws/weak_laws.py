@@ -11,7 +11,15 @@ from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.enter import active_parameters
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.laws.naming import named
-from jaxsr.diagnosis.laws.unnamed import FORCES, MAX_TERMS, Law, as_candidate, law_of, sizes_of
+from jaxsr.diagnosis.laws.unnamed import (
+    FORCES,
+    MAX_TERMS,
+    Law,
+    as_candidate,
+    estimable,
+    law_of,
+    sizes_of,
+)
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.evolution import SearchConfig, propose
@@ -146,7 +154,8 @@ def _search(
         config=SearchConfig(population=120, generations=25),
         budget=seconds,
     )
-    return [p for p in found if 0 < len(p.terms) <= MAX_TERMS and p.relative_loss < WORTH]
+    found = [p for p in found if 0 < len(p.terms) <= MAX_TERMS and estimable(p)]
+    return [p for p in found if p.relative_loss < WORTH]
 
 
 def _worst_state(system: WeakSystem, states: Iterable[int]) -> int:

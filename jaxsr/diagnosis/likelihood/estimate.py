@@ -10,7 +10,14 @@ import numpy as np
 from jaxsr.diagnosis.likelihood.evidence import Gram, Mode, Prior
 from jaxsr.diagnosis.likelihood.kalman import Latent, System, smoothed
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
-from jaxsr.diagnosis.likelihood.scales import NEARBY, Scales, grams, log_odds, sizes_about
+from jaxsr.diagnosis.likelihood.scales import (
+    NEARBY,
+    Scales,
+    grams,
+    likeliest_size,
+    log_odds,
+    sizes_about,
+)
 from jaxsr.models.least_squares import Problem
 
 MOST = 10
@@ -268,7 +275,8 @@ class _Climb:
         step : tuple of ndarray
             Changes of the chosen constants, and of the path.
         """
-        shares, tried = sizes_about(point.share, scales.shares), list[_Point]()
+        around = likeliest_size(point.shares, point.logs)
+        shares, tried = sizes_about(around, scales.shares), list[_Point]()
         for share in HALVED:
             theta = point.theta.copy()
             theta[self.chosen] += share * step[0]
@@ -285,7 +293,7 @@ class _Climb:
     def in_other_time(self, point: _Point, scales: Scales) -> tuple[_Point, float] | None:
         """Weigh latent forces that keep their sign for longer, or less long, about one path."""
         others = [d for d in scales.decays if d != scales.decay]
-        sizes = point.share * np.array(NEARBY)
+        sizes = likeliest_size(point.shares, point.logs) * np.array(NEARBY)
         shares, decays = np.tile(sizes, len(others)), np.repeat(others, len(sizes))
         found = self._judged(
             point.theta,

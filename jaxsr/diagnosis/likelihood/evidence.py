@@ -7,12 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs
-from scipy.special import log_ndtr
 
 from jaxsr.diagnosis.likelihood.kalman import Whitened
-
-_potrf, _potrs, _trtri = get_lapack_funcs(("potrf", "potrs", "trtri"), dtype=np.float64)
+from jaxsr.diagnosis.likelihood.truncated import Truncated, log_inside
 
 SETTLING, SCALED = 4, 1e-4
 """Fixed-point steps for the scale of the noise, which converge by a factor of samples a step, and
@@ -40,7 +37,7 @@ class Prior:
     @functools.cached_property
     def inside(self) -> float:
         """Log of the share of the prior that lies inside the bounds."""
-        return _inside(self.mean, self.deviation, self)
+        return log_inside(self.mean, self.deviation, self.low, self.high)
 
     def of(self, chosen: Sequence[int]) -> Prior:
         """Return the priors of some of the constants."""
@@ -125,8 +122,9 @@ class Gram:
         .. math:: \log p = -\tfrac12 \left( N \log 2 \pi k + \log |S| + |v + W c|^2 / k
             + (c - m)' \Lambda (c - m) + \log |W'W/k + \Lambda| - \log |\Lambda| \right)
 
-        at the most probable c; k is the one that fits best. What lies outside the bounds is no part
-        of the integral: the share of the posterior inside them counts, over that of the prior.
+        at the most probable c inside the bounds; k is the one that fits best. What lies outside the
+        bounds is no part of the integral: where none is reached, the share of the posterior inside
+        them counts, over that of the prior; where some are, see `Truncated`.
 
         Parameters
         ----------
@@ -140,14 +138,15 @@ class Gram:
         at = 1 + np.asarray(chosen, dtype=int)
         inner, pull = self.products[np.ix_(at, at)], self.products[at, 0]
         precision = 1.0 / prior.deviation**2
-        noise, change, factor, matrix = 1.0, prior.mean, np.eye(len(at)), np.eye(len(at))
+        low, high = prior.low / prior.deviation, prior.high / prior.deviation
+        noise = 1.0
         for _ in range(SETTLING if scaled else 1):
             # Scaled by the prior: the identity, and what the data add to it.
             root = prior.deviation / np.sqrt(noise)
             matrix = inner * np.outer(root, root) + np.eye(len(at))
-            factor = _factor(matrix)
             right = -(pull / noise) * prior.deviation + prior.mean / prior.deviation
-            change = prior.deviation * _solved(factor, right)
+            found = Truncated.of(matrix, right, low, high)
+            change = prior.deviation * found.mode
             left = self.products[0, 0] + 2.0 * pull @ change + change @ inner @ change
             if left <= 0.0:  # rounding is all that is left of so large columns: no answer
                 return Mode(-np.inf, prior.mean, prior.deviation, 1.0)
@@ -162,75 +161,7 @@ class Gram:
             + self.log_determinant
             + left / noise
             + away @ (precision * away)
-            + 2.0 * np.log(np.diag(factor)).sum()
         )
-        inverse = _inverted(factor)
-        deviation = prior.deviation * np.sqrt((inverse**2).sum(axis=0))
-        log += _inside(change, deviation, prior) - prior.inside
-        return Mode(float(log), _bounded(change, matrix, prior), deviation, noise)
-
-
-def _factor(matrix: np.ndarray) -> np.ndarray:
-    """Return the Cholesky factor of the identity and something positive semidefinite.
-
-    Sums over many precise readings are positive up to rounding alone: an eigenvalue below one is
-    one.
-    """
-    if not len(matrix):
-        return matrix
-    # Of matrices of a few rows the checks around LAPACK cost more than LAPACK.
-    factor, failed = _potrf(matrix, lower=1, clean=1)
-    if not failed:
-        return factor
-    if not np.isfinite(matrix).all():
-        raise np.linalg.LinAlgError("a product of innovations is no number")
-    values, vectors = np.linalg.eigh(matrix)
-    root = np.sqrt(np.maximum(values, 1.0))[:, None] * vectors.T
-    triangle = np.asarray(np.linalg.qr(root, mode="r"))
-    return (triangle * np.sign(np.diag(triangle))[:, None]).T
-
-
-def _solved(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
-    return _potrs(factor, right, lower=1)[0] if len(right) else right
-
-
-def _inverted(factor: np.ndarray) -> np.ndarray:
-    """Return the inverse of a lower triangle."""
-    return _trtri(factor, lower=1)[0] if len(factor) else factor
-
-
-def _inside(mean: np.ndarray, deviation: np.ndarray, prior: Prior) -> float:
-    """Log of the shares of normal distributions that lie inside the bounds."""
-    # By the tails on the side where they are small: a difference of two ones would be noise.
-    low, high = (prior.low - mean) / deviation, (prior.high - mean) / deviation
-    turned = high < -low
-    low, high = np.where(turned, -high, low), np.where(turned, -low, high)
-    above, beyond = log_ndtr(-low), log_ndtr(-high)
-    share = np.exp(np.minimum(beyond, above - 1e-12) - np.maximum(above, -1e300))
-    return float(np.sum(above + np.log1p(-share)))
-
-
-def _bounded(change: np.ndarray, precision: np.ndarray, prior: Prior) -> np.ndarray:
-    """Return the most probable change inside the bounds: what leaves them is held there.
-
-    Parameters
-    ----------
-    change : ndarray, shape (constants,)
-        The most probable one without bounds.
-    precision : ndarray, shape (constants, constants)
-        Of the posterior, scaled by the prior.
-    """
-    bounded, held = change, np.zeros(len(change), bool)
-    for _ in range(len(change)):
-        outside = ~held & ((bounded < prior.low) | (bounded > prior.high))
-        if not outside.any():
-            break
-        held |= outside
-        away = np.clip(bounded, prior.low, prior.high)[held] - change[held]
-        free = ~held
-        bounded = change.copy()
-        bounded[held] += away
-        pull = precision[np.ix_(free, held)] @ (away / prior.deviation[held])
-        moved = np.linalg.solve(precision[np.ix_(free, free)], pull)
-        bounded[free] -= prior.deviation[free] * moved
-    return np.clip(bounded, prior.low, prior.high)
+        log += found.log_integral - prior.inside
+        change = np.clip(change, prior.low, prior.high)
+        return Mode(float(log), change, prior.deviation * found.deviation, noise)

@@ -173,7 +173,7 @@ def step(state: State, table: Table) -> State:
     work, leader = state.work, state.leader
     here = table
     if leader.members:
-        here = tabled(work, leader.theta, leader.path, leader.noise, leader.decay)
+        here = about(work, leader)
     every, size = work.super_model, np.log(state.offered)
     if leader.log_evidence > state.rivalled.get(leader.members, -np.inf) + RENEWED:
         rivals = [tuple(m for m in leader.members if m != i) for i in leader.members]
@@ -308,9 +308,15 @@ def _without_force_if_likelier(work: Workspace, table: Table, found: Hypothesis)
     return best
 
 
+def about(work: Workspace, found: Hypothesis) -> Table:
+    """Return the table of additions about an estimate's path, with its jumps as round as there."""
+    known = found.noise, found.decay, found.width
+    return tabled(work, found.theta, found.path, *known)
+
+
 def odds_of_force(work: Workspace, found: Hypothesis) -> float:
     """Return the log odds of the latent force beside a set, against the set without any."""
-    table = tabled(work, found.theta, found.path, found.noise, found.decay)
+    table = about(work, found)
     alone = _without_force(work, table, found)
     return np.inf if alone is None else found.log_evidence - alone.log_evidence
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.integration import steady
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, estimated, left
 from jaxsr.diagnosis.likelihood.scales import Scales
 from jaxsr.diagnosis.likelihood.steps import resolved
-from jaxsr.diagnosis.likelihood.switched import switched
+from jaxsr.diagnosis.likelihood.switched import rounded, switched
 from jaxsr.diagnosis.likelihood.widths import WidthStep, width_step
 from jaxsr.models.least_squares import Problem
 
@@ -188,14 +187,12 @@ def _stepped(
 
     None where they cannot be switched exactly. It begins with some constants and a path.
     """
-    stepping, (theta, path) = problem.stepping, begun
+    theta, path = begun
     if width == EXACT:
         exact = switched(problem, theta)
         if exact is None:
             return None
         problem = exact
-    elif stepping.widths:
-        widths = tuple(width * w for w in stepping.widths)
-        problem = replace(problem, stepping=replace(stepping, widths=widths))
-        problem = steady(problem, theta)
+    else:
+        problem = rounded(problem, width, theta)
     return resolved(problem, theta, path, scales.noise, scales.start, active)

@@ -102,6 +102,29 @@ def log_odds(share: float | np.ndarray) -> np.ndarray:
     return np.where(np.asarray(share) > 0.0, np.log(PRESENT) + np.log(BEYOND) * share, 0.0)
 
 
+def likeliest_size(shares: np.ndarray, logs: np.ndarray) -> float:
+    """Return the size at the top of a parabola over log size, through the likeliest and its two
+    neighbours; the likeliest itself where it has no neighbour on one side, or is none.
+
+    Parameters
+    ----------
+    shares : ndarray, shape (choices,)
+        In rising order.
+    logs : ndarray, shape (choices,)
+        Log evidence, prior odds included.
+    """
+    at = int(np.argmax(logs))
+    if not 1 < at < len(shares) - 1 or not np.isfinite(logs[at - 1 : at + 2]).all():
+        return float(shares[at])
+    below, above = np.log(shares[at - 1 : at + 2 : 2] / shares[at])
+    left, right = logs[at - 1 : at + 2 : 2] - logs[at]
+    slope = (left * above**2 - right * below**2) / (below * above * (above - below))
+    bend = 2.0 * (right * below - left * above) / (below * above * (above - below))
+    if not bend < 0.0:
+        return float(shares[at])
+    return float(shares[at] * np.exp(np.clip(-slope / bend, below, above)))
+
+
 def sizes_about(share: float, shares: np.ndarray) -> np.ndarray:
     """Return sizes of the latent force around one, and none; that alone where there is no other."""
     if not shares.any():

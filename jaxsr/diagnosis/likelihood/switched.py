@@ -31,3 +31,11 @@ def switched(problem: Problem, theta: np.ndarray, least: int = 1) -> Problem | N
     stepping = replace(problem.stepping, widths=widths, smooth=None)
     found = steady(with_steps(replace(problem, stepping=stepping), "rk4", least), theta)
     return found if found.stepping.method == "rk4" else None
+
+
+def rounded(problem: Problem, width: float, theta: np.ndarray) -> Problem:
+    """Return the problem with its jumps rounded over `width` times the sharpest that data tell."""
+    widths = tuple(width * w for w in problem.stepping.widths)
+    if not widths:
+        return problem
+    return steady(replace(problem, stepping=replace(problem.stepping, widths=widths)), theta)

@@ -13,7 +13,8 @@ from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
 from jaxsr.diagnosis.likelihood.scales import Scales, grams
-from jaxsr.diagnosis.likelihood.switched import switched
+from jaxsr.diagnosis.likelihood.steps import resolved
+from jaxsr.diagnosis.likelihood.switched import rounded, switched
 from jaxsr.diagnosis.likelihood.workspace import Workspace, along, in_columns
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.diagnosis.mechanisms.site import Threshold
@@ -101,6 +102,7 @@ def tabled(
     path: np.ndarray,
     noise: Noise | None = None,
     decay: float | None = None,
+    width: float | None = None,
 ) -> Table:
     """Linearise about a path by the constants of all candidates at once.
 
@@ -112,6 +114,9 @@ def tabled(
         Of the sensors; that of the workspace by default.
     decay : float, optional
         Of the latent force, from sample to sample; that of the workspace by default.
+    width : float, optional
+        Of the jumps along the path, in the sharpest that the data can tell; exact by default. A
+        path with rounded jumps is no motion of a model with exact ones.
     """
     model, values = work.columns, in_columns(work, theta)
     problem = switched(work.narrow, values, work.narrow.stepping.substeps) or work.narrow
@@ -122,6 +127,9 @@ def tabled(
         indices = model.index(i, coefficients_only=not fixed)
         active += [j for j in indices if j not in active]
         own[work.place[i]] = tuple(active.index(j) for j in indices)
+    if width:
+        args = values, path, noise or work.scales.noise, work.scales.start[: len(path)], active
+        problem = resolved(rounded(work.narrow, width, values), *args)
     args = problem.simulator, problem.stepping, problem.segments, values, path
     local = linearised(*args, active)
     places = tuple(active.index(j) for j in work.scales.forces)
