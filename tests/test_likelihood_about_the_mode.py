@@ -1,0 +1,72 @@
+"""Evidence does not hang on what was tried first; additions are asked about the leader's motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_likelihood_first_steps import recorded as joint
+from test_likelihood_first_steps import weighed
+from test_likelihood_search import MODEL, recorded
+
+from jaxsr.diagnosis.likelihood.course import followed
+from jaxsr.diagnosis.likelihood.hypotheses import hypothesis
+from jaxsr.diagnosis.likelihood.loop import about, begun
+from jaxsr.diagnosis.likelihood.offered import offered
+from jaxsr.diagnosis.likelihood.scales import likeliest_size, log_odds
+from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.models import Simulator, parse_model
+from jaxsr.models.segments import Prepared
+
+
+def test_the_likeliest_size_is_the_top_of_a_parabola() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        sizes = np.cumsum(rng.uniform(0.1, 0.8, 5)) + rng.normal()
+        top = rng.uniform(sizes[1], sizes[3])
+        logs = -rng.uniform(0.1, 1e4) * (sizes - top) ** 2 + rng.normal()
+        shares, whole = np.append(0.0, np.exp(sizes)), np.append(logs.min() - 1.0, logs)
+        assert np.log(likeliest_size(shares, whole)) == pytest.approx(top, abs=1e-6)
+        assert likeliest_size(shares, np.arange(6.0)) == shares[-1]
+        assert likeliest_size(shares, -np.arange(6.0)) == 0.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(3))
+def test_evidence_is_the_same_from_any_sizes_of_the_force(seed: int) -> None:
+    """Sizes that were tried in turn differed by a quarter, and evidences by several units."""
+    every, work, table, null = weighed([joint(np.random.default_rng(seed), 2.0, 32.0)])
+    number = next(i for i, c in enumerate(every.candidates) if c.mechanism == "viscous_damping")
+    found = []
+    for factor in (1.0, 1.06, 1.12, 1.18):
+        shares = factor * table.scales.shares
+        begun_there = replace(table, scales=replace(table.scales, shares=shares))
+        found.append(hypothesis(work, begun_there, (number,), null))
+    assert all(h is not None and h.share > 0.0 for h in found)
+    assert np.ptp([h.log_evidence for h in found if h is not None]) < 0.5
+
+
+@pytest.mark.long
+def test_additions_are_asked_about_jumps_as_round_as_those_of_the_leader() -> None:
+    """With exact jumps its path is no motion of its model, and has none of its evidence."""
+    simulator = Simulator(parse_model(MODEL))
+    rng, prepared = np.random.default_rng(3), []
+    for _ in range(2):
+        run = recorded(rng, lambda q, v: -1.5 * np.tanh(v / 0.05))
+        prepared.append(Prepared.build(simulator.model, run))
+    course = followed(simulator.model, prepared)
+    assert course is not None
+    every = SuperModel.build(simulator.model, offered(simulator.model, course, ()))
+    work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
+    state, table = begun(work, course.null)
+    number = next(i for i, c in enumerate(every.candidates) if c.mechanism == "coulomb_friction")
+    leader = hypothesis(work, table, (number,), state.known[()])
+    assert leader is not None and leader.width is not None and leader.width > 0.0
+    here = about(work, leader)
+    own = [*here.base, *(k for k in here.own[number] if k not in here.base)]
+    known = leader.log_evidence - float(log_odds(leader.share))
+    assert here.best(own) == pytest.approx(known, abs=0.5)
+    exact = about(work, replace(leader, width=None))
+    assert exact.best(own) < known - 50.0
