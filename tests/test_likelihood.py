@@ -165,13 +165,14 @@ def test_lanes_do_not_touch_each_other(way: str, monkeypatch: pytest.MonkeyPatch
             assert together.log_determinant[lane] == pytest.approx(alone.log_determinant[0])
 
 
+@pytest.mark.parametrize("states", [9, recursions.WIDE + 4])
 @pytest.mark.parametrize("missing", [0.0, 0.5])
 def test_compiled_recursions_are_those_of_numpy(
-    missing: float, monkeypatch: pytest.MonkeyPatch
+    missing: float, states: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Six readings of nine states in 300 samples: equal to rounding, samples missing or not."""
+    """Six readings of few or many states, 300 samples, some missing or none: equal to rounding."""
     rng = np.random.default_rng(7)
-    steps, pieces, states, outputs = 300, 2, 9, 6
+    steps, pieces, outputs = 300, 2, 6
     innovation = rng.normal(size=(steps + 1, pieces, outputs))
     innovation[rng.uniform(size=innovation.shape) < missing] = np.nan
     local = LocalModel(

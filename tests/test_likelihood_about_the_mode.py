@@ -10,6 +10,7 @@ from test_likelihood_first_steps import recorded as joint
 from test_likelihood_first_steps import weighed
 from test_likelihood_search import MODEL, recorded
 
+from jaxsr.diagnosis.likelihood import hypotheses
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import hypothesis
 from jaxsr.diagnosis.likelihood.loop import about, begun
@@ -70,3 +71,26 @@ def test_additions_are_asked_about_jumps_as_round_as_those_of_the_leader() -> No
     assert here.best(own) == pytest.approx(known, abs=0.5)
     exact = about(work, replace(leader, width=None))
     assert exact.best(own) < known - 50.0
+
+
+@pytest.mark.long
+def test_noise_is_sought_anew_beside_what_does_something_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    every, work, table, null = weighed([joint(np.random.default_rng(0), 2.0, 32.0)])
+    asked, likeliest = [], hypotheses.likeliest
+
+    def counted(*args):
+        asked.append(1)
+        return likeliest(*args)
+
+    monkeypatch.setattr(hypotheses, "likeliest", counted)
+    for mechanism, anew in (("power_law_drag", True), ("sensor_bias", False)):
+        asked.clear()
+        number = next(i for i, c in enumerate(every.candidates) if c.mechanism == mechanism)
+        found = hypothesis(work, table, (number,), null)
+        assert found is not None
+        assert (found.log_evidence > null.log_evidence + hypotheses.CLEAR) == anew
+        assert bool(asked) == anew
+        if not anew:
+            assert found.noise is null.noise

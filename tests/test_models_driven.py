@@ -7,9 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsr.models import Simulator, parse_model
+from jaxsr.models import Simulator, driven, parse_model
+from jaxsr.models.directions import Stages
 from jaxsr.models.driven import driven_states, known_states
+from jaxsr.models.field import Field
+from jaxsr.models.following import stepped
 from jaxsr.models.model import DRIVEN
+from jaxsr.models.parts import Part
 from jaxsr.models.rollout import Stepping, linearise, outputs
 from jaxsr.models.segments import Prepared, build_segments
 from jaxsr.recordings import Recording
@@ -63,6 +67,49 @@ def test_how_a_memory_follows_its_constants():
         known_states(LAGGED, item, theta + d * np.array([0.0, 1.0]))[:, 1] for d in (1e-4, -1e-4)
     ]
     np.testing.assert_allclose(slopes[:, 0, 0], (apart[0] - apart[1]) / 2e-4, atol=1e-5)
+
+
+CHAINED = replace(
+    PLAIN,
+    states=("q", "w", "x", "z"),
+    equations={"q": "-q", "w": "(u - w)/tau", "x": "(q*u - x)/0.01", "z": "(w - z**3)/0.02"},
+    initial={"q": "free", "w": DRIVEN, "x": DRIVEN, "z": DRIVEN},
+)
+
+
+def test_memories_that_do_not_act_on_each_other_are_followed_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As all of them together are: x fades by itself, z follows w; all within a sample."""
+    item = prepared(1.0 + np.sin(3.0 * TIME))
+    theta, chosen = np.array([0.0, 0.3]), ("tau",)
+    found, independent = [], driven._independent  # pyright: ignore[reportPrivateUsage]
+    for apart in (True, False):
+
+        def groups(*args, apart: bool = apart) -> list[tuple[int, ...]] | None:
+            known = independent(*args)
+            assert known == [(1, 3), (2,)]
+            return known if apart else None
+
+        monkeypatch.setattr(driven, "_independent", groups)
+        found.append(driven_states(Simulator(CHAINED), item, theta, chosen))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+    path, slopes, by_start = found[0]
+    assert np.abs(path).min(axis=0).max() > 0.0 and np.abs(slopes[:, 2]).max() > 1e-3
+    assert not by_start[:, 1, [0, 2]].any()
+
+
+def test_a_memory_that_acts_on_what_is_known_is_followed_with_it() -> None:
+    """Inside a step it acts back on itself by that."""
+    model = replace(CHAINED, equations={**CHAINED.equations, "q": "x - q"})
+    simulator, item = Simulator(model), prepared(1.0 + np.sin(3.0 * TIME))
+    field, x = Field(simulator, simulator.values()), [np.ones((3, 1))] * 4
+    stages = Stages(np.ones((3, 1, 3, 1)), {})
+    part = Part(stages, np.zeros((3, 1)), np.full((3, 1), 0.05))
+    _, (taken,) = stepped(field, "rodas3", x, [part])
+    assert driven._independent(taken, model.states, 1) is None  # pyright: ignore[reportPrivateUsage]
+    assert np.isfinite(known_states(model, item)).all()
 
 
 def test_driven_starts_are_given_and_not_estimated():

@@ -7,14 +7,20 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from jaxsr.models.directions import Directions, Stages
 from jaxsr.models.field import Field, Point
+from jaxsr.models.following import stepped
 from jaxsr.models.inputs import stage_inputs
 from jaxsr.models.model import Model
-from jaxsr.models.sensitivity import advanced, condensed
+from jaxsr.models.parts import Part
+from jaxsr.models.programs import program_of
+from jaxsr.models.sensitivity import condensed
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.states import StateEstimate
+from jaxsr.models.steps import METHODS
+from jaxsr.models.transitions import Taken, transition
 
 NEWTON_STEPS = 3  # one suffices where a memory is linear
 ITERATIONS = 12
@@ -127,7 +133,6 @@ def _course(
     x = np.nan_to_num(item.states.values[:, :known])
     time, u = item.time, item.inputs
     field = Field(simulator, theta)
-    to = Directions(tuple(model.states), {}, {}, tuple(model.inputs))
     table = [stage_inputs(time, column, model.input_hold, 1) for column in u.T]
     values = np.array([[c[s][:, 0] for c in table] for s in range(3)])[..., None]
     stages = Stages(values.reshape(3, len(table), time.size - 1, 1), {})
@@ -135,17 +140,17 @@ def _course(
     path[:known] = x.T[..., None]
     rest = _at_rest(field, time[0], x[0], u[0], count) if start is None else np.array(start)
     path[known:] = rest[:, None, None]
-    length = np.diff(time)[:, None, None]
+    part = Part(stages, time[:-1, None], np.diff(time)[:, None])
     method = _method(field, time, x[0], u[0], rest)
     with np.errstate(all="ignore"):
         for _ in range(ITERATIONS):
-            ends, tangents = advanced(
-                field, to, method, list(path[:, :-1]), time[:-1, None], length, lambda _: stages
-            )
-            slopes, defects = tangents, np.stack(ends) - path[:, 1:]
-            slopes[:known], defects[:known] = 0.0, 0.0
-            _, shift = condensed(slopes, defects)
-            shift = np.clip(np.nan_to_num(shift[known:]), -LARGEST, LARGEST)
+            ends, blocks = _led(field, method, list(path[:, :-1]), part, known)
+            shift = np.zeros((count, *path.shape[1:]))
+            for group, slopes in blocks:
+                at = [i - known for i in group]
+                defects = np.stack([ends[i] for i in group]) - path[list(group), 1:]
+                shift[at] = condensed(slopes, defects)[1]
+            shift = np.clip(np.nan_to_num(shift), -LARGEST, LARGEST)
             path[known:] += shift
             size = np.abs(path[known:]).max() + 1e-300
             if np.abs(shift).max() < 1e-9 * size:
@@ -165,24 +170,80 @@ def _path(
     model, time = simulator.model, item.time
     n, known = len(model.states), len(model.states) - len(model.driven)
     course = _course(simulator, item, theta, start)
-    path, length = course.path, np.diff(time)[:, None, None]
-    columns = {name: n + k for k, name in enumerate(chosen)}
-    to = Directions(tuple(model.states), columns, {}, tuple(model.inputs))
-    field = Field(simulator, theta, active=chosen)
+    path, field = course.path, Field(simulator, theta, active=chosen)
+    part = Part(course.inputs, time[:-1, None], np.diff(time)[:, None])
+    by_start = np.zeros((time.size, n - known, n - known))
+    by_parameter = np.zeros((time.size, n - known, len(chosen)))
     with np.errstate(all="ignore"):
-        _, tangents = advanced(
-            field,
-            to,
-            course.method,
-            list(path[:, :-1]),
-            time[:-1, None],
-            length,
-            lambda _: course.inputs,
-        )
-        tangents[:known] = 0.0
-        spread, _ = condensed(tangents, np.zeros((n, time.size - 1, 1)))
-        spread = np.clip(np.nan_to_num(spread[:, 0, known:]), -LARGEST, LARGEST)
-    return path[known:, :, 0].T, spread[..., n:], spread[..., known:n]
+        _, blocks = _led(field, course.method, list(path[:, :-1]), part, known, chosen)
+        for group, slopes in blocks:
+            spread, _ = condensed(slopes, np.zeros((len(group), time.size - 1, 1)))
+            spread = np.clip(np.nan_to_num(spread[:, 0]), -LARGEST, LARGEST)
+            at = [i - known for i in group]
+            by_start[:, np.array(at)[:, None], at] = spread[..., : len(group)]
+            by_parameter[:, at] = spread[..., len(group) :]
+    return path[known:, :, 0].T, by_parameter, by_start
+
+
+Block = tuple[tuple[int, ...], np.ndarray]
+
+
+def _led(
+    field: Field,
+    method: str,
+    x: list[np.ndarray],
+    part: Part,
+    known: int,
+    chosen: tuple[str, ...] = (),
+) -> tuple[list[np.ndarray], list[Block]]:
+    """Return where a step leads, and how the driven states follow themselves and parameters.
+
+    Returns
+    -------
+    ends : list of ndarray, shape (steps, 1)
+        All states after the step.
+    blocks : list of (tuple of int, ndarray)
+        Positions of driven states that follow no others, and their derivatives by each other and
+        by the parameters, shape (states, directions, steps, 1).
+    """
+    names, inputs = tuple(field.model.states), tuple(field.model.inputs)
+
+    def by(states: tuple[str, ...]) -> Directions:
+        return Directions(states, {c: len(states) + k for k, c in enumerate(chosen)}, {}, inputs)
+
+    driven, shape = tuple(range(known, len(names))), np.shape(x[0])
+    further = list(range(len(names), len(names) + len(chosen)))
+    program = program_of(field, by(names)) if method == "rk4" else None
+    if program is not None:
+        along, slopes = program.run(field, x, [part], by(names).count)
+        return list(along[-1]), [(driven, slopes[np.ix_(driven, [*driven, *further])])]
+    along, (taken,) = stepped(field, method, x, [part])
+    tableau, groups = METHODS[method][0], _independent(taken, names, known)
+    if groups is None:
+        slopes = transition(tableau, by(names), [taken], shape)
+        return along[-1], [(driven, slopes[np.ix_(driven, [*driven, *further])])]
+    return along[-1], [
+        (group, transition(tableau, by(tuple(names[i] for i in group)), [taken.of(group)], shape))
+        for group in groups
+    ]
+
+
+def _independent(taken: Taken, names: tuple[str, ...], known: int) -> list[tuple[int, ...]] | None:
+    """Return driven states in groups none of which acts on another, also inside a step.
+
+    None where one acts on a known state, and by that on the others.
+    """
+    driven = range(known, len(names))
+    size = len(driven)
+    acts = np.zeros((size, size), bool)
+    for rows in taken.rows:
+        for row in rows[:known]:
+            if any(names[j] in row and np.any(row[names[j]]) for j in driven):
+                return None
+        for i in driven:
+            acts[i - known] |= [names[j] in rows[i] for j in driven]
+    count, label = connected_components(acts, directed=False)
+    return [tuple(known + i for i in np.flatnonzero(label == k)) for k in range(count)]
 
 
 def _method(field: Field, time: np.ndarray, x: np.ndarray, u: np.ndarray, z: np.ndarray) -> str:

@@ -42,14 +42,28 @@ def followed(
     if program is not None:
         along, slopes = program.run(field, x, parts, 0 if to is None else to.count)
         return [list(states) for states in along], slopes
-    known, taken, shape = [list(x)], list[Taken](), np.shape(x[0])
-    tableau, step = METHODS[method]
-    for part in parts:
-        ask()
-        begin, h, stages = part.begin, part.length, part.stages
-        states, rows = step(field, known[-1], begin, h, stages, to is not None)
-        known.append(states)
-        taken.append(Taken(h, rows, stages))
+    known, taken = stepped(field, method, x, parts, to is not None)
+    shape = np.shape(x[0])
     if to is None:
         return known, np.zeros((len(x), 0, *shape))
-    return known, transition(tableau, to, taken, shape)
+    return known, transition(METHODS[method][0], to, taken, shape)
+
+
+def stepped(
+    field: Field, method: str, x: Sequence[Array], parts: Sequence[Part], slopes: bool = True
+) -> tuple[list[list[Array]], list[Taken]]:
+    """Return the states at the begin and after every step, and the steps that were taken.
+
+    Parameters
+    ----------
+    slopes : bool
+        Whether the Jacobian of the rates is wanted at every stage.
+    """
+    known, taken, step = [list(x)], list[Taken](), METHODS[method][1]
+    for part in parts:
+        ask()
+        h, stages = part.length, part.stages
+        states, rows = step(field, known[-1], part.begin, h, stages, slopes)
+        known.append(states)
+        taken.append(Taken(h, rows, stages))
+    return known, taken

@@ -63,6 +63,10 @@ class Taken:
     rows: Sequence[Sequence[Row]]
     stages: Stages
 
+    def of(self, states: Sequence[int]) -> Taken:
+        """Return the same for some of the states, on whose rates no other one's derivative acts."""
+        return Taken(self.length, [[rows[i] for i in states] for rows in self.rows], self.stages)
+
     def part(self, chosen: slice, steps: int) -> Taken:
         """Return the same for some of the samples."""
         if chosen.start == 0 and chosen.stop >= steps:

@@ -218,7 +218,8 @@ class _Begun:
         if found is None:
             return None
         _, at_mode, width = found
-        if follow.lost(at_mode):
+        idle = at_mode.log_evidence < follow.inside + CLEAR
+        if follow.lost(at_mode) or idle:  # beside what does nothing the noise is that of before
             return at_mode, width, scales
         # Beside what was missing, the noise is another than beside re-calibration.
         likely, gain = likeliest(at_mode, scales, follow.chosen, follow.belief)

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 Array = np.ndarray
+WIDE = 16
+"""States from which products of matrices are the library's: its calls cost less than they save."""
 
 
 class Choices(NamedTuple):
@@ -59,6 +61,7 @@ def filtered(
     whole = size + width
     both, moved = np.zeros((size, whole)), np.zeros((size, whole))
     read, gain = np.zeros(whole), np.zeros(size)
+    spread, ahead = np.zeros((size, size)), np.zeros((size, size))
     for choice in range(choices):
         for piece in range(pieces):
             for i in range(size):
@@ -96,23 +99,32 @@ def filtered(
                                 both[i, j] -= a * read[j]
                 if t + 1 == times:
                     break
-                for i in range(size):
-                    for j in range(whole):
-                        moved[i, j] = 0.0
-                    for k in range(size):
-                        a = transition[t, piece, i, k]
-                        if a != 0.0:
-                            for j in range(whole):
-                                moved[i, j] += a * both[k, j]
+                move = transition[t, piece]
+                if size < WIDE:
+                    for i in range(size):
+                        for j in range(whole):
+                            moved[i, j] = 0.0
+                        for k in range(size):
+                            a = move[i, k]
+                            if a != 0.0:
+                                for j in range(whole):
+                                    moved[i, j] += a * both[k, j]
+                    for i in range(size):
+                        for j in range(i, size):
+                            covered = 0.0
+                            for k in range(size):
+                                covered += moved[i, k] * move[j, k]
+                            ahead[i, j] = covered
+                else:
+                    np.dot(move, both, moved)
+                    spread[:] = moved[:, :size]
+                    np.dot(spread, move.T, ahead)
                 for i in range(size):
                     shrunk = decay[choice, i]
                     for j in range(width):
                         both[i, size + j] = shrunk * moved[i, size + j] + entering[t, piece, i, j]
                     for j in range(i, size):
-                        spread = 0.0
-                        for k in range(size):
-                            spread += moved[i, k] * transition[t, piece, j, k]
-                        both[i, j] = shrunk * decay[choice, j] * spread
+                        both[i, j] = shrunk * decay[choice, j] * ahead[i, j]
                         both[j, i] = both[i, j]
                     both[i, i] += process[choice, i]
             log_determinant[choice, piece] = total
@@ -152,6 +164,7 @@ def returned(
     size, states = len(start), len(result)
     mean, spread = np.zeros(size), np.zeros((size, size))
     moved, score, before = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+    ahead = np.zeros((size, size))
     means, spreads = np.zeros((times, size)), np.zeros((times, size, size))
     gains, lefts = np.zeros((times, outputs, size)), np.zeros((times, outputs))
     for piece in range(pieces):
@@ -190,24 +203,34 @@ def returned(
                 lefts[t, k] = left / variance
             if t + 1 == times:
                 break
+            move = transition[t, piece]
             for i in range(size):
                 total = 0.0
-                for j in range(size):
-                    moved[i, j] = 0.0
                 for k in range(size):
-                    a = transition[t, piece, i, k]
-                    if a != 0.0:
-                        total += a * mean[k]
-                        for j in range(size):
-                            moved[i, j] += a * spread[k, j]
+                    total += move[i, k] * mean[k]
                 before[i] = decay[i] * total + entering[t, piece, i, 0]
+            if size < WIDE:
+                for i in range(size):
+                    for j in range(size):
+                        moved[i, j] = 0.0
+                    for k in range(size):
+                        a = move[i, k]
+                        if a != 0.0:
+                            for j in range(size):
+                                moved[i, j] += a * spread[k, j]
+                for i in range(size):
+                    for j in range(i, size):
+                        total = 0.0
+                        for k in range(size):
+                            total += moved[i, k] * move[j, k]
+                        ahead[i, j] = total
+            else:
+                np.dot(move, spread, moved)
+                np.dot(moved, move.T, ahead)
             for i in range(size):
                 mean[i] = before[i]
                 for j in range(i, size):
-                    total = 0.0
-                    for k in range(size):
-                        total += moved[i, k] * transition[t, piece, j, k]
-                    spread[i, j] = decay[i] * decay[j] * total
+                    spread[i, j] = decay[i] * decay[j] * ahead[i, j]
                     spread[j, i] = spread[i, j]
                 spread[i, i] += process[i]
         for i in range(size):
