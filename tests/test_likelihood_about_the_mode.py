@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from test_likelihood_first_steps import recorded as joint
 from test_likelihood_first_steps import weighed
 from test_likelihood_search import MODEL, recorded
 
-from jaxsr.diagnosis.likelihood import hypotheses
+from jaxsr.diagnosis.likelihood import hypotheses, rounding
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import hypothesis
 from jaxsr.diagnosis.likelihood.loop import about, begun
@@ -94,3 +95,17 @@ def test_noise_is_sought_anew_beside_what_does_something_alone(
         assert bool(asked) == anew
         if not anew:
             assert found.noise is null.noise
+
+
+def test_the_width_is_refined_about_a_mode_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """About what is behind and did not rest, Newton's step promises what is not there."""
+    asked = []
+    widths = object.__new__(rounding._Widths)  # pyright: ignore[reportPrivateUsage]
+    monkeypatch.setattr(rounding._Widths, "_step", lambda self, w: asked.append(w))
+    widths.follow = SimpleNamespace(best=100.0)  # pyright: ignore[reportAttributeAccessIssue]
+    for log, settled, wanted in ((-1e8, False, 0), (-1e8, True, 1), (95.0, False, 1)):
+        asked.clear()
+        found = SimpleNamespace(log_evidence=log, settled=settled)
+        widths.tried = {1.0: (None, found)}  # pyright: ignore[reportAttributeAccessIssue]
+        assert widths.refined(1.0)[2] == 1.0
+        assert len(asked) == wanted

@@ -153,8 +153,11 @@ class _Widths:
         return at > 1.0 or not left(after, after - before, self.follow.best)
 
     def refined(self, best: float) -> tuple[Problem, Estimate, float]:
-        """Follow the width to its mode while there is hope, and take the best of all."""
-        while best > EXACT:
+        """Follow the width to its mode while there is hope, and take the best of all.
+
+        About what is behind and no mode, Newton's step promises anything.
+        """
+        while best > EXACT and (self.tried[best][1].settled or not self._behind(best)):
             step = self._step(best)
             if step is None or step.gain < SHARPENED:
                 break
@@ -167,6 +170,10 @@ class _Widths:
                 break
             best = nearer
         return self.at(max(self.tried, key=self.log_evidence))
+
+    def _behind(self, width: float) -> bool:
+        """Whether an estimate is so far behind the best known that nothing but a gain is hope."""
+        return left(self.log_evidence(width), 0.0, self.follow.best)
 
     def _step(self, width: float) -> WidthStep | None:
         """Return Newton's step from a width that was tried."""
