@@ -243,7 +243,7 @@ def _independent(taken: Taken, names: tuple[str, ...], known: int) -> list[tuple
         for i in driven:
             acts[i - known] |= [names[j] in rows[i] for j in driven]
     count, label = connected_components(acts, directed=False)
-    return [tuple(known + i for i in np.flatnonzero(label == k)) for k in range(count)]
+    return [tuple(known + int(i) for i in np.flatnonzero(label == k)) for k in range(count)]
 
 
 def _method(field: Field, time: np.ndarray, x: np.ndarray, u: np.ndarray, z: np.ndarray) -> str:
