@@ -65,11 +65,10 @@ def test_one_constant_has_its_own_truncated_normal_distribution() -> None:
         mean, spread = right / 9.0, 1.0 / 3.0
         known = (0.0 - mean) / spread, (4.0 - mean) / spread, mean, spread
         whole = -truncnorm.logpdf(found.mode[0], *known) - 0.5 * np.log(2.0 * np.pi)
-        apart = float(truncnorm.std(*known))
         assert found.log_integral == pytest.approx(whole, abs=1e-6)
-        assert apart <= found.deviation[0] * (1.0 + 1e-9)
-        if abs(right) > 20.0:
-            assert found.deviation[0] == pytest.approx(apart, rel=0.1)
+        if found.held.any():  # the interval that starts at the bound
+            reach = 1.959964 * found.deviation[0]
+            assert truncnorm.cdf(reach, *known) == pytest.approx(0.95, abs=1e-3)
 
 
 def test_the_integral_beside_one_bound_is_exact() -> None:
@@ -96,7 +95,7 @@ def test_what_only_both_could_be_is_not_inside_because_each_could(strong: float)
     found = Truncated.of(matrix, right, np.zeros(2), np.full(2, np.inf))
     assert (found.mode == 0.0).all()
     assert found.log_integral == pytest.approx(log_integral(found), abs=0.1)
-    assert (found.deviation <= 1.01 / strong).all()
+    assert (found.deviation <= 1.54 / strong).all()
 
 
 def test_a_free_constant_is_as_wide_as_those_that_are_held_leave_it() -> None:

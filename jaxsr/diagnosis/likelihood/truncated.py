@@ -8,10 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 from scipy.optimize import lsq_linear
-from scipy.special import erfcx, log_ndtr
+from scipy.special import erfcx, log_ndtr, ndtri_exp
 
 _potrf, _potrs, _trtri = get_lapack_funcs(("potrf", "potrs", "trtri"), dtype=np.float64)
 
+NORMAL = 1.959964
+"""Deviations of a normal distribution about its mean that 95 % of it lie within."""
+_STEEP = 1e4
+"""Slope, in the root of the curvature, from which a fall is exponential to any digit."""
 _ROUNDING = 1e-10
 """Slope at a bound, in the largest that there is, that is none."""
 
@@ -79,17 +83,26 @@ class Truncated:
 
     @functools.cached_property
     def deviation(self) -> np.ndarray:
-        """Standard deviations; of what is held at most those of an exponential fall."""
+        """Standard deviations; of what is held those whose double reaches to 95 % of its own."""
         free, held = ~self.held, self.held
         found = np.empty(len(self.mode))
         inverse = _inverted(self.factor)
         variance = (inverse**2).sum(axis=0)
         if held.any():
+            # An exponential fall is as wide as its slope says, a normal one as its curvature.
             own = 1.0 / np.maximum(self._curvature, self.slope**2)
             variance = variance + _solved(self.factor, self._across) ** 2 @ own
-            found[held] = np.sqrt(own)
+            found[held] = self._reach / NORMAL
         found[free] = np.sqrt(variance)
         return found
+
+    @property
+    def _reach(self) -> np.ndarray:
+        """How far from their bounds 95 % of what is held lies, the other bound left aside."""
+        root = np.sqrt(self._curvature)
+        near = np.minimum(self.slope / root, _STEEP)
+        beyond = -ndtri_exp(np.log(0.05) + log_ndtr(-near))
+        return np.minimum((beyond - near) / root, -np.log(0.05) / np.maximum(self.slope, 1e-300))
 
     @property
     def _across(self) -> np.ndarray:
