@@ -8,6 +8,7 @@ from scipy.optimize import lsq_linear
 from scipy.special import log_ndtr
 from scipy.stats import truncnorm
 
+from jaxsr.diagnosis.likelihood import truncated
 from jaxsr.diagnosis.likelihood.truncated import Truncated
 
 
@@ -56,6 +57,10 @@ def test_the_mode_is_that_of_bounded_least_squares() -> None:
             return float(0.5 * z @ matrix @ z - right @ z)
 
         assert cost(found.mode) <= cost(wanted) + 1e-6 * (1.0 + abs(cost(wanted)))
+        # what stands in where active sets go round
+        mode, held = truncated._by_library(right, low, high, factor)  # pyright: ignore[reportPrivateUsage]
+        assert (held == found.held).all()
+        np.testing.assert_allclose(mode, found.mode, rtol=1e-5, atol=1e-6)
     assert touched > 100
 
 

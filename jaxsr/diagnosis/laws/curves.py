@@ -142,8 +142,7 @@ def laws_along(
         budget=seconds,
     )
     n = independent_residuals(entry)
-    fit = [p for p in found if 0 < len(p.terms) <= MAX_TERMS and estimable(p)]
-    fit = [p for p in fit if not has_a_name(p)]
+    fit = [p for p in found if estimable(p) and not has_a_name(p)]
     fit.sort(key=lambda p: p.loss * len(onto) + length_of(p, n))
     site = next(s for s in sites_of(case.simulator.model, {}) if s.state == curve.state)
     signals = {s: x.ravel() for s, x in zip(site.model.states, entry.fit.path, strict=False)}

@@ -136,11 +136,7 @@ def laws_at(case: Case, place: Place, rng: np.random.Generator) -> list[Law]:
         budget=seconds,
     )
     nothing, n = view.cost(np.zeros((view.samples, 0))), independent_residuals(place.entry)
-    laws = [
-        (p, p.loss * view.target.size + view.beyond)
-        for p in found
-        if 0 < len(p.terms) <= MAX_TERMS and estimable(p)
-    ]
+    laws = [(p, p.loss * view.target.size + view.beyond) for p in found if estimable(p)]
     nameless = [law for law in laws if not has_a_name(law[0])]
     state = case.simulator.model.states.index(place.site.state)
     site = replace(place.site, scale=state_scale(case.simulator.model, case.prepared))

@@ -191,11 +191,12 @@ def _written(term: Term, sizes: dict[str, float], inner: list[float], within: st
 
 
 def estimable(proposal: Proposal) -> bool:
-    """Whether its coefficients are inside the bounds of coefficients.
+    """Whether it has few terms, and coefficients inside the bounds of coefficients.
 
     q (q^2 + 47)^-61 is a bell of its own kind, and wants 1e102 of itself.
     """
-    return bool((np.abs(proposal.coefficients) < UNLIMITED).all())
+    few = 0 < len(proposal.terms) <= MAX_TERMS
+    return few and bool((np.abs(proposal.coefficients) < UNLIMITED).all())
 
 
 def has_a_name(proposal: Proposal) -> bool:

@@ -11,15 +11,7 @@ from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.enter import active_parameters
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.laws.naming import named
-from jaxsr.diagnosis.laws.unnamed import (
-    FORCES,
-    MAX_TERMS,
-    Law,
-    as_candidate,
-    estimable,
-    law_of,
-    sizes_of,
-)
+from jaxsr.diagnosis.laws.unnamed import FORCES, Law, as_candidate, estimable, law_of, sizes_of
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.evolution import SearchConfig, propose
@@ -40,7 +32,7 @@ def propose_unnamed(
 
     Where `entry` has forces at all, only their equations are asked. Returns the candidate with
     its coefficients, and the members of `entry` that stand elsewhere; None where no law of at
-    most `MAX_TERMS` terms removes enough.
+    most `unnamed.MAX_TERMS` terms removes enough.
     """
     every = arena.super_model.candidates
     at = {i: every[i].site.partition(":")[2] for i in entry.members}
@@ -154,8 +146,7 @@ def _search(
         config=SearchConfig(population=120, generations=25),
         budget=seconds,
     )
-    found = [p for p in found if 0 < len(p.terms) <= MAX_TERMS and estimable(p)]
-    return [p for p in found if p.relative_loss < WORTH]
+    return [p for p in found if estimable(p) and p.relative_loss < WORTH]
 
 
 def _worst_state(system: WeakSystem, states: Iterable[int]) -> int:

@@ -119,7 +119,6 @@ def tabled(
         path with rounded jumps is no motion of a model with exact ones.
     """
     model, values = work.columns, in_columns(work, theta)
-    problem = switched(work.narrow, values, work.narrow.stepping.substeps) or work.narrow
     active = list(model.base_index())
     own: dict[int, tuple[int, ...]] = {}
     for i, candidate in enumerate(model.candidates):
@@ -130,6 +129,8 @@ def tabled(
     if width:
         args = values, path, noise or work.scales.noise, work.scales.start[: len(path)], active
         problem = resolved(rounded(work.narrow, width, values), *args)
+    else:
+        problem = switched(work.narrow, values, work.narrow.stepping.substeps) or work.narrow
     args = problem.simulator, problem.stepping, problem.segments, values, path
     local = linearised(*args, active)
     places = tuple(active.index(j) for j in work.scales.forces)

@@ -143,11 +143,17 @@ def _held_inside(
         mode = np.clip(mode, low, high)
         pull = right[free] - matrix[np.ix_(free, held)] @ mode[held]
         mode[free] = _solved(factored(matrix[np.ix_(free, free)]), pull)
-    # Sets that go round: the library's own steps do not.
-    half = np.linalg.solve(factor, right) if len(right) else right
-    apart = _ROUNDING * (1.0 + np.abs(mode))  # it wants room between bounds
-    mode = np.clip(lsq_linear(factor.T, half, (low - apart, high + apart)).x, low, high)
-    return mode, (mode <= low) | (mode >= high)
+    return _by_library(right, low, high, factor)  # sets that go round
+
+
+def _by_library(
+    right: np.ndarray, low: np.ndarray, high: np.ndarray, factor: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mode inside bounds, and what is held there, by bounded least squares."""
+    apart = _ROUNDING * (1.0 + np.minimum(np.abs(low), np.abs(high)))  # it wants room between
+    half = np.linalg.solve(factor, right)
+    found = lsq_linear(factor.T, half, (low - apart, high + apart), method="bvls")
+    return np.clip(found.x, low, high), found.active_mask != 0
 
 
 def factored(matrix: np.ndarray) -> np.ndarray:
