@@ -17,8 +17,8 @@ from jaxsr.diagnosis import settled as module
 from jaxsr.diagnosis.explanations import explanations, unnamed, weights_of
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.likelihood.posterior import Posterior, WrongValue
-from jaxsr.diagnosis.settled import answered
-from jaxsr.diagnosis.verdict import Claim, claimed
+from jaxsr.diagnosis.settled import answered, plainest
+from jaxsr.diagnosis.verdict import Claim, Explanation, claimed
 from jaxsr.models import Simulator, parse_model
 from tests.test_likelihood_search import MODEL, recorded
 
@@ -30,6 +30,10 @@ class Named:
     label: str
     verdict: Verdict = Verdict.STRUCTURE
     mechanism: str = ""
+
+    @property
+    def site(self) -> str:
+        return self.label.partition("@")[2]
 
 
 @dataclass(frozen=True)
@@ -165,6 +169,46 @@ def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:
     probability, others = weights.alternatives(model, cast("Any", chosen), 0, cast("Any", entries))
     assert probability == pytest.approx(0.76)
     assert [(a.number, a.probability) for a in others] == [(2, 0.2)]
+
+
+def test_a_richer_law_counts_as_the_one_inside_that_is_told_in_its_place() -> None:
+    """That friction of one size acts is as probable as that it does, or more with it."""
+    told = [
+        Explanation(frozenset({"b@x", "c@y"}), Verdict.STRUCTURE, 0.7),
+        Explanation(frozenset({"a@x", "c@y"}), Verdict.STRUCTURE, 0.2),
+        Explanation(frozenset({"c@y"}), Verdict.MEASUREMENT, 0.1),
+    ]
+    weights = weights_of(told, {"b@x": "a@x"})
+    assert weights.of_label("a@x") == pytest.approx(0.9)
+    assert weights.of_label("b@x") == 0.0
+    model = cast("Any", type("M", (), {"candidates": CANDIDATES}))
+    plain, richer = Estimated((0, 3)), Estimated((2, 3))
+    entries = cast("Any", [plain, richer, Estimated((3,)), Estimated(())])
+    probability, others = weights.alternatives(model, cast("Any", plain), 0, entries)
+    assert probability == pytest.approx(0.9)
+    assert others == []  # the richer law is no other cause
+    assert weights.share(model, cast("Any", richer)) == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize(("left", "named"), [(1.0, 1), (20.0, 1), (20.0, 0)])
+def test_a_richer_law_is_named_where_it_explains_more_than_is_left(
+    left: float, named: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    candidates = (
+        Named("coulomb_friction@equation:v", mechanism="coulomb_friction"),
+        Named("stribeck_friction@equation:v", mechanism="stribeck_friction"),
+    )
+    arena = SimpleNamespace(super_model=SimpleNamespace(candidates=candidates))
+    plain, richer = Estimated((0,)), Estimated((1,))
+    monkeypatch.setattr(module, "residual_to_noise", lambda *_: left)
+    monkeypatch.setattr(module, "fewest", lambda chosen, *_: chosen)
+    monkeypatch.setattr(module, "no_richer", lambda *_: ([richer, plain], (plain, richer)[named]))
+    found = cast("Any", ((arena, [richer], richer, None), 1.0, None))
+    claim = Claim(Verdict.STRUCTURE, frozenset({candidates[1].label}), 1.0)
+    ((_, entries, chosen, _), *_), renamed = plainest(found, claim, lambda: False)
+    assert chosen is (plain, richer)[named]
+    assert plain in entries or left == 1.0
+    assert renamed == ({} if named else {candidates[1].label: candidates[0].label})
 
 
 def test_the_chosen_set_is_the_one_that_is_claimed() -> None:

@@ -230,8 +230,8 @@ def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Cl
     told = explanations(found, case.simulator.model, above)
     claim = claimed(told, unnamed(told), costs)
     decision = answered(decision, claim, case.simulator.model.free_parameters)
-    decision = plainest(decision, claim)
-    weights = replace(weights_of(told), deviations=deviations_of(found))
+    decision, renamed = plainest(decision, claim, lambda: case.search.exhausted)
+    weights = replace(weights_of(told, renamed), deviations=deviations_of(found))
     return decision, weights, claim
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from jaxsr._result import Verdict
@@ -19,12 +19,17 @@ def labels_of(found: Posterior, item: Hypothesis) -> frozenset[str]:
     return frozenset(found.candidates[i].label for i in item.members)
 
 
-def weights_of(told: Sequence[Explanation]) -> Weights:
-    """Sum the probabilities of variants of one set."""
-    mass: dict[frozenset[str], float] = {}
-    for item in told:
-        mass[item.labels] = mass.get(item.labels, 0.0) + item.probability
-    return Weights(mass)
+def weights_of(told: Sequence[Explanation], renamed: Mapping[str, str] | None = None) -> Weights:
+    """Sum the probabilities of variants of one set.
+
+    Parameters
+    ----------
+    told : sequence of Explanation
+    renamed : mapping of str to str, optional
+        Labels of richer laws to those of the laws inside that are told in their place: that one of
+        them acts is as probable as that either does.
+    """
+    return Weights.summed(((item.labels, item.probability) for item in told), renamed)
 
 
 def deviations_of(found: Posterior) -> dict[tuple[str, str], float]:

@@ -8,7 +8,7 @@ is told by the posterior and two costs (`diagnosis.verdict`).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, combinations
 
@@ -44,7 +44,9 @@ from jaxsr.diagnosis.likelihood.loop import State
 from jaxsr.diagnosis.likelihood.paths import path_over
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.search.believed import plainest as no_richer
 from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
+from jaxsr.diagnosis.search.nesting import inner_of
 from jaxsr.diagnosis.thinning import for_evidence
 from jaxsr.diagnosis.verdict import Claim
 
@@ -54,6 +56,8 @@ RIVALS, TOLD = 4, 1e-3
 """Sets beside the leading one that the report compares it with, and from which probability on; the
 first of them whatever it has."""
 
+Renamed = Mapping[str, str]
+"""Labels, and those that are told in their place."""
 Settled = tuple[tuple[Arena, list[Entry], Entry, Detection], float, StoppedBy]
 
 
@@ -145,20 +149,26 @@ def answered(found: Settled, claim: Claim, free: Collection[str]) -> Settled:
     return (arena, entries, of.get(wanted, chosen), detection), headline, stopped
 
 
-def plainest(found: Settled, claim: Claim) -> Settled:
-    """Return a decision with the fewest members that matter beside what is left.
+def plainest(found: Settled, claim: Claim, stop: Callable[[], bool]) -> tuple[Settled, Renamed]:
+    """Return a decision with the fewest members that matter, and their laws no richer than needed.
 
     Where free runs leave more than the sensors' noise, something acts that nobody named. What
-    members explain together may imitate it, if it is less than that (`judging.parsimony`). One of
-    the claimed verdict stays.
+    members explain together, or a law beyond the one inside it, may imitate it, if it is less than
+    that (`judging.parsimony`). One of the claimed verdict stays. With it come the labels of richer
+    laws that are told by those of the laws inside.
     """
     (arena, entries, chosen, detection), headline, stopped = found
     if residual_to_noise(arena, chosen) <= ABOVE_NOISE:
-        return found
+        return found, {}
     every, members = arena.super_model.candidates, {*chosen.members}
     inside = [e for e in entries if {*e.members} < members]
     inside = [e for e in inside if any(every[i].verdict is claim.verdict for i in e.members)]
-    return (arena, entries, fewest(chosen, arena, inside), detection), headline, stopped
+    few = fewest(chosen, arena, inside)
+    entries, plain = no_richer(arena, few, entries, stop)
+    richer = (i for i in few.members if i not in plain.members)
+    inner = {every[i].label: inner_of(every, i) for i in richer}
+    renamed = {label: every[i].label for label, i in inner.items() if i is not None}
+    return ((arena, entries, plain, detection), headline, stopped), renamed
 
 
 def decided_by_evidence(case: Case, found: Posterior) -> Settled:
@@ -218,7 +228,9 @@ def _starts(
     """
     own = [found.candidates[i] for i in dict.fromkeys(i for h in shown for i in h.members)]
     others = contenders(case, leading_sets(case))[0].candidates if found.timely else ()
-    candidates = own + [c for c in others if c not in own]
+    inner = [inner_of(found.candidates, i) for i in found.leader.members]
+    others = [found.candidates[i] for i in inner if i is not None] + [*others]
+    candidates = own + [c for c in dict.fromkeys(others) if c not in own]
     super_model = SuperModel.build(case.simulator.model, candidates)
     order = {name: k for k, name in enumerate(super_model.model.parameters)}
     starts: list[Start] = []

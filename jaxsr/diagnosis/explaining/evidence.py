@@ -278,6 +278,13 @@ def _probability(parts: Ingredients, entry: Entry) -> float | None:
     return parts.weights.of.get(frozenset(candidates[i].label for i in entry.members))
 
 
+def _richer(parts: Ingredients, entry: Entry) -> bool:
+    """Whether a set counts as one with a simpler law in the place of one of its own."""
+    candidates = parts.arena.super_model.candidates
+    labels = {candidates[i].label for i in entry.members}
+    return parts.weights is not None and not labels.isdisjoint(parts.weights.renamed)
+
+
 def _by_evidence(told: float | None, taken: float | None) -> str:
     """Say how probable a set is beside the one that was taken."""
     if told is None:
@@ -293,6 +300,8 @@ def _reason(parts: Ingredients, entry: Entry) -> str:
     if parts.weights is not None:
         if entry is parts.chosen:
             return "By the evidence of the recordings."
+        if _richer(parts, entry):
+            return "Explains less beyond the simpler law than nobody named: counted with that one."
         return _by_evidence(_probability(parts, entry), _probability(parts, parts.chosen))
     if entry is parts.chosen:
         if not entry.members:

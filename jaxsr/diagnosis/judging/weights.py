@@ -23,14 +23,35 @@ class Weights:
     of : dict of frozenset of str to float
     deviations : mapping of (str, str) to float
         Posterior deviations of the leading set's constants, by label and by their own names.
+    renamed : mapping of str to str
+        Labels of richer laws that count as the simpler ones inside them.
     """
 
     of: dict[frozenset[str], float]
     deviations: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    renamed: Mapping[str, str] = field(default_factory=dict)
+
+    @staticmethod
+    def summed(
+        told: Iterable[tuple[frozenset[str], float]], renamed: Mapping[str, str] | None = None
+    ) -> Weights:
+        """Return weights of sets: those of variants of one set, and of what counts as it, added."""
+        found = Weights({}, renamed=renamed or {})
+        for labels, probability in told:
+            known = found.counted(labels)
+            found.of[known] = found.of.get(known, 0.0) + probability
+        return found
+
+    def counted(self, labels: Iterable[str]) -> frozenset[str]:
+        """Return labels as they count."""
+        return frozenset(self.renamed.get(label, label) for label in labels)
 
     def share(self, super_model: SuperModel, entry: Entry) -> float:
         """Return the probability of one set."""
-        return self.of.get(frozenset(super_model.candidates[i].label for i in entry.members), 0.0)
+        return self.of.get(self._of_entry(super_model, entry), 0.0)
+
+    def _of_entry(self, super_model: SuperModel, entry: Entry) -> frozenset[str]:
+        return self.counted(super_model.candidates[i].label for i in entry.members)
 
     def of_label(self, label: str) -> float:
         """Return the probability that a mechanism at its site is part of the truth."""
@@ -50,11 +71,11 @@ class Weights:
         rest = frozenset(candidates[i].label for i in chosen.members if i != number)
         mass: dict[str, Alternative] = {}
         for entry in entries:
-            labels = frozenset(candidates[i].label for i in entry.members)
+            labels = self._of_entry(super_model, entry)
             swapped = labels - rest
             if own in labels or not rest <= labels or len(swapped) != 1:
                 continue
-            other = next(i for i in entry.members if candidates[i].label in swapped)
+            other = next(i for i in entry.members if self.counted([candidates[i].label]) == swapped)
             probability = self.of.get(labels, 0.0)
             mass.setdefault(candidates[other].label, Alternative(other, probability, entry))
         return self.of_label(own), sorted(mass.values(), key=lambda a: -a.probability)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from jaxsr.diagnosis.contest.arena import neutral_values
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 
 INSIDE: Mapping[str, tuple[str, Mapping[str, str | float]]] = {
@@ -15,6 +16,13 @@ INSIDE: Mapping[str, tuple[str, Mapping[str, str | float]]] = {
     "power_law_drag": ("quadratic_drag", {"kd": "kd", "p": 2.0}),
 }
 """A law, the simpler one inside it, and the constants at which the two are the same."""
+
+
+def inner_of(candidates: Sequence[Candidate], number: int) -> int | None:
+    """Return the candidate that is the simpler law inside another, at its site; None without."""
+    simpler, _ = INSIDE.get(candidates[number].mechanism, ("", {}))
+    label = f"{simpler}@{candidates[number].site}"
+    return next((i for i, c in enumerate(candidates) if c.label == label), None)
 
 
 def continued(
@@ -44,13 +52,10 @@ def simplified(
     """Yield the sets in which one member is the simpler law inside it, and where they start."""
     order, every = list(super_model.model.parameters), super_model.candidates
     for richer in members:
-        if every[richer].mechanism not in INSIDE:
-            continue
-        simpler, values = INSIDE[every[richer].mechanism]
-        label = f"{simpler}@{every[richer].site}"
-        inner = next((i for i, c in enumerate(every) if c.label == label), None)
+        inner = inner_of(every, richer)
         if inner is None or inner in members:
             continue
+        values = INSIDE[every[richer].mechanism][1]
         start, own = theta.copy(), super_model.own_values(richer, theta)
         start[super_model.index(richer)] = neutral_values(super_model)[super_model.index(richer)]
         for name, value in values.items():
