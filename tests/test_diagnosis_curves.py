@@ -228,7 +228,7 @@ def test_a_slow_leading_set_or_slow_reading_leaves_more_time_for_the_report(took
     assert budget.remaining - left.search.remaining == pytest.approx(kept, abs=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_law_without_a_name_is_found_where_its_equation_hides():
     """Only the first of two masses is measured; a detent acts on the second."""
     rng = np.random.default_rng(5)

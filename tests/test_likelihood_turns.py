@@ -81,9 +81,9 @@ def decision(left: float, detected: bool) -> settled.Settled:
         (np.inf, 1.0, False, False, False),
         (np.nan, 1.0, False, False, False),
         (0.3, 7.0, True, False, False),
-        (0.3, 7.0, True, True, True),
-        (0.3, 7.0, False, True, False),
-        (0.6, 7.0, True, True, False),
+        (0.08, 7.0, True, True, True),
+        (0.08, 7.0, False, True, False),
+        (0.1, 7.0, True, True, False),  # a law without a name is sought
     ],
 )
 def test_a_decision_stands_on_noise_or_beside_a_force_on_most_of_the_mismatch(

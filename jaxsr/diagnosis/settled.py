@@ -37,7 +37,7 @@ from jaxsr.diagnosis.judging.noise_ratio import (
     root_mean_square,
 )
 from jaxsr.diagnosis.judging.parsimony import fewest
-from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
+from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, REMOVED
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.loop import State
@@ -109,8 +109,8 @@ def borne_out(found: Settled, forced: bool) -> bool:
     They do not where the set follows the recordings worse than re-calibration, or leaves more than
     the sensors' noise, which the evidence takes for noise. Where the evidence has a force beside
     the set, `forced`, that is what free runs gather of it: the set stands then as long as they
-    detect it and it explains more of the mismatch than it leaves, so that no other cause has a
-    larger share.
+    detect it and it explains the mismatch, all but what a law without a name is sought for
+    (`laws.newcomers`).
     """
     (arena, entries, chosen, detection), *_ = found
     null = next(e for e in entries if not e.members)
@@ -118,7 +118,7 @@ def borne_out(found: Settled, forced: bool) -> bool:
         return False
     if residual_to_noise(arena, chosen) <= ABOVE_NOISE:
         return True
-    return forced and detection.detected and 2.0 * chosen.fit.cost < null.fit.cost
+    return forced and detection.detected and chosen.fit.cost < REMOVED**2 * null.fit.cost
 
 
 def above_noise(found: Settled, noise: Noise) -> bool:
