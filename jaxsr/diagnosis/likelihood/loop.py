@@ -71,7 +71,7 @@ class State:
 
     def log_posterior(self, found: Hypothesis) -> float:
         """Log of evidence times prior odds: every mechanism is one of all that were offered."""
-        if not believable(self.work, found) or self._owing(found):
+        if not believable(self.work, found):
             return -np.inf
         return found.log_evidence - self.price(found.members)
 
@@ -82,17 +82,6 @@ class State:
         """
         tried = (self.work.super_model.candidates[i].tried for i in members)
         return float(len(members) * np.log(self.offered) + sum(map(np.log, tried)))
-
-    def _owing(self, found: Hypothesis) -> bool:
-        """Whether an estimate did not come to rest where one with no more members left nothing.
-
-        What it promises about a path that is no motion of its model is then more than there is.
-        """
-        return not found.settled and any(
-            h.settled and h.share == 0.0 and len(h.members) <= len(found.members)
-            for h in self.known.values()
-            if h is not None
-        )
 
     def needed(self, known: dict[Members, Hypothesis | None], members: Members) -> float:
         """Log evidence that would make a set the most probable of those known."""
