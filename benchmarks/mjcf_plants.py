@@ -127,7 +127,11 @@ def edited(file: File, joint: str, effect: Effect, value: float) -> Any:
     m = spec.compile()
     if effect.attribute == "frictionloss":
         dof = m.joint(joint).dofadr[0]
-        m.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        bit = mujoco.mjtDisableBit
+        if m.opt.disableflags & bit.mjDSBL_CONSTRAINT:  # friction alone, no floor to fall on
+            m.opt.disableflags &= ~int(bit.mjDSBL_CONSTRAINT)
+            others = (bit.mjDSBL_CONTACT, bit.mjDSBL_LIMIT, bit.mjDSBL_EQUALITY)
+            m.opt.disableflags |= sum(map(int, others))
         m.dof_solref[dof], m.dof_solimp[dof] = DRY
     return m
 

@@ -1,0 +1,45 @@
+"""Effects that are planted in MJCF files bring nothing else along."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+mujoco = pytest.importorskip("mujoco")
+from benchmarks.mjcf_plants import EFFECTS, edited  # noqa: E402
+
+ARM = """
+<mujoco>
+  <option timestep="0.001"><flag constraint="{}"/></option>
+  <worldbody>
+    <geom type="plane" size="3 3 .2"/>
+    <body pos="0 0 0.5">
+      <joint name="hinge" axis="0 1 0"/>
+      <geom type="capsule" fromto="0 0 0 1 0 0" size="0.05" mass="1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("floor", [True, False])
+def test_friction_brings_no_floor_where_the_file_has_none(tmp_path: Path, floor: bool) -> None:
+    """An arm falls from the side onto a floor at half of its length, or through it."""
+    path, effect = tmp_path / "arm.xml", EFFECTS["coulomb"]
+    path.write_text(ARM.format("enable" if floor else "disable"))
+    given: Any = SimpleNamespace(where=path)
+    assert effect is not None
+    m = edited(given, "hinge", effect, 0.3)
+    data, touched = mujoco.MjData(m), False
+    for _ in range(500):
+        mujoco.mj_step(m, data)
+        touched |= data.ncon > 0
+    assert touched == floor
+    assert (data.qpos[0] > 1.0) != floor
+    held = edited(given, "hinge", effect, 10.0)  # more than its weight: it stays
+    data = mujoco.MjData(held)
+    mujoco.mj_step(held, data, nstep=200)
+    assert abs(data.qpos[0]) < 1e-3
