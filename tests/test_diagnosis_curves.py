@@ -248,3 +248,28 @@ def test_a_law_without_a_name_is_found_where_its_equation_hides():
     assert (first["mechanism"], first["site"]) == ("unnamed", "equation:vb")
     train = found.fit["train"]
     assert train["explained"][-1] < 0.5 * train["recalibrated"][-1]
+
+
+@pytest.mark.long
+def test_damping_by_the_square_of_the_way_is_no_friction_that_jumps():
+    """Dry friction by the position, its jump rounded over all speeds, would be the same law.
+
+    The explained model, run as it is written, has the errors that are reported.
+    """
+
+    def squeezed(t, x):
+        force = np.interp(t, time, u) - 3.0 * x[1] - 8.0 * x[0] - 4.0 * x[0] ** 2 * x[1]
+        return [x[1], force / 2.0]
+
+    rng = np.random.default_rng(8)
+    time, phases = np.arange(0.0, 20.0, 0.02), rng.uniform(0.0, 6.0, 8)
+    u = 8.0 * np.sin(2 * np.pi * np.linspace(0.1, 1.2, 8) * time[:, None] + phases).sum(1)
+    path = solve_ivp(squeezed, (0.0, 20.0), [0.0, 0.0], t_eval=time, rtol=1e-9, max_step=0.02)
+    y = path.y[0] + 2e-3 * rng.normal(size=time.size)
+    recording = Recording("a.csv", time, {"u": u, "y": y})
+    found = diagnose(Simulator(parse_model(CART)), [recording], budget=60.0)
+    first = found.findings[0]
+    assert (first["mechanism"], first["site"]) == ("unnamed", "equation:v")
+    run = found.explained.simulate(recording)
+    error = np.sqrt(np.mean((run.channels["y"] - y) ** 2)) / np.std(y)
+    assert error < 1.5 * found.fit["train"]["explained"][-1] < 0.05
