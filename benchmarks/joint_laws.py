@@ -25,7 +25,7 @@ from jaxsr._result import InputError
 from jaxsr.datasets import fetch
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
-from jaxsr.diagnosis.likelihood.loop import better
+from jaxsr.diagnosis.likelihood.loop import about, better
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
@@ -173,7 +173,7 @@ def _best(
         assert best is not None
         here = table
         if members:
-            here = tabled(work, best.theta, best.path, best.noise, best.decay)
+            here = about(work, best)
         base = [*here.base, *(k for i in members for k in here.own.get(i, ()))]
         variants = [
             (here.best(list(dict.fromkeys([*base, *here.own[i]]))), i)

@@ -26,7 +26,10 @@ NOISE = 4e-3
 """Of the reading's deviation."""
 FAR = 1e6
 """Mean of a constant that stands for no limit."""
-LEFT_OUT = ("position_dependent_friction@", "backlash@", "clipping@", "drift@output")
+LEFT_OUT = (
+    *("position_dependent_friction@", "backlash@", "clipping@", "drift@output"),
+    "transient_force@",  # when it acts is picked from the residual, and no prior is drawn from
+)
 
 
 def _oscillator(x: Array, u: Array, p: Values, f: Array) -> Any:
