@@ -19,8 +19,8 @@ _PACKAGES = ("jax", "numpy", "scipy", "sympy", "pyoperon", "pysindy")
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of what is installed."""
-    out = {"jaxsr": jaxsr.__version__, "python": platform.python_version()}
+    """Return the commit of the engine, and the versions of Python and of what is installed."""
+    out = {"jaxsr": jaxsr.__version__, "commit": engine(), "python": platform.python_version()}
     for name in _PACKAGES:
         try:
             out[name] = importlib.metadata.version(name)
