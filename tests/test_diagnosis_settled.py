@@ -14,6 +14,7 @@ from jaxsr._progress import Budget
 from jaxsr._result import Verdict
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis import settled as module
+from jaxsr.diagnosis.contest.widths import WIDEST
 from jaxsr.diagnosis.explanations import explanations, unnamed, weights_of
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.likelihood.posterior import Posterior, WrongValue
@@ -209,6 +210,14 @@ def test_a_richer_law_is_named_where_it_explains_more_than_is_left(
     assert chosen is (plain, richer)[named]
     assert plain in entries or left == 1.0
     assert renamed == ({} if named else {candidates[1].label: candidates[0].label})
+
+
+def test_free_runs_round_no_jump_until_it_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Damping by the position led as dry friction with a jump over a thousand times its speeds."""
+    monkeypatch.setattr(module, "in_sharpest_widths", lambda _, factor: factor)
+    arena = cast("Any", "as it was")
+    widths = [module.as_wide_as_a_jump(arena, w) for w in (None, 0.0, 0.12, 12.4, 11380.0)]
+    assert widths == ["as it was", 1.0, 1.0, 12.4, WIDEST]
 
 
 def test_the_chosen_set_is_the_one_that_is_claimed() -> None:

@@ -109,23 +109,3 @@ def test_the_width_is_refined_about_a_mode_alone(monkeypatch: pytest.MonkeyPatch
         widths.tried = {1.0: (None, found)}  # pyright: ignore[reportAttributeAccessIssue]
         assert widths.refined(1.0)[2] == 1.0
         assert len(asked) == wanted
-
-
-def test_no_jump_is_rounded_until_it_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Damping by the position led as dry friction with a jump over a thousand times its speeds."""
-    widths = object.__new__(rounding._Widths)  # pyright: ignore[reportPrivateUsage]
-    follow = SimpleNamespace(best=0.0)
-    widths.follow = follow  # pyright: ignore[reportAttributeAccessIssue]
-
-    def at(width: float) -> tuple[None, SimpleNamespace]:
-        return None, SimpleNamespace(log_evidence=100.0 * np.log(width), settled=True)
-
-    def better(self: rounding._Widths, width: float, than: float) -> bool:  # pyright: ignore[reportPrivateUsage]
-        self.tried[width] = at(width)  # pyright: ignore[reportArgumentType]
-        return width > than
-
-    always = rounding.WidthStep(5.0, 100.0)
-    monkeypatch.setattr(rounding._Widths, "_step", lambda *_: always)
-    monkeypatch.setattr(rounding._Widths, "better", better)
-    widths.tried = {4.0: at(4.0)}  # pyright: ignore[reportAttributeAccessIssue]
-    assert widths.refined(4.0)[2] == pytest.approx(rounding.BROADEST)

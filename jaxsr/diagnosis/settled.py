@@ -28,6 +28,7 @@ from jaxsr.diagnosis.contest.arena import (
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
+from jaxsr.diagnosis.contest.widths import WIDEST
 from jaxsr.diagnosis.explanations import labels_of
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
 from jaxsr.diagnosis.judging.leading import best_so_far, leading
@@ -190,8 +191,7 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled:
         case.compared.reach(LOCATED, SEVERAL, UNNAMED)
     else:
         case.compared.told |= found.asked
-    if leader.width is not None:
-        arena = in_sharpest_widths(arena, max(leader.width, 1.0))
+    arena = as_wide_as_a_jump(arena, leader.width)
     asked = [frozenset(h.members) for h in found.hypotheses]
     pairs = zip(starts[1:], [h for h in shown if h.members], strict=True)
     guessed = {members for (members, _), h in pairs if frozenset(h.members) not in asked}
@@ -205,6 +205,16 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled:
     if not found.timely:
         stopped = StoppedBy.INTERRUPTED if case.budget.interrupted else StoppedBy.BUDGET
     return (arena, entries, chosen, detection), headline.seconds, stopped
+
+
+def as_wide_as_a_jump(arena: Arena, width: float | None) -> Arena:
+    """Return the arena with jumps as wide as the evidence has them, as far as they are jumps.
+
+    The explained model jumps: what friction explains by being none is not borne out.
+    """
+    if width is None:
+        return arena
+    return in_sharpest_widths(arena, float(np.clip(width, 1.0, WIDEST)))
 
 
 def _inside(found: Posterior) -> list[Hypothesis]:

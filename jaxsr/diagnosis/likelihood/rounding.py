@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.widths import WIDEST as BROADEST
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, estimated, left
 from jaxsr.diagnosis.likelihood.scales import Scales
 from jaxsr.diagnosis.likelihood.steps import resolved
@@ -164,8 +163,7 @@ class _Widths:
                 break
             if left(self.log_evidence(best), step.gain, self.follow.best):
                 break
-            room = np.log(BROADEST / best)  # wider, a law does not jump: it is another one
-            change = float(np.clip(step.change, -np.log(COARSE), min(np.log(COARSE), room)))
+            change = float(np.clip(step.change, -np.log(COARSE), np.log(COARSE)))
             tried = (best * float(np.exp(share * change)) for share in SHARES)
             nearer = next((w for w in tried if self.better(w, best)), None)
             if nearer is None:
