@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 mujoco = pytest.importorskip("mujoco")
-from benchmarks.mjcf_plants import EFFECTS, edited  # noqa: E402
+plants = pytest.importorskip("benchmarks.mjcf_plants")
 
 ARM = """
 <mujoco>
@@ -28,18 +28,18 @@ ARM = """
 @pytest.mark.parametrize("floor", [True, False])
 def test_friction_brings_no_floor_where_the_file_has_none(tmp_path: Path, floor: bool) -> None:
     """An arm falls from the side onto a floor at half of its length, or through it."""
-    path, effect = tmp_path / "arm.xml", EFFECTS["coulomb"]
+    path, effect = tmp_path / "arm.xml", plants.EFFECTS["coulomb"]
     path.write_text(ARM.format("enable" if floor else "disable"))
     given: Any = SimpleNamespace(where=path)
     assert effect is not None
-    m = edited(given, "hinge", effect, 0.3)
+    m = plants.edited(given, "hinge", effect, 0.3)
     data, touched = mujoco.MjData(m), False
     for _ in range(500):
         mujoco.mj_step(m, data)
         touched |= data.ncon > 0
     assert touched == floor
     assert (data.qpos[0] > 1.0) != floor
-    held = edited(given, "hinge", effect, 10.0)  # more than its weight: it stays
+    held = plants.edited(given, "hinge", effect, 10.0)  # more than its weight: it stays
     data = mujoco.MjData(held)
     mujoco.mj_step(held, data, nstep=200)
     assert abs(data.qpos[0]) < 1e-3

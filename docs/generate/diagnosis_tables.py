@@ -102,9 +102,10 @@ def arm() -> Mapping[str, Any]:
     return result("ur10e_arm")["diagnosis"]
 
 
-def last_set() -> Mapping[str, Any]:
-    """Return the last sealed set."""
-    return result("concealed/sets")[-1]
+def scored_set() -> Mapping[str, Any]:
+    """Return the sealed set that the detailed score is of."""
+    truth = result("concealed/score")["sealed"]["truth_sha256"]
+    return next(s for s in result("concealed/sets") if s["truth_sha256"] == truth)
 
 
 def origins_table() -> str:

@@ -234,7 +234,8 @@ def _starts(
 ) -> tuple[SuperModel, list[Start]]:
     """Return a super-model of these hypotheses and all that a report compares, and their values.
 
-    Where time ended the search, the hypotheses alone: memories that nobody speaks for are dear.
+    With them come the laws inside the leader's. Where time ended the search, nothing else does:
+    memories that nobody speaks for are dear.
     """
     own = [found.candidates[i] for i in dict.fromkeys(i for h in shown for i in h.members)]
     others = contenders(case, leading_sets(case))[0].candidates if found.timely else ()
