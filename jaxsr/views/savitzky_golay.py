@@ -192,19 +192,28 @@ def local_fit(
 def _uniform_fit(
     t: np.ndarray, y: np.ndarray, fit: LocalFit, derivatives: Sequence[int]
 ) -> list[np.ndarray]:
-    """One set of weights slides over the inside; each sample near an end has its own."""
-    half = fit.window // 2
-    ends = np.concatenate([np.arange(half), np.arange(t.size - half, t.size)])
+    """One set of weights slides over the inside; samples near an end share its window."""
+    half, window = fit.window // 2, fit.window
     h = (t[-1] - t[0]) / (t.size - 1)
     inner = _centre_weights(fit, h, derivatives)
-    outer, columns = _weights(h * np.arange(t.size), h * ends, fit, derivatives)
-    result = []
-    for inside, weight in zip(inner, outer, strict=True):
-        out = np.empty(t.size)
-        out[half : t.size - half] = np.convolve(y, inside[::-1], mode="valid")
-        out[ends] = np.einsum("ij,ij->i", weight, y[columns])
-        result.append(out)
-    return result
+    first = _in_one_window(y[:window], h, np.arange(half), fit, derivatives)
+    last = _in_one_window(y[-window:], h, np.arange(half + 1, window), fit, derivatives)
+    middles = [np.convolve(y, weight[::-1], mode="valid") for weight in inner]
+    return [np.concatenate(parts) for parts in zip(first, middles, last, strict=True)]
+
+
+def _in_one_window(
+    values: np.ndarray, h: float, at: np.ndarray, fit: LocalFit, derivatives: Sequence[int]
+) -> list[np.ndarray]:
+    """Derivatives of the polynomial fitted to one uniform window, at samples of it."""
+    scale = h * (fit.window - 1) / 2.0
+    places = np.linspace(-1.0, 1.0, fit.window)
+    basis = legendre.legvander(places, fit.degree)
+    coefficients = _solved((basis.T @ basis)[None], (basis.T @ values)[None])[0]
+    return [
+        legendre.legval(places[at], legendre.legder(coefficients, d)) / scale**d
+        for d in derivatives
+    ]
 
 
 def _check(fit: LocalFit, derivative: int, samples: int) -> None:
