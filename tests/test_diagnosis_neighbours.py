@@ -14,6 +14,7 @@ from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.screening.screen import redundant
+from jaxsr.diagnosis.search.believed import estimated
 from jaxsr.diagnosis.search.neighbours import Neighbours
 from jaxsr.diagnosis.setup import prepare, state_scale
 from jaxsr.models import parse_model
@@ -85,3 +86,13 @@ def test_what_is_expected_of_other_sets_is_near_what_they_leave(members: tuple[i
         new = arena().super_model.index(*set(members) - {0})
         told = np.abs(full.fit.theta[new] - neutral_values(arena().super_model)[new]).max()
         np.testing.assert_allclose(expected.fit.theta[new], full.fit.theta[new], atol=0.1 * told)
+
+
+def test_a_set_that_was_only_expected_is_estimated_before_it_is_told() -> None:
+    around = Neighbours.of(arena(), entered(0, 4))
+    expected, before = around.entry((0,)), entered(0, 4)
+    assert expected is not None and not expected.fit.linearised
+    entries, chosen = estimated(arena(), expected, [before, expected], before)
+    assert chosen.fit.linearised and chosen in entries and expected not in entries
+    assert chosen.fit.cost == pytest.approx(entered(0).fit.cost, rel=1e-6)
+    assert estimated(arena(), before, [before], before) == ([before], before)

@@ -84,6 +84,11 @@ class Fit:
         )
         return bool(np.isfinite(largest) and largest < LARGEST and np.isfinite(self.cost))
 
+    @property
+    def linearised(self) -> bool:
+        """Whether it has its derivatives; a fit that was only expected has none."""
+        return len(self.jacobian) == self.active.size
+
     def extended(self, theta: np.ndarray, segments: Segments | None = None) -> Fit:
         """Return the fit in a model with further parameters, and driven states, that do not act.
 

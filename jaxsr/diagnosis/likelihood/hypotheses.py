@@ -222,7 +222,7 @@ class _Begun:
         if follow.lost(at_mode) or idle:  # beside what does nothing the noise is that of before
             return at_mode, width, scales
         # Beside what was missing, the noise is another than beside re-calibration.
-        likely, gain = likeliest(at_mode, scales, follow.chosen, follow.belief)
+        likely, gain = likeliest(at_mode, scales, follow.chosen, follow.belief, follow.stop)
         if gain > CLEAR:
             # How round the corner is shows beside the noise that there is.
             anew = replace(scales, noise=likely, decay=at_mode.decay)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+
+from jaxsr._deadline import never
 
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate
 from jaxsr.diagnosis.likelihood.evidence import Gram, Mode
@@ -34,7 +36,11 @@ for another one to begin."""
 
 
 def likeliest(
-    found: Estimate, scales: Scales, chosen: np.ndarray, belief: Belief
+    found: Estimate,
+    scales: Scales,
+    chosen: np.ndarray,
+    belief: Belief,
+    stop: Callable[[], bool] = never,
 ) -> tuple[Noise, float]:
     """Return the noise beside which an estimate has most evidence, and what it gains.
 
@@ -49,6 +55,8 @@ def likeliest(
         Parameters that were estimated, the first of those that the estimate is linearised by.
     belief : Belief
         Of them.
+    stop : callable
+        Whether the noise that is the best until then stands.
     """
     count = found.local.defect.shape[1]
     pieces = sorted({int(k) for k in np.linspace(0, count - 1, min(count, PIECES))})
@@ -72,6 +80,8 @@ def likeliest(
         for together in _sweeps(sensors):
             begun = there
             for some in together:
+                if stop():
+                    break
                 every = [n for n in _others(noise, some) if scales.allows(n)]
                 modes = weighed(share, every) if every else []
                 logs = np.nan_to_num([odds[share] + m.log_evidence for m in modes], nan=-np.inf)

@@ -49,7 +49,28 @@ def believed(case: Case, decision: Decision, allow: Callable[[float], bool], see
     chosen = without_doubtful(every, chosen, entries, allow, np.random.default_rng(seed))
     if likelier_without(every, chosen, entries, np.random.default_rng(seed)):
         chosen = null
+    entries, chosen = estimated(arena, chosen, entries, before, stop)
     return arena, entries, chosen, detection
+
+
+def estimated(
+    arena: Arena,
+    chosen: Entry,
+    entries: Sequence[Entry],
+    before: Entry,
+    stop: Callable[[], bool] = lambda: False,
+) -> tuple[list[Entry], Entry]:
+    """Return a chosen set as free runs estimate it, where it was only expected by one step.
+
+    The set `before` stands where free runs cannot follow it.
+    """
+    if chosen.fit.linearised:
+        return list(entries), chosen
+    fit = chosen.fit
+    entry = enter(arena, chosen.members, fit.theta, fit.path, stop, near=True)
+    if not entry.fit.usable:
+        return [e for e in entries if e is not chosen], before
+    return [entry if e is chosen else e for e in entries], entry
 
 
 def plainest(
