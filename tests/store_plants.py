@@ -149,6 +149,11 @@ def _tanks(x: np.ndarray, u: np.ndarray) -> list[float]:
     return [(u[0] - first) / 15.0, (first - second) / 16.0]
 
 
+def _leaking(x: np.ndarray, u: np.ndarray) -> list[float]:
+    first, second = _tanks(x, u)
+    return [first - 0.2 * x[0] / 15.0, second]
+
+
 def _circuit(x: np.ndarray, u: np.ndarray) -> list[float]:
     return [(u[0] - 2.2 * x[0] - x[1]) / 0.06, (x[0] - x[1] / 30.0) / 0.0022]
 
@@ -158,6 +163,7 @@ LOSSES = {
     "square": _body(lambda t, a: 0.012 * (t - a) * abs(t - a)),
     "radiation": _body(lambda t, a: 6e-9 * ((t + 273.15) ** 4 - (a + 273.15) ** 4)),
 }
+LEAK = Store(TANKS, _leaking, 1.0, (4.0, 5.0), ((3.0, 0.9),))
 WHOLE = {
     "body": _body(lambda t, a: 0.0),
     "tanks": Store(TANKS, _tanks, 1.0, (4.0, 5.0), ((3.0, 0.9),)),

@@ -1,4 +1,4 @@
-"""Losses of temperatures and levels that are not in proportion, and none where none is missing."""
+"""Losses of temperatures and levels, and none where none is missing."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from store_plants import BODY, CIRCUIT, LOSSES, TANKS, WHOLE
+from store_plants import BODY, CIRCUIT, LEAK, LOSSES, TANKS, WHOLE
 
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
@@ -53,7 +53,8 @@ T0 = 20.0
 
 def test_losses_are_those_of_stores() -> None:
     found = {c.label for c in offered(site(BODY, "Tb"))}
-    assert found == {"quadratic_drag@equation:Tb", "power_law_drag@equation:Tb"}
+    names = "linear_stiffness", "quadratic_drag", "power_law_drag"
+    assert found == {f"{name}@equation:Tb" for name in names}
     assert [c.label for c in offered(site(TANKS, "h2"))]
     electrical = replace(CIRCUIT, units={"i": "A", "uc": "V", "u": "V"})
     assert not offered(site(electrical, "i")) and not offered(site(electrical, "uc"))
@@ -82,6 +83,15 @@ def _named(name: str, seed: int) -> None:
     (finding,) = found.document["findings"]
     assert finding["site"] == "equation:Tb"
     assert finding["mechanism"] in ("quadratic_drag", "power_law_drag")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_leak_in_proportion_is_no_power_of_the_level(seed: int) -> None:
+    found = diagnose(Simulator(LEAK.model), LEAK.recordings(seed), budget=1000.0).document
+    (finding,) = found["findings"]
+    assert (finding["mechanism"], finding["site"]) == ("linear_stiffness", "equation:h1")
+    low, high = finding["parameters"]["k1"]["ci95"]
+    assert low < 0.2 < high and high - low < 0.05
 
 
 def _nothing(name: str, seed: int) -> None:

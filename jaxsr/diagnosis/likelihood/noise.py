@@ -27,6 +27,8 @@ WHITE = {
 }
 """Correlations from sample to sample, and the white part of a noise with each: no sensor knows its
 next value, and slow wandering (a bias that is not stable) comes beside white noise."""
+WANDERING = 0.99
+"""Correlation of what wanders: between it and white noise lies what neither is like."""
 SIZES = (0.5, 2.0)
 """Of one sensor's noise in that of the others: what fits best scales all of them."""
 PIECES = 4
@@ -80,14 +82,17 @@ def likeliest(
         for together in _sweeps(sensors):
             begun = there
             for some in together:
-                if stop():
-                    break
-                every = [n for n in _others(noise, some) if scales.allows(n)]
-                modes = weighed(share, every) if every else []
-                logs = np.nan_to_num([odds[share] + m.log_evidence for m in modes], nan=-np.inf)
-                if len(logs) and logs.max() > there:
-                    likely = int(np.argmax(logs))
-                    noise, there = every[likely].scaled(modes[likely].noise), float(logs[likely])
+                worth = True
+                while worth and not stop():
+                    now = there
+                    every = [n for n in _others(noise, some) if scales.allows(n)]
+                    modes = weighed(share, every) if every else []
+                    logs = np.nan_to_num([odds[share] + m.log_evidence for m in modes], nan=-np.inf)
+                    if len(logs) and logs.max() > there:
+                        best_of = int(np.argmax(logs))
+                        noise = every[best_of].scaled(modes[best_of].noise)
+                        there = float(logs[best_of])
+                    worth = len(some) < len(sensors) and there >= now + GAINING
             if there < begun + GAINING:
                 break
         if there > most:
@@ -103,12 +108,19 @@ def _sweeps(sensors: Sequence[int]) -> Iterator[list[Sequence[int]]]:
 
 
 def _others(noise: Noise, sensors: Sequence[int]) -> Iterator[Noise]:
-    """Yield noises of another correlation of some sensors; of one, those of other sizes as well."""
-    for correlation in WHITE:
-        yield _with(noise, sensors, 1.0, correlation)
-    if len(sensors) == 1 < len(noise.white):
-        for size in SIZES:
-            yield _with(noise, sensors, size, float(noise.correlation[sensors[0]]))
+    """Yield noises of another correlation of all sensors, or of one next to that which it has.
+
+    Of one, white noise, noise that wanders and those of other sizes as well.
+    """
+    every = list(WHITE)
+    if len(sensors) == len(noise.white):
+        yield from (_with(noise, sensors, 1.0, correlation) for correlation in every)
+        return
+    own = float(noise.correlation[sensors[0]])
+    at = int(np.argmin(np.abs(np.array(every) - own)))
+    near = {*every[max(at - 1, 0) : at + 2], 0.0, WANDERING} - {every[at]}
+    yield from (_with(noise, sensors, 1.0, correlation) for correlation in sorted(near))
+    yield from (_with(noise, sensors, size, own) for size in SIZES)
 
 
 def _with(noise: Noise, sensors: Sequence[int], size: float, correlation: float) -> Noise:

@@ -1,4 +1,4 @@
-"""Losses of stores of the first order that grow otherwise than in proportion.
+"""Losses of stores of the first order: in proportion, and as they grow otherwise.
 
 A store holds a level, a temperature or a pressure: a state without a position that is no speed and
 nothing electrical. What it loses goes to its surroundings, by a difference to them or, where the
@@ -31,7 +31,7 @@ SHIFT, SAME = 0.37, 1e-9
 
 
 def losses(site: Site) -> Iterator[Candidate]:
-    """Yield losses of a store by the square, by a power, and by the fourth powers (radiation)."""
+    """Yield losses in proportion, by the square, by a power, and by fourth powers (radiation)."""
     if not is_store(site):
         return
     x = site.state
@@ -97,16 +97,23 @@ def radiates(site: Site) -> bool:
 
 
 def _of_gap(site: Site, gap: str, told: str) -> Iterator[Candidate]:
-    """Yield a loss by the square and by a power of what drives it."""
+    """Yield a loss in proportion, by the square and by a power of what drives it."""
     x = site.state
     factor = gap if gap == x else f"({gap})"
 
-    def make(name: str, term: str, *specs: ParameterSpec, sentence: str) -> Candidate:
+    def make(
+        name: str, term: str, *specs: ParameterSpec, sentence: str, family: str = "dissipative"
+    ) -> Candidate:
         terms = ((x, term),)
-        return Candidate(
-            name, "dissipative", site.name, specs, sentence, terms=terms, source=_CONVECTION
-        )
+        return Candidate(name, family, site.name, specs, sentence, terms=terms, source=_CONVECTION)
 
+    yield make(
+        "linear_stiffness",
+        f"- {{k1}}*{factor}",
+        ParameterSpec("k1", site.per(x), low=0.0),
+        sentence=f"What {{site}} loses grows in proportion to its {told}.",
+        family="elastic",
+    )
     yield make(
         "quadratic_drag",
         f"- {{kd}}*{factor}*Abs({gap})",
