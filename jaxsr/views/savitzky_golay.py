@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -286,9 +287,15 @@ def _bias(apart: np.ndarray, expected: float, places: float) -> tuple[float, flo
 
 def _centre_weights(fit: LocalFit, h: float, derivatives: Sequence[int]) -> list[np.ndarray]:
     """Weights for the middle of a uniform window."""
-    times = h * np.arange(fit.window)
-    weights, _ = _weights(times, times[[fit.window // 2]], fit, derivatives)
-    return [weight[0] for weight in weights]
+    return [_middle_weights(fit.window, fit.degree, d) / h**d for d in derivatives]
+
+
+@lru_cache(maxsize=1024)
+def _middle_weights(window: int, degree: int, derivative: int) -> np.ndarray:
+    """Weights for the middle of a window of unit steps: sensors and windows are asked again."""
+    times = np.arange(float(window))
+    weights, _ = _weights(times, times[[window // 2]], LocalFit(window, degree), (derivative,))
+    return weights[0][0]
 
 
 def _within_reach(t: np.ndarray, times: np.ndarray, window: int) -> np.ndarray:

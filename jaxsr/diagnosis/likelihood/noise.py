@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsr._deadline import never
-
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate
 from jaxsr.diagnosis.likelihood.evidence import Gram, Mode
 from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
