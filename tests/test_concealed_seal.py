@@ -80,7 +80,7 @@ def test_a_case_is_what_the_command_takes_and_tells_nothing(folder: Path) -> Non
         given = json.loads((place / "case.json").read_text())
         model = read_model(place / given["model"])
         assert len(given["data"]) >= 3 and not set(given["data"]) & set(given["held_out"])
-        assert model.free_parameters
+        assert model.free_parameters and set(model.resolution) == set(model.outputs)
         for file in given["data"] + given["held_out"]:
             recording = read_recording(place / file, time=model.columns["t"])
             assert {*model.inputs, *model.outputs} <= set(recording.channels)

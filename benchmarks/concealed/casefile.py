@@ -20,6 +20,8 @@ from benchmarks.concealed.systems import System
 from benchmarks.concealed.units import Units
 
 DECOYS = 50
+FINE = 0.1
+"""Resolution of a sensor whose steps do not show, in its noise."""
 LAW = "u = u0 + kp*e + ki*integral(e) + kd*filtered(de/dt), e = reference - output"
 
 
@@ -106,6 +108,9 @@ def model_text(
         state = (v if sensor.rate else q)[sensor.coordinate]
         # column = gain * SI value, and the state is a number in the case's units
         lines.append(f'{name} = "{sensor.gain / units.number(1.0, sensor.dims)!r}*{state}"')
+    lines += ["", "[resolution]"]  # as data sheets state it: a planted step is another one
+    for name, sensor in zip(outputs, sensors, strict=True):
+        lines.append(f"{name} = {abs(sensor.gain) * (sensor.step or FINE * sensor.sigma):.6g}")
     lines += ["", "[parameters]"]
     for c, constant in system.constants.items():
         unit = f', unit = "{units.text(constant.dims)}"' if disguise.told else ""
