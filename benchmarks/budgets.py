@@ -1,10 +1,11 @@
 """Time against the budget, for commands of any size, alone and with all cores busy.
 
     python -m benchmarks.budgets [--quick] [--command C] [--load L] [--states N,..] [--samples N,..]
-        [--budgets S,..] [--clock wall|processor]
+        [--budgets S,..] [--recordings N,..] [--clock wall|processor]
 
 Chains of masses, springs and dampers, sampled 1,000 to 1,000,000 times; `discover` finds the
-equations, `diagnose` what a model without the dry friction of the last mass has left out. Every
+equations, `diagnose` what a model without the dry friction of the last mass has left out, from one
+recording or, with --recordings, from as many of that length as asked for. Every
 case is a process of its own, as a user starts it; the stages that it tells of on its standard
 error say where its time goes. A budget holds where the whole command, start and report included,
 takes at most 1.1 times as long. Results: ``results/budgets.json``, written after every case; rows
@@ -57,6 +58,7 @@ class Case:
     budget: float
     load: str
     clock: str = CLOCKS[0]
+    recordings: int = 1
 
 
 @dataclass(frozen=True)
@@ -88,14 +90,14 @@ class Outcome:
 
 def run(case: Case, folder: Path) -> Outcome:
     """Run one case in a process of its own."""
-    model, data = write_case(folder, case.states // 2, case.samples)
+    model, data = write_case(folder, case.states // 2, case.samples, case.recordings)
     out = folder / "out"
     words = [sys.executable, "-m", "jaxsr", case.command]
     if case.command == "discover":
         names = [f"{kind}{k + 1}" for kind in "qv" for k in range(case.states // 2)]
-        words += [str(data), "--states", ",".join(names), "--inputs", "u"]
+        words += [*map(str, data), "--states", ",".join(names), "--inputs", "u"]
     else:
-        words += [str(model), str(data)]
+        words += [str(model), *map(str, data)]
     words += ["--out", str(out), "--budget", str(case.budget)]
     own = {} if case.clock == CLOCKS[0] else {"JAXSR_CLOCK": case.clock}
     patience = _LONGEST if case.clock == CLOCKS[0] else _CROWDED * _LONGEST
@@ -137,7 +139,7 @@ def kept(measured: Sequence[Case]) -> list[tuple[Case, Outcome, str]]:
     rows = json.loads(path.read_text(encoding="utf-8"))["cases"] if path.is_file() else []
     found = []
     for row in rows:
-        case = Case(**{name: row[name] for name in Case.__dataclass_fields__})
+        case = Case(**{name: row[name] for name in Case.__dataclass_fields__ if name in row})
         out = Outcome(**{name: row[name] for name in Outcome.__dataclass_fields__})
         if case not in measured:
             found.append((case, out, row.get("engine", "")))
@@ -187,9 +189,11 @@ def table(rows: Sequence[tuple[Case, Outcome]]) -> str:
         parts = sorted(out.stages.items(), key=lambda item: -item[1])[:4]
         told = ", ".join(f"{name} {seconds:.1f}" for name, seconds in parts)
         ratio = out.took(case) / case.budget
+        many = f"{case.recordings}x" if case.recordings > 1 else ""
+        size = f"{many}{case.samples}"
         mark = " " if out.status == 0 and ratio <= HOLDS else "!"
         lines.append(
-            f"{case.command:9} {case.load:5} {case.states:6d} {case.samples:9d} "
+            f"{case.command:9} {case.load:5} {case.states:6d} {size:>9} "
             f"{case.budget:7.0f} {out.took(case):8.1f} {ratio:6.2f}{mark} {memory}  {told}"
             + (f" (exit {out.status})" if out.status else "")
         )
@@ -248,6 +252,7 @@ def main() -> int:
     parser.add_argument("--states", type=_numbers, help="numbers of states, even")
     parser.add_argument("--samples", type=_numbers, help="numbers of samples")
     parser.add_argument("--budgets", type=_numbers, help="seconds")
+    parser.add_argument("--recordings", type=_numbers, default=[1], help="of that many samples")
     parser.add_argument("--clock", choices=CLOCKS, default=CLOCKS[0], help="of budgets and times")
     given = parser.parse_args()
     commands = [given.command] if given.command else COMMANDS
@@ -256,8 +261,8 @@ def main() -> int:
     states = given.states or ((2, 8) if given.quick else STATES)
     samples = given.samples or ((1_000, 20_000) if given.quick else SAMPLES)
     budgets = given.budgets or (BUDGETS[1:2] if given.quick else BUDGETS)
-    every = itertools.product(commands, states, samples, budgets, loads)
-    rows = measured([Case(*case, clock) for case in every], not given.quick)
+    every = itertools.product(commands, states, samples, budgets, loads, [clock], given.recordings)
+    rows = measured([Case(*case) for case in every], not given.quick)
     for name, told in summary(rows).items():
         print(name, told)
     bad = [c for c, o in rows if o.status or o.took(c) > QUICK_HOLDS * c.budget]

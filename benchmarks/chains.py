@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -89,9 +90,14 @@ def _list(names: list[str]) -> str:
     return "[" + ", ".join(f'"{name}"' for name in names) + "]"
 
 
-def write_case(folder: Path, masses: int, samples: int) -> tuple[Path, Path]:
-    """Write the model and a recording of a chain, and return their paths."""
-    files = folder / "chain.toml", folder / "chain.npz"
-    files[0].write_text(model(masses), encoding="utf-8")
-    np.savez(files[1], **recorded(masses, samples))
-    return files
+def write_case(
+    folder: Path, masses: int, samples: int, recordings: int = 1
+) -> tuple[Path, list[Path]]:
+    """Write the model and recordings of a chain, of so many samples each; return their paths."""
+    model_file, data = folder / "chain.toml", []
+    model_file.write_text(model(masses), encoding="utf-8")
+    for seed in range(recordings):
+        data.append(folder / (f"chain{seed}.npz" if seed else "chain.npz"))
+        table: dict[str, Any] = recorded(masses, samples, seed)
+        np.savez(data[-1], **table)
+    return model_file, data
