@@ -110,7 +110,8 @@ def model_text(
         lines.append(f'{name} = "{sensor.gain / units.number(1.0, sensor.dims)!r}*{state}"')
     lines += ["", "[resolution]"]  # as data sheets state it: a planted step is another one
     for name, sensor in zip(outputs, sensors, strict=True):
-        lines.append(f"{name} = {abs(sensor.gain) * (sensor.step or FINE * sensor.sigma):.6g}")
+        if step := abs(sensor.gain) * (sensor.step or FINE * sensor.sigma):
+            lines.append(f"{name} = {step:.6g}")
     lines += ["", "[parameters]"]
     for c, constant in system.constants.items():
         unit = f', unit = "{units.text(constant.dims)}"' if disguise.told else ""
