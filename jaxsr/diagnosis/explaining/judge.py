@@ -162,10 +162,12 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
     if max((row["share"] for row in rounding), default=0.0) > rows[0]["share"]:
         verdict = Verdict.MEASUREMENT
     by_runs = parts.claim is None and verdict is not Verdict.MEASUREMENT
-    if by_runs and not _simulates_better(parts, recalibrated, best):
-        # Short runs of late or clipped readings start from what those do not tell.
-        verdict = Verdict.UNDECIDED
     every = sorted([*rows, *rounding], key=lambda row: -row["share"])
+    if by_runs and not _simulates_better(parts, recalibrated, best):
+        # Short runs of late or clipped readings start from what those do not tell: the set is
+        # named, and nobody is given a model that follows worse than the re-calibrated one.
+        undecided = Judged(recalibrated, recalibrated, Verdict.UNDECIDED, every, rivals, False)
+        return replace(undecided, leader=parts.chosen)
     return Judged(recalibrated, best, verdict, every, rivals, True, tuple(edits))
 
 
