@@ -12,6 +12,7 @@ from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.criteria import independent_residuals
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
+from jaxsr.diagnosis.laws.poles import ranges_of, without_poles
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, UNNAMED, Candidate, ParameterSpec
 from jaxsr.evolution.propose import Proposal
 from jaxsr.expressions import Term, to_text
@@ -119,10 +120,8 @@ def as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
     """Write a proposal as a candidate; constants inside its terms are estimated as well."""
     name, sizes = case.simulator.model.states[state], sizes_of(case)
     inner: list[float] = []
-    pieces = [
-        f"{{c{k}}}*({to_text(_written(term, sizes, inner), 6)})"
-        for k, term in enumerate(proposal.terms, 1)
-    ]
+    terms = [_written(term, sizes, inner) for term in proposal.terms]
+    pieces = [f"{{c{k}}}*({to_text(term, 6)})" for k, term in enumerate(terms, 1)]
     coefficients = [ParameterSpec(f"c{k}") for k in range(1, len(proposal.terms) + 1)]
     constants = [
         ParameterSpec(
@@ -142,6 +141,7 @@ def as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
         sentence="A force that matches no named mechanism acts along {site}; the search wrote it.",
         terms=((name, "+ " + " + ".join(pieces)),),
         tried=choices(*map(opened, proposal.terms)),
+        physical=without_poles(terms, ranges_of(case)),
         source="evolutionary sparse regression",
     )
     return candidate, np.array([*proposal.coefficients, *inner])
