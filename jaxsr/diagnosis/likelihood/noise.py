@@ -26,8 +26,8 @@ WHITE = {
 }
 """Correlations from sample to sample, and the white part of a noise with each: no sensor knows its
 next value, and slow wandering (a bias that is not stable) comes beside white noise."""
-WANDERING = 0.99
-"""Correlation of what wanders: between it and white noise lies what neither is like."""
+WANDERING = max(filter(None, WHITE), key=WHITE.__getitem__)
+"""Correlation of what wanders beside most white noise: what lies between is like neither."""
 SIZES = (0.5, 2.0)
 """Of one sensor's noise in that of the others: what fits best scales all of them."""
 PIECES = 4
@@ -83,7 +83,7 @@ def likeliest(
             for some in together:
                 worth = True
                 while worth and not stop():
-                    now = there
+                    known = there
                     every = [n for n in _others(noise, some) if scales.allows(n)]
                     modes = weighed(share, every) if every else []
                     logs = np.nan_to_num([odds[share] + m.log_evidence for m in modes], nan=-np.inf)
@@ -91,7 +91,7 @@ def likeliest(
                         best_of = int(np.argmax(logs))
                         noise = every[best_of].scaled(modes[best_of].noise)
                         there = float(logs[best_of])
-                    worth = len(some) < len(sensors) and there >= now + GAINING
+                    worth = len(some) < len(sensors) and there > known + GAINING
             if there < begun + GAINING:
                 break
         if there > most:
