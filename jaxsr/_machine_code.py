@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,8 +16,8 @@ from typing import Any
 def compiled(function: Callable[..., Any]) -> Callable[..., Any] | None:
     """Return a function as machine code; None where Numba is not installed.
 
-    It is compiled once an installation: Numba keeps what it made beside the function's file, or
-    in the user's cache.
+    Other threads run beside it. It is compiled once an installation: Numba keeps what it made
+    beside the function's file, or in the user's cache.
 
     Parameters
     ----------
@@ -28,9 +29,9 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any] | None:
     except ImportError:
         return None
     try:
-        return njit(cache=True, error_model="numpy")(function)
+        return njit(cache=True, nogil=True, error_model="numpy")(function)
     except RuntimeError:  # no folder to keep it in
-        return njit(error_model="numpy")(function)
+        return njit(nogil=True, error_model="numpy")(function)
 
 
 @functools.cache
@@ -43,10 +44,13 @@ def kept(function: Callable[..., Any], made: str) -> Callable[..., Any] | None:
     ----------
     function : callable
     made : str
-        Statement that calls it as it is called here, for the other process.
+        Statement that calls it as it is called here and notes that (`mark`), for the other process.
     """
     found: Any = compiled(function)
-    if found is None or _is_kept(function, Path(found.stats.cache_path)):
+    noted = None if found is None else _mark(function, found)
+    if noted is None:  # nowhere to keep anything
+        return None
+    if noted.is_file():
         return found
     with contextlib.suppress(OSError):
         subprocess.Popen(
@@ -59,11 +63,26 @@ def kept(function: Callable[..., Any], made: str) -> Callable[..., Any] | None:
     return None
 
 
-def _is_kept(function: Callable[..., Any], folder: Path) -> bool:
-    """Whether Numba has kept a function since its file was written."""
-    source = Path(function.__code__.co_filename)
-    files = folder.glob(f"{source.stem}.{function.__qualname__}-*.nbc")
+def mark(function: Callable[..., Any]) -> None:
+    """Note that a function was compiled, and is kept beside the note."""
+    noted = _mark(function, compiled(function))
     with contextlib.suppress(OSError):
-        written = source.stat().st_mtime
-        return any(file.stat().st_mtime >= written for file in files)
-    return False
+        if noted is not None:
+            noted.touch()
+
+
+def _mark(function: Callable[..., Any], found: Any) -> Path | None:
+    """Return the file that says of a text, a compiler and a processor that they were joined.
+
+    Numba tells texts apart by what they hold: when a file was written says nothing.
+    """
+    import numba
+    from llvmlite import binding
+
+    folder = found.stats.cache_path
+    if folder is None:
+        return None
+    source = Path(function.__code__.co_filename)
+    words = source.read_bytes(), numba.__version__.encode(), binding.get_host_cpu_name().encode()
+    joined = hashlib.sha256(b"\0".join((*words, sys.version.encode()))).hexdigest()[:16]
+    return Path(folder) / f"{source.stem}.{function.__qualname__}.{joined}.kept"

@@ -22,6 +22,7 @@ LAYERS = {
     "_output": 0,
     "_staging": 0,
     "_clock": 0,
+    "_cores": 0,
     "_deadline": 0,
     "_machine_code": 0,
     "_files": 0,

@@ -15,7 +15,7 @@ import pytest
 from jaxsr._machine_code import compiled, kept
 from jaxsr.expressions.instructions import CODE, Instructions
 from jaxsr.expressions.tape import Recording
-from jaxsr.models import Simulator, parse_model
+from jaxsr.models import Simulator, parse_model, programs
 from jaxsr.models.directions import Directions, Stages
 from jaxsr.models.field import Field
 from jaxsr.models.following import followed
@@ -147,6 +147,22 @@ def agrees(law: str, shape: tuple[int, int], rng: np.random.Generator) -> None:
     np.testing.assert_allclose(np.stack(alone[-1]), wanted, rtol=1e-12, atol=1e-13)
 
 
+def test_steps_are_the_same_on_any_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, shape = np.random.default_rng(3), (301, 3)
+    simulator = model_of(LAWS["powers"])
+    field, to = Field(simulator, [0.8, 1.3], (), ["p", "q"], ["u"]), directions(simulator)
+    x, parts = [rng.uniform(0.5, 1.0, shape) for _ in range(2)], course(rng, shape, 1, 3)
+    found = []
+    for count in (1, 2, 3):
+        monkeypatch.setattr(programs, "SHARED", 0)
+        monkeypatch.setattr(programs, "cores", lambda count=count: count)
+        along, slopes = followed(field, to, "rk4", x, parts)
+        found.append((np.stack(along[-1]), slopes))
+    for states, slopes in found[1:]:
+        np.testing.assert_array_equal(states, found[0][0])
+        np.testing.assert_array_equal(slopes, found[0][1])
+
+
 def test_constants_differ_from_recording_to_recording() -> None:
     rng, shape = np.random.default_rng(1), (50, 4)
     simulator = model_of("-p*x - q*y")
@@ -206,13 +222,18 @@ def test_it_is_compiled_for_all_models_together() -> None:
 @pytest.mark.long
 def test_what_is_not_compiled_yet_is_compiled_beside(tmp_path: Path) -> None:
     (tmp_path / "small.py").write_text("def twice(x):\n    return 2.0 * x\n", encoding="utf-8")
-    script = """
+    script = '''
 from jaxsr._machine_code import kept
 from small import twice
-made = "from jaxsr._machine_code import compiled; from small import twice; compiled(twice)(1.0)"
+made = """
+from jaxsr._machine_code import compiled, mark
+from small import twice
+compiled(twice)(1.0)
+mark(twice)
+"""
 found = kept(twice, made)
 print(found if found is None else found(3.0))
-"""
+'''
     paths = os.pathsep.join([str(ROOT), str(tmp_path)])
     own = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": paths}
 
@@ -222,6 +243,9 @@ print(found if found is None else found(3.0))
 
     assert said() == "None\n"
     until = time.monotonic() + 60.0
-    while not any(tmp_path.glob("kept/*/*.nbi")) and time.monotonic() < until:
+    while not any(tmp_path.glob("kept/*/*.kept")) and time.monotonic() < until:
         time.sleep(0.1)
+    assert said() == "6.0\n"
+    later = time.time() + 60.0  # as an installation that was made anew
+    os.utime(tmp_path / "small.py", (later, later))
     assert said() == "6.0\n"

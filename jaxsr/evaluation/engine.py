@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +12,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from jaxsr._cores import cores, side_by_side
 from jaxsr.evaluation.machine import Program, bucket, load, run
 from jaxsr.evaluation.resident import ResidentTerms, brought, most_samples, put
 from jaxsr.evaluation.schedule import schedule
@@ -80,7 +79,7 @@ class EngineConfig:
         """Return how many chunks are evaluated at a time."""
         if self.resident:
             return 1
-        return self.threads or len(os.sched_getaffinity(0))
+        return self.threads or cores()
 
     def samples(self, rows: int) -> int:
         """Return how many samples are evaluated at a time where there are ``rows``."""
@@ -243,10 +242,7 @@ class Engine:
             together = _together(programs, len(starts) // self._config.workers)
         jobs = [(start, *piece) for start in starts[::together] for piece in programs]
         work = rows * sum(len(program.schedule) for _, program in programs)
-        if self._config.workers == 1 or len(jobs) == 1 or work < _SHARED:
-            answers = map(one, jobs)
-        else:
-            answers = _pool(self._config.workers).map(one, jobs)
+        answers = side_by_side(one, jobs, self._config.workers if work >= _SHARED else 1)
         return list(itertools.chain.from_iterable(answers))
 
     def _parts(self, shares: int) -> int:
@@ -270,23 +266,7 @@ class Engine:
             room = 0 if window is None else _ROOM * window
             return piece, load(plan, np.dtype(dtype), self._config.device, room)
 
-        each = map if len(pieces) == 1 else _pool(self._config.workers).map
-        return list(each(one, pieces))
-
-
-def side_by_side(
-    work: Callable[[Any], Any], items: Sequence[Any], threads: int | None = None
-) -> list[Any]:
-    """Return what ``work`` makes of each item, by default on all cores this process may use."""
-    workers = EngineConfig(threads).workers
-    if workers == 1 or len(items) == 1:
-        return [work(item) for item in items]
-    return list(_pool(workers).map(work, items))
-
-
-@functools.cache
-def _pool(workers: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(workers, thread_name_prefix="jaxsr")
+        return side_by_side(one, pieces, self._config.workers)
 
 
 def _together(programs: Sequence[tuple[slice, Program]], most: int) -> int:

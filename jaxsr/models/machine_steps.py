@@ -2,7 +2,7 @@
 
 Written for a compiler (`_machine_code`). Samples are taken a row at a time, few enough to stay in a
 processor's cache from the first stage of a step to its derivatives; NumPy would send every
-operation of every stage through memory.
+operation of every stage through memory. Calls for different samples may run side by side.
 """
 
 from __future__ import annotations

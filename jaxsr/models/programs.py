@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from jaxsr._cores import cores, side_by_side, spans
 from jaxsr._deadline import ask
-from jaxsr._machine_code import compiled, kept
+from jaxsr._machine_code import compiled, kept, mark
 from jaxsr.expressions.instructions import Instructions
 from jaxsr.models.directions import Directions
 from jaxsr.models.field import Field
@@ -22,6 +23,8 @@ CACHED, LEAST, MOST = 1 << 16, 8, 128
 samples of a row."""
 TOGETHER = 100_000
 """Parts of samples that are followed between two looks at the clock."""
+SHARED = 4_000
+"""Parts of samples from which on both cores repay their change: a millisecond's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,11 +123,13 @@ class Program:
         assert recursion is not None
         course = self._course(parts, flat, len(field.model.inputs))
         width = min(max(width, LEAST), MOST)
+        given = code, fixed, course, states, slopes
         size = max(TOGETHER // len(parts), 1)
         for first in range(0, flat.samples, size):
             ask()
-            chosen = first, min(first + size, flat.samples)
-            recursion(code, fixed, course, states, slopes, width, chosen)
+            count = min(size, flat.samples - first)
+            shares = spans(count, cores() if count * len(parts) > SHARED else 1, first)
+            side_by_side(lambda span: recursion(*given, width, span), shares)
         known = slopes if directions else np.zeros((n, 0, flat.samples))
         return states.reshape(*states.shape[:2], *shape), known.reshape(n, directions, *shape)
 
@@ -177,6 +182,7 @@ def compile_steps() -> None:
     machine = compiled(rk4_steps)
     if machine is not None:
         machine(code, np.zeros((0, 1)), course, states, slopes, LEAST, (0, 1))
+        mark(rk4_steps)
 
 
 def program_of(field: Field, to: Directions | None) -> Program | None:

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from jaxsr.evaluation.engine import side_by_side
+from jaxsr._cores import side_by_side
 from jaxsr.evaluation.evaluator import PIECE
 from jaxsr.expressions.primitives import DISCONTINUOUS, PRIMITIVES
 from jaxsr.expressions.term import Term

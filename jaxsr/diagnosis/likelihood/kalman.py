@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr._cores import cores, side_by_side, spans
 from jaxsr._machine_code import compiled
 from jaxsr.diagnosis.likelihood.local import LocalModel
 from jaxsr.diagnosis.likelihood.recursions import Choices, filtered, returned
@@ -204,7 +205,12 @@ def whitened(system: System) -> Whitened:
     determinants = np.zeros((choices, pieces))
     by_lane = rows.reshape(choices, pieces, times, outputs, width)
     *shared, decay, start, process, noise = system.plain
-    recursion(*shared, Choices(decay, start, process, noise), by_lane, determinants)
+    chosen = Choices(decay, start, process, noise)
+
+    def run(span: tuple[int, int]) -> None:
+        recursion(*shared, chosen, span, by_lane, determinants)
+
+    side_by_side(run, spans(pieces, cores()))
     return Whitened(rows, determinants.reshape(-1), int(system.seen.sum()))
 
 
@@ -321,7 +327,12 @@ def smoothed(system: System, states: int) -> np.ndarray:
     times, pieces = system.measured.shape[:2]
     result = np.zeros((states, times, pieces))
     *shared, decay, start, process, noise = system.plain
-    recursion(*shared, decay[0], start[0], process[0], noise[0], result)
+    chosen = Choices(decay, start, process, noise)
+
+    def run(span: tuple[int, int]) -> None:
+        recursion(*shared, chosen, span, result)
+
+    side_by_side(run, spans(pieces, cores()))
     return result
 
 

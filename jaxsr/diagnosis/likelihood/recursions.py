@@ -37,39 +37,52 @@ def filtered(
     measured: Array,
     seen: Array,
     chosen: Choices,
+    span: tuple[int, int],
     rows: Array,
     log_determinant: Array,
 ) -> None:
-    """Fill the innovations of unit variance of every lane, and the logarithms of variances.
+    """Fill the innovations of unit variance of lanes, and the logarithms of variances.
 
     Readings of a sample are taken in one after the other. Spread and means lie side by side in
-    `both`; entries of a transition that are zero are passed over.
+    `both`; entries of a transition that are zero are passed over. All choices of a sample are gone
+    through before the next: what they share is read once.
 
     Parameters
     ----------
     transition, entering, reading, measured, seen : ndarray
         Of a `System`.
     chosen : Choices
+    span : tuple of int
+        First of the pieces that are gone through, and the one behind the last.
     rows : ndarray, shape (choices, pieces, samples, outputs, width)
         Zero before; filled.
     log_determinant : ndarray, shape (choices, pieces)
-        Filled.
+        Zero before; filled.
     """
     decay, start, process, noise = chosen
-    times, pieces, outputs, width = measured.shape
+    times, _, outputs, width = measured.shape
     choices, size = start.shape
-    whole = size + width
-    both, moved = np.zeros((size, whole)), np.zeros((size, whole))
+    whole = (size + width + WIDE - 1) // WIDE * WIDE
+    wide = max(size, WIDE)
+    every, moved = np.zeros((choices, size, whole)), np.zeros((size, whole))
     read, gain = np.zeros(whole), np.zeros(size)
-    spread, ahead = np.zeros((size, size)), np.zeros((size, size))
-    for choice in range(choices):
-        for piece in range(pieces):
+    turned, ahead = np.zeros((size, wide)), np.zeros((size, wide))
+    count, place = np.zeros(size, np.int64), np.zeros((size, size), np.int64)
+    for piece in range(span[0], span[1]):
+        every[:] = 0.0
+        for choice in range(choices):
             for i in range(size):
-                for j in range(whole):
-                    both[i, j] = 0.0
-                both[i, i] = start[choice, i]
-            total = 0.0
-            for t in range(times):
+                every[choice, i, i] = start[choice, i]
+        for t in range(times):
+            if t + 1 < times:
+                for i in range(size):
+                    count[i] = 0
+                    for k in range(size):
+                        if transition[t, piece, i, k] != 0.0:
+                            place[i, count[i]] = k
+                            count[i] += 1
+            for choice in range(choices):
+                both = every[choice]
                 for k in range(outputs):
                     if not seen[t, piece, k]:
                         continue
@@ -85,7 +98,7 @@ def filtered(
                         variance += reading[t, piece, k, i] * read[i]
                     if not variance > 0.0:  # digits were lost: no answer
                         variance = np.nan
-                    total += np.log(variance)
+                    log_determinant[choice, piece] += np.log(variance)
                     for i in range(size):
                         gain[i] = read[i] / variance
                     scale = -1.0 / np.sqrt(variance)
@@ -94,31 +107,36 @@ def filtered(
                         rows[choice, piece, t, k, j] = scale * read[size + j]
                     for i in range(size):
                         a = gain[i]
-                        if a != 0.0:
-                            for j in range(whole):
-                                both[i, j] -= a * read[j]
+                        for j in range(whole):
+                            both[i, j] -= a * read[j]
                 if t + 1 == times:
-                    break
+                    continue
                 move = transition[t, piece]
                 if size < WIDE:
                     for i in range(size):
                         for j in range(whole):
                             moved[i, j] = 0.0
-                        for k in range(size):
+                        for n in range(count[i]):
+                            k = place[i, n]
                             a = move[i, k]
-                            if a != 0.0:
-                                for j in range(whole):
-                                    moved[i, j] += a * both[k, j]
-                    for i in range(size):
-                        for j in range(i, size):
-                            covered = 0.0
-                            for k in range(size):
-                                covered += moved[i, k] * move[j, k]
-                            ahead[i, j] = covered
+                            for j in range(whole):
+                                moved[i, j] += a * both[k, j]
                 else:
                     np.dot(move, both, moved)
-                    spread[:] = moved[:, :size]
-                    np.dot(spread, move.T, ahead)
+                for i in range(size):
+                    for j in range(size):
+                        turned[j, i] = moved[i, j]
+                if size < WIDE:
+                    for i in range(size):
+                        for j in range(wide):
+                            ahead[i, j] = 0.0
+                        for n in range(count[i]):
+                            k = place[i, n]
+                            a = move[i, k]
+                            for j in range(wide):
+                                ahead[i, j] += a * turned[k, j]
+                else:
+                    np.dot(move, turned, ahead)
                 for i in range(size):
                     shrunk = decay[choice, i]
                     for j in range(width):
@@ -127,7 +145,6 @@ def filtered(
                         both[i, j] = shrunk * decay[choice, j] * ahead[i, j]
                         both[j, i] = both[i, j]
                     both[i, i] += process[choice, i]
-            log_determinant[choice, piece] = total
 
 
 def returned(
@@ -136,13 +153,11 @@ def returned(
     reading: Array,
     measured: Array,
     seen: Array,
-    decay: Array,
-    start: Array,
-    process: Array,
-    noise: Array,
+    chosen: Choices,
+    span: tuple[int, int],
     result: Array,
 ) -> None:
-    """Fill the smoothed deviations of every piece: forth as `filtered`, and back.
+    """Fill the smoothed deviations of pieces: forth as `filtered`, and back.
 
     Readings are taken in one after the other (univariate treatment): with v an innovation of
     variance F, k its gain and h what is read, the score goes back by r -> r + h (v / F - k' r).
@@ -151,8 +166,10 @@ def returned(
     ----------
     transition, entering, reading, measured, seen : ndarray
         Of a `System`, as `filtered` has them; of `entering` and `measured` the first column.
-    decay, start, process : ndarray, shape (size,)
-    noise : ndarray, shape (outputs,)
+    chosen : Choices
+        One.
+    span : tuple of int
+        First of the pieces that are gone through, and the one behind the last.
     result : ndarray, shape (states, samples, pieces)
         Filled; the first states of the system.
 
@@ -160,14 +177,16 @@ def returned(
     ----------
     Durbin and Koopman, Time Series Analysis by State Space Methods (2012), 6.4.
     """
-    times, pieces, outputs, _ = measured.shape
+    decay, start = chosen.decay[0], chosen.start[0]
+    process, noise = chosen.process[0], chosen.noise[0]
+    times, _, outputs, _ = measured.shape
     size, states = len(start), len(result)
     mean, spread = np.zeros(size), np.zeros((size, size))
     moved, score, before = np.zeros((size, size)), np.zeros(size), np.zeros(size)
     ahead = np.zeros((size, size))
     means, spreads = np.zeros((times, size)), np.zeros((times, size, size))
     gains, lefts = np.zeros((times, outputs, size)), np.zeros((times, outputs))
-    for piece in range(pieces):
+    for piece in range(span[0], span[1]):
         for i in range(size):
             mean[i] = 0.0
             for j in range(size):
