@@ -285,12 +285,6 @@ def test_the_start_of_the_program_takes_nothing_of_the_search(
     assert seen.value.args[0].search.remaining > 100.0
 
 
-def test_a_model_with_events_is_left_to_the_contest() -> None:
-    model = parse_model(MODEL + '[[events]]\nwhen = "q"\nreset = { v = "-v" }\n')
-    case = cast("Any", type("C", (), {"simulator": Simulator(model)}))
-    assert module.weighed(case) is None
-
-
 def test_a_rival_with_the_largest_member_of_the_leader_has_its_verdict() -> None:
     """Beside a rival few sets are known: without which member it loses most is not told there."""
     sets = [

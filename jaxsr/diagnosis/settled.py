@@ -65,8 +65,6 @@ Settled = tuple[tuple[Arena, list[Entry], Entry, Detection], float, StoppedBy]
 def weighed(case: Case) -> Posterior | None:
     """Return the posterior; None where it cannot be had, or not in time."""
     model = case.simulator.model
-    if case.simulator.function is not None or model.events:
-        return None
     if case.search.exhausted:
         return None
     patience = case.search.share(WEIGHING)

@@ -19,6 +19,7 @@ from jaxsr.diagnosis.likelihood.scales import (
     sizes_about,
 )
 from jaxsr.models.least_squares import Problem
+from jaxsr.models.lifting import through_events
 
 MOST = 10
 """Linearisations of one estimate."""
@@ -280,7 +281,8 @@ class _Climb:
         for share in HALVED:
             theta = point.theta.copy()
             theta[self.chosen] += share * step[0]
-            found = self.weighed(theta, point.path + share * step[1], scales, shares)
+            path = self._motion((point.theta, point.path), (theta, point.path + share * step[1]))
+            found = self.weighed(theta, path, scales, shares)
             if found is None:
                 continue
             tried.append(found)
@@ -289,6 +291,17 @@ class _Climb:
             if len(tried) > 1 and found.log <= tried[-2].log:
                 break
         return tried, False
+
+    def _motion(
+        self, before: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray]
+    ) -> np.ndarray:
+        """Return a moved path; about events it is where the model leads."""
+        problem = self.problem
+        if not problem.simulator.model.events:
+            return after[1]
+        with np.errstate(all="ignore"):
+            args = problem.simulator, problem.stepping, problem.segments
+            return through_events(*args, before, after)
 
     def in_other_time(self, point: _Point, scales: Scales) -> tuple[_Point, float] | None:
         """Weigh latent forces that keep their sign for longer, or less long, about one path."""

@@ -155,6 +155,8 @@ class _Begun:
         if near is not None:
             path[: len(near.path)] = near.path
             scales = replace(scales, noise=near.noise, decay=near.decay)
+        elif model.given.events:
+            path[: len(model.given.states)] = work.narrow.segments.course
         places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
         follow = Following(*places, belief_of(work, table, chosen, theta), best, work.stop)
         begun = _Begun(model, members, chosen, theta, reduced, path, follow, scales)

@@ -13,6 +13,7 @@ from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.contest.memory_starts import start_of
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.scales import Scales
+from jaxsr.diagnosis.likelihood.walk import through_jumps
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.model import Model
@@ -117,6 +118,8 @@ class Workspace:
             told.between_neighbours,
             start_of(segments.course),
         )
+        if given.events:
+            narrow = through_jumps(given, narrow, values, scales.noise, scales.start, states)
         theta = np.array([p.value for p in super_model.model.parameters.values()])
         place, prepared = tuple(simple), tuple(prepared)
         places = columns, place, prepared, tuple(rows)
