@@ -147,7 +147,7 @@ def opening(
     horizon do not exist.
     """
     case.compared.screen(case.screened, super_model)
-    simulator = Simulator(super_model.model, case.simulator.function)
+    simulator = Simulator(super_model.model)
     case.progress.stage("choosing integration steps and the horizon")
     stepping = choose_stepping(simulator, case.prepared, starts[min(1, len(starts) - 1)][1])
     base = starts[0][1][: len(case.simulator.model.parameters)]

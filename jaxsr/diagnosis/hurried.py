@@ -38,7 +38,7 @@ def _unestimated(case: Case) -> Decision:
     """Return the given values alone: there was no time to run the model with any others."""
     given = case.simulator.model
     super_model = SuperModel.build(given, [])
-    simulator = Simulator(super_model.model, case.simulator.function)
+    simulator = Simulator(super_model.model)
     stepping = Stepping("rk4", 1, tuple(simulator.default_widths))
     scale = 0.01 * spread(np.concatenate([p.outputs for p in case.prepared]))
     setting = super_model, case.prepared, stepping, horizons(case.prepared)[0], scale, simulator

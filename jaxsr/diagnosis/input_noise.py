@@ -31,7 +31,6 @@ from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models import Model, Simulator
 from jaxsr.models.least_squares import Fit
-from jaxsr.models.lifting import liftable
 from jaxsr.models.segments import Prepared
 from jaxsr.models.states import spread
 from jaxsr.recordings import noise_level, quantisation_step
@@ -93,7 +92,7 @@ def idle_noise(
     """
     model = simulator.model
     names = noisy_inputs(model, prepared)
-    if not names or not liftable(simulator) or model.events or model.driven:
+    if not names or model.events or model.driven:
         return ()
     plain = _recalibrated(simulator, prepared, stop)
     smoothed = _recalibrated(simulator, quieted(model, prepared, names), stop)
@@ -114,7 +113,7 @@ def _recalibrated(
     """Estimate the given structure over short segments."""
     super_model = SuperModel.build(simulator.model, [])
     given = neutral_values(super_model)
-    own = Simulator(super_model.model, simulator.function)
+    own = Simulator(super_model.model)
     stepping = choose_stepping(own, prepared, given)
     scale = 0.01 * spread(np.concatenate([p.outputs for p in prepared]))
     arena = build_arena(super_model, prepared, stepping, horizons(prepared)[0], scale, own)

@@ -53,7 +53,7 @@ def rectified_sensors(
     time is over (`stop`), no more sensors are told.
     """
     model = simulator.model
-    if simulator.function is not None or model.events:
+    if model.events:
         return ()
     found: tuple[Rectified, ...] = ()
     prepared = for_evidence(model, prepared)

@@ -15,7 +15,6 @@ from jaxsr.diagnosis.contest.widths import BEGIN, Jumps
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models import Model
 from jaxsr.models.least_squares import Problem
-from jaxsr.models.lifting import liftable
 from jaxsr.models.model import FREE
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments, build_segments, cut, told
@@ -88,22 +87,18 @@ def build_arena(
     wide = None
     if model.driven or _shifts(model):
         margins = build_segments(model, prepared, rows, steps, margin=MARGIN)
-        if liftable(simulator):
-            # All sets are judged on the samples that those with margins can tell.
-            wide = Problem(simulator, stepping, margins, scale)
-            begun = [_begun(model, prepared[row[0]], row) for row in rows]
-            segments = _as_far_as(build_segments(model, prepared, begun, steps), margins)
-        else:
-            segments = margins
+        # All sets are judged on the samples that those with margins can tell.
+        wide = Problem(simulator, stepping, margins, scale)
+        begun = [_begun(model, prepared[row[0]], row) for row in rows]
+        segments = _as_far_as(build_segments(model, prepared, begun, steps), margins)
     else:
         segments = build_segments(model, prepared, rows, steps)
     problem = Problem(simulator, stepping, segments, scale)
     pieces = _pieces(segments.count)
     bounds = parameter_bounds(super_model)
-    jumps, patience = None, np.inf if like is None else like.patience
-    if liftable(simulator):
-        known = None if like is None else like.jumps
-        jumps = Jumps.of(problem, Simulator(super_model.given), known)
+    patience = np.inf if like is None else like.patience
+    known = None if like is None else like.jumps
+    jumps = Jumps.of(problem, Simulator(super_model.given), known)
     seconds = horizon or np.inf
     shared = super_model, problem, tuple(prepared), bounds, pieces, seconds, wide
     return Arena(*shared, patience, jumps)

@@ -14,7 +14,6 @@ from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.edits import with_values
 from jaxsr.models.hidden import with_hidden
 from jaxsr.models.least_squares import Fit
-from jaxsr.models.lifting import liftable
 from jaxsr.models.segments import Prepared
 
 CARRIED = 2
@@ -33,7 +32,7 @@ def carried_on(arena: Arena, estimate: Estimation, own: Reduced, found: Fit) -> 
     The model that guessed the starts lacked what is estimated now.
     """
     model = own.problem.simulator.model
-    if model.states != arena.super_model.given.states or not liftable(own.problem.simulator):
+    if model.states != arena.super_model.given.states:
         return found
     for _ in range(CARRIED):
         if estimate.stopped() or not found.usable or found.path is None:

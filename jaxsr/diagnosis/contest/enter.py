@@ -17,7 +17,6 @@ from jaxsr.diagnosis.contest.integration import accurate, rounded_share, steady
 from jaxsr.diagnosis.contest.reduced import cropped, reduce
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
-from jaxsr.models.lifting import liftable
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments
 
@@ -92,8 +91,7 @@ def enter(
 
 def _refinable(arena: Arena, members: tuple[int, ...]) -> bool:
     """Whether steps can be refined: hard edges have a method of their own."""
-    stiff = any(arena.super_model.candidates[i].stiff for i in members)
-    return not stiff and liftable(arena.problem.simulator)
+    return not any(arena.super_model.candidates[i].stiff for i in members)
 
 
 def _everywhere(arena: Arena, problem: Problem) -> Stepping:

@@ -12,8 +12,8 @@ from jaxsr.diagnosis.contest.reduced import restepped
 from jaxsr.models.driven import known_states
 from jaxsr.models.field import Field, Point
 from jaxsr.models.least_squares import Problem
-from jaxsr.models.lifting import carried_errors, liftable, readings_along
-from jaxsr.models.rollout import Stepping, outputs
+from jaxsr.models.lifting import carried_errors, readings_along
+from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments, build_segments
 from jaxsr.models.simulator import Simulator, width_scales
 from jaxsr.models.states import spread
@@ -22,9 +22,8 @@ STEP_ERROR = 1e-3
 """Integration error allowed over 400 samples, in standard deviations of an output."""
 STABLE = 2.5
 """Product of step and fastest rate up to which RK4 is stable (its limit is 2.78)."""
-MOST_SUBSTEPS = 16
-LIFTED_SUBSTEPS = 4
-"""The same where an implicit step needs few sensitivities: it is the cheaper one from here on."""
+MOST_SUBSTEPS = 4
+"""From here on an implicit step is the cheaper one."""
 TOLERABLE = 0.1
 """Integration error of a set, relative to what it leaves unexplained."""
 FINEST = {"rk4": 8, "rodas3": 2}
@@ -48,8 +47,8 @@ def choose_stepping(
     fastest = _fastest(simulator, theta, widths, x, u)
     step = min(p.recording.sample_time for p in prepared)
     needed = _substeps(fastest * step)
-    if needed > (LIFTED_SUBSTEPS if liftable(simulator) else MOST_SUBSTEPS):
-        return Stepping("rodas3", 2 if liftable(simulator) else 4, widths)
+    if needed > MOST_SUBSTEPS:
+        return Stepping("rodas3", 2, widths)
     method, order = "rk4", 4
     change = _change(
         simulator, prepared, theta, *(Stepping(method, n, widths) for n in (needed, 4 * needed))
@@ -86,7 +85,7 @@ def with_smooth(
     stepping: Stepping, given: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
 ) -> Stepping:
     """Add how sets without jumps are stepped, where the given model has none."""
-    if not stepping.widths or not liftable(given) or given.smoothed_arguments:
+    if not stepping.widths or given.smoothed_arguments:
         return stepping
     smooth = choose_stepping(given, prepared, theta)
     dearer = smooth.method == "rodas3" or stepping.substeps % smooth.substeps > 0
@@ -196,22 +195,12 @@ def _fastest(
     ask()
     count = x.shape[1]
     jacobian = np.zeros((len(x), count, count))
-    if simulator.function is None:
-        field = Field(simulator, [float(v) for v in theta], widths)
-        with np.errstate(all="ignore"):
-            _, rows = field.slopes(Point(0.0, list(x.T), list(u.T)))
-        for i, row in enumerate(rows):
-            for j, state in enumerate(simulator.model.states):
-                jacobian[:, i, j] = row.get(state, 0.0)
-    else:
-        import jax
-
-        def rates(state: jax.Array, inputs: jax.Array) -> jax.Array:
-            found = simulator.rates(0.0, tuple(state), tuple(inputs), tuple(theta), widths)
-            return jax.numpy.stack(found)
-
-        with jax.enable_x64(True):
-            jacobian = np.asarray(jax.vmap(jax.jacfwd(rates))(x, u))
+    field = Field(simulator, [float(v) for v in theta], widths)
+    with np.errstate(all="ignore"):
+        _, rows = field.slopes(Point(0.0, list(x.T), list(u.T)))
+    for i, row in enumerate(rows):
+        for j, state in enumerate(simulator.model.states):
+            jacobian[:, i, j] = row.get(state, 0.0)
     jacobian = jacobian[np.isfinite(jacobian).all((1, 2))]
     return float(np.abs(np.linalg.eigvals(jacobian)).max()) if jacobian.size else 0.0
 
@@ -232,13 +221,6 @@ def _change(
         return build_segments(simulator.model, prepared, rows, stepping.substeps)
 
     with np.errstate(all="ignore"):
-        if liftable(simulator):
-            first, second = (coarse, segments(coarse)), (fine, segments(fine))
-            difference = carried_errors(simulator, first, second, theta, first[1].course)
-        else:
-            runs = []
-            for stepping in (coarse, fine):
-                found = segments(stepping)
-                runs.append(outputs(simulator, stepping, found, theta, found.guess))
-            difference = runs[1] - runs[0]
+        first, second = (coarse, segments(coarse)), (fine, segments(fine))
+        difference = carried_errors(simulator, first, second, theta, first[1].course)
         return float(np.max(np.abs(difference).max(axis=(1, 2)) / deviation))

@@ -11,7 +11,6 @@ from jaxsr.diagnosis.contest.scoring import FreeRun, free_run
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Fit, Problem
-from jaxsr.models.lifting import liftable
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments
 from jaxsr.models.simulator import Simulator
@@ -68,7 +67,7 @@ def reduce(problem: Problem, super_model: SuperModel, members: Sequence[int]) ->
     """Leave out of a super-model's problem what the given model and `members` do not need."""
     full = super_model.model
     everything = np.arange(len(full.parameters)), np.arange(len(full.states))
-    if not liftable(problem.simulator) or len(members) == len(super_model.candidates):
+    if len(members) == len(super_model.candidates):
         return Reduced(problem, *everything)
     own = lean(super_model, problem.simulator, problem.stepping, members)
     states = _state_positions(super_model, members)
@@ -124,7 +123,7 @@ def lean(
 ) -> Lean:
     """Leave out of a super-model's simulator what the given model and `members` do not need."""
     everything = np.arange(len(super_model.model.parameters))
-    if not liftable(simulator) or len(members) == len(super_model.candidates):
+    if len(members) == len(super_model.candidates):
         return Lean(simulator, stepping, everything)
     alone = SuperModel.build(super_model.given, [super_model.candidates[i] for i in members])
     order = list(super_model.model.parameters)

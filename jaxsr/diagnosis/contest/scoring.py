@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from jaxsr.diagnosis.contest.memory_starts import memory_starts
 from jaxsr.models.least_squares import Problem
-from jaxsr.models.lifting import liftable
 from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import SHORTEST, Prepared, Segments, build_segments, cut
 from jaxsr.models.shooting import fit, simulate
@@ -18,9 +17,6 @@ from jaxsr.models.states import spread
 
 DIVERGED = 10.0
 START_SHARE = 0.05
-LONG = 3000
-"""Samples from which only the beginning of a segment is simulated to estimate its start, where
-every length of it is compiled anew."""
 ONE_BY_ONE = 50_000
 """Samples of a segment from which it is simulated by one compiled program from sample to sample."""
 
@@ -129,20 +125,11 @@ def _beginnings(
     theta: np.ndarray,
     starts: Sequence[np.ndarray] | None,
 ) -> Segments:
-    """Return the segments with the outputs of all but their first samples left out.
-
-    Where that spares work, segments are cut short instead.
-    """
-    if liftable(simulator) or segments.time.shape[0] > LONG:
-        short = [(r, a, a + n) for (r, a, _), n in zip(rows, first, strict=True)]
-        size = max(n for n in first)
-        shape = (size, segments.number)
-        steps = stepping.substeps
-        return build_segments(simulator.model, prepared, short, steps, shape, theta, starts=starts)
-    measured = segments.outputs.copy()
-    for s, n in enumerate(first):
-        measured[:, n:, s] = np.nan
-    return replace(segments, outputs=measured)
+    """Return the segments, cut short behind their first samples."""
+    short = [(r, a, a + n) for (r, a, _), n in zip(rows, first, strict=True)]
+    shape = (max(first), segments.number)
+    steps = stepping.substeps
+    return build_segments(simulator.model, prepared, short, steps, shape, theta, starts=starts)
 
 
 def _scales(prepared: Sequence[Prepared]) -> np.ndarray:

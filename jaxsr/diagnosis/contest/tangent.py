@@ -11,7 +11,6 @@ import numpy as np
 from jaxsr.diagnosis.contest.reduced import Reduced, reduce
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import LARGEST, Fit, Problem
-from jaxsr.models.lifting import liftable
 from jaxsr.models.shooting import linearise_fit
 
 TOGETHER = 16
@@ -50,9 +49,7 @@ class Tangent:
         """
         every = super_model.candidates
         order = sorted(numbers, key=lambda i: (every[i].stiff, every[i].substeps))
-        parts = [order[k : k + TOGETHER] for k in range(0, len(order), TOGETHER)]
-        # steps of a general function are compiled for every choice of parameters
-        parts = [[], *parts] if liftable(problem.simulator) else [order]
+        parts = [[], *(order[k : k + TOGETHER] for k in range(0, len(order), TOGETHER))]
         columns: dict[int, int] = {}
         found, jacobians = [], []
         for together in parts:

@@ -19,7 +19,6 @@ from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.site import Threshold, sites_of
 from jaxsr.expressions import evaluate
 from jaxsr.models import Model
-from jaxsr.models.lifting import liftable
 
 POWER = 0.95
 """Share of such recordings in which the smallest effect would be found."""
@@ -109,7 +108,7 @@ def _thresholds(
     The first variant of each, which is the hard one: a soft limit bends what lies far below it.
     """
     arena, chosen = parts.arena, parts.chosen
-    if not liftable(arena.problem.simulator) or chosen.fit.path is None:
+    if chosen.fit.path is None:
         return
     sites = sites_of(arena.super_model.given, {})
     wanted: dict[str, tuple[int, Candidate, Threshold]] = {}

@@ -14,7 +14,7 @@ from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.judging.alternatives import Alternative
 from jaxsr.diagnosis.judging.equivalence import equivalent
 from jaxsr.models import Model
-from jaxsr.models.lifting import closed, liftable, linear
+from jaxsr.models.lifting import closed, linear
 from jaxsr.models.segments import Prepared, build_segments
 from jaxsr.models.states import StateEstimate
 from jaxsr.recordings import Recording
@@ -112,8 +112,6 @@ def best_experiment(parts: Ingredients, rival: Entry, leader: Entry) -> Experime
     """
     arena = parts.arena
     problem, super_model = arena.problem, arena.super_model
-    if not liftable(problem.simulator):
-        return None
     ours, theirs = (
         lean(super_model, problem.simulator, problem.stepping, e.members) for e in (leader, rival)
     )

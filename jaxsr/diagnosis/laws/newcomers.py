@@ -252,7 +252,7 @@ def with_candidates(
     super_model = old
     if unknown:
         super_model = SuperModel.build(old.given, [*old.candidates, *(c for c, _ in unknown)])
-    simulator = Simulator(super_model.model, case.simulator.function)
+    simulator = Simulator(super_model.model)
     stepping, scale = arena.problem.stepping, arena.problem.scale
     neutral = neutral_values(super_model)
     added = neutral[len(old.model.parameters) :]

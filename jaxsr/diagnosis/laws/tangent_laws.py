@@ -33,7 +33,6 @@ from jaxsr.evolution import SearchConfig, propose
 from jaxsr.evolution.config import SizeLimits
 from jaxsr.evolution.propose import Proposal
 from jaxsr.expressions import evaluate, parse
-from jaxsr.models.lifting import liftable
 
 SECONDS, SHARE = 4.0, 0.25
 """Longest search at one equation, and its share of the time left."""
@@ -95,7 +94,7 @@ def places(arena: Arena, entry: Entry) -> tuple[Place, ...]:
 
     At each of them the law stands in the place of the entry's own forces there.
     """
-    if not liftable(arena.problem.simulator) or entry.fit.path is None or not entry.fit.usable:
+    if entry.fit.path is None or not entry.fit.usable:
         return ()
     responses = Responses.of(arena, entry, sites_of(arena.super_model.given, {}))
     variables, found = states_between(responses), list[Place]()

@@ -19,7 +19,6 @@ from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models import Simulator
-from jaxsr.models.lifting import liftable
 
 
 def with_located(
@@ -30,7 +29,7 @@ def with_located(
     `stop` is asked now and then: what stood out until it says so is returned.
     """
     null = next(e for e in entries if not e.members)
-    if not liftable(arena.problem.simulator) or null.fit.path is None or not null.fit.usable:
+    if null.fit.path is None or not null.fit.usable:
         return arena, entries
     responses = Responses.of(arena, null, sites_of(arena.super_model.given, {}))
     candidates = [

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxsr.diagnosis.screening.weak_grid import WeakGrid
@@ -132,8 +130,7 @@ def _one_recording(
     env = simulator.environment(item.time, x, u, tuple(theta))
     widths = width_scales(simulator, env)
 
-    describe = _by_formula if simulator.function is None else _by_function
-    value, silent, slope = describe(simulator, item.time, (x, u), theta, widths, states)
+    value, silent, slope = _pieces(simulator, item.time, (x, u), theta, widths, states)
     rows = [np.flatnonzero(known[s]) for s in states]
     blocks = []
     for state, mine in zip(states, rows, strict=True):
@@ -155,7 +152,7 @@ Pieces = tuple[dict, dict, dict]
 """Forces and masses along a recording, forces without inputs, and slopes by the parameters."""
 
 
-def _by_formula(
+def _pieces(
     simulator: Simulator,
     time: np.ndarray,
     signals: tuple[tuple, tuple],
@@ -199,33 +196,6 @@ def _by_formula(
             "mass": {key: table(by) for key, (_, by) in masses.items()},
         },
     )
-
-
-def _by_function(
-    simulator: Simulator,
-    time: np.ndarray,
-    signals: tuple[tuple, tuple],
-    theta: np.ndarray,
-    widths: tuple[float, ...],
-    states: tuple[str, ...],
-) -> Pieces:
-    x, u = signals
-    model = simulator.model
-
-    def pieces(values: jax.Array, scale: float) -> dict:
-        p = tuple(values[i] for i in range(theta.size))
-        forces = simulator.forces(time, x, tuple(scale * a for a in u), p, widths)
-        like = jnp.zeros_like(jnp.asarray(time))
-        chosen = {s: forces[model.states.index(s)] + like for s in states}
-        mass = {k: v + like for k, v in simulator.inertia(time, x, u, p).items()}
-        return {"forces": chosen, "mass": mass}
-
-    with jax.enable_x64(True):
-        at = jnp.asarray(theta)
-        value = jax.tree.map(np.asarray, pieces(at, 1.0))
-        silent = jax.tree.map(np.asarray, pieces(at, 0.0))["forces"]
-        slope = jax.tree.map(np.asarray, jax.jacfwd(lambda v: pieces(v, 1.0))(at))
-    return value, silent, slope
 
 
 def centred(u: np.ndarray, hold: str) -> np.ndarray:

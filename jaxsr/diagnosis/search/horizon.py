@@ -17,10 +17,9 @@ from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.contenders import Start
 from jaxsr.models import Simulator
 from jaxsr.models.least_squares import Fit, Problem
-from jaxsr.models.lifting import liftable, linear
+from jaxsr.models.lifting import linear
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, cut
-from jaxsr.models.shooting import simulate
 
 MAX_SAMPLES = 1024
 """Longest segment of the contest, in samples."""
@@ -177,11 +176,8 @@ def _cost(problem: Problem, theta: np.ndarray) -> float:
     """Sum of squared residuals of a simulation, to first order about what the sensors tell."""
     segments = problem.segments
     with np.errstate(all="ignore"):
-        if liftable(problem.simulator):
-            setting = problem.simulator, problem.stepping, segments
-            y = linear(*setting, theta, segments.course, ()).outputs
-        else:
-            y = simulate(problem, theta, segments.guess)
+        setting = problem.simulator, problem.stepping, segments
+        y = linear(*setting, theta, segments.course, ()).outputs
         cost = float(np.sum(problem.residual(y) ** 2))
     return cost if np.isfinite(cost) else np.inf
 

@@ -209,7 +209,7 @@ def _stop(case: Case) -> Callable[[], bool]:
 def _arena(case: Case, super_model: SuperModel, starts: list[Start]) -> tuple[Arena, float]:
     """Cut the recordings into segments; return the arena and the horizon of the verdict in s."""
     case.progress.stage("choosing integration steps and the horizon")
-    simulator = Simulator(super_model.model, case.simulator.function)
+    simulator = Simulator(super_model.model)
     stepping = choose_stepping(simulator, case.prepared, starts[1][1])
     stepping = rounded_explicit(stepping, simulator, case.prepared, starts[1][1])
     scale = 0.01 * spread(np.concatenate([p.outputs for p in case.prepared]))

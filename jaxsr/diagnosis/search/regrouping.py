@@ -24,7 +24,6 @@ from jaxsr.diagnosis.mechanisms.candidate import UNNAMED
 from jaxsr.diagnosis.mechanisms.site import grows_in_proportion
 from jaxsr.diagnosis.screening.screen import ENGAGED, redundant
 from jaxsr.diagnosis.search.tangents import change, tangent_about
-from jaxsr.models.lifting import liftable
 
 BEAM, LARGEST = 10, 3
 """Sets of a size that grow on, and the largest size unless the chosen set is larger."""
@@ -111,7 +110,7 @@ def _linear(arena: Arena, centre: Entry) -> bool:
     known = centre.fit.path is not None and centre.fit.usable
     late = late_members(arena.super_model, centre.members)
     named = all(arena.super_model.candidates[i].mechanism != UNNAMED for i in centre.members)
-    return known and named and not late and liftable(arena.problem.simulator)
+    return known and named and not late
 
 
 @dataclass(frozen=True, eq=False)
