@@ -51,6 +51,51 @@ when = "0.12 - q"
 direction = -1
 reset = { v = "-e*v" }
 """
+PENDULUM = """
+[model]
+name = "pendulum"
+states = ["a", "w"]
+inputs = []
+outputs = ["angle"]
+[equations]
+a = "w"
+w = "-(g/l)*sin(a) - b*w"
+[readings]
+angle = "a"
+[parameters]
+g = 9.81
+l = { value = 0.8, bounds = [0.5, 1.2] }
+b = { value = 0.08, bounds = [0.0, 0.5] }
+e = { value = 0.85, bounds = [0.3, 1.0] }
+[[events]]
+when = "0.1 - a"
+direction = -1
+reset = { w = "-e*w" }
+"""
+CART = """
+[model]
+name = "cart"
+states = ["x", "v"]
+inputs = ["F"]
+outputs = ["p"]
+[equations]
+x = "v"
+v = "(F - c*v)/m"
+[readings]
+p = "x"
+[parameters]
+m = { value = 2.2, bounds = [1.0, 4.0] }
+c = { value = 1.0, bounds = [0.1, 4.0] }
+e = { value = 0.6, bounds = [0.1, 1.0] }
+[[events]]
+when = "1 - x"
+direction = -1
+reset = { v = "-e*v" }
+[[events]]
+when = "x + 1"
+direction = -1
+reset = { v = "-e*v" }
+"""
 
 
 def motion(
@@ -110,4 +155,36 @@ def struck(rng: np.random.Generator, friction: float = 0.0, cubic: float = 0.0) 
         x = motion(rate, lambda x: 0.12 - float(x[0]), 0.6, (0.0, 0.0), time)
         x = x + np.array([2e-4, 5e-3]) * rng.normal(size=x.shape)
         found.append(Recording(f"r{k}", time, {"u": force, "y": x[:, 0], "w": x[:, 1]}))
+    return found
+
+
+def swung(rng: np.random.Generator, friction: float = 0.0, drag: float = 0.0) -> list[Recording]:
+    """Three swings of a pendulum against a wall, its angle in steps of an encoder."""
+    time, step, found = np.arange(0.0, 6.0, 0.005), 2.0 * np.pi / 4096.0, []
+
+    def rate(t: float, x: Array) -> list[float]:
+        lost = 0.05 * x[1] + friction * np.tanh(x[1] / 1e-3) + drag * x[1] * abs(x[1])
+        return [x[1], -12.0 * np.sin(x[0]) - lost]
+
+    for k in range(3):
+        begin = float(-rng.uniform(0.8, 1.4)), 0.0
+        x = motion(rate, lambda x: 0.1 - float(x[0]), 0.8, begin, time)
+        found.append(Recording(f"r{k}", time, {"angle": step * np.round(x[:, 0] / step)}))
+    return found
+
+
+def pushed(rng: np.random.Generator, friction: float = 0.0, drag: float = 0.0) -> list[Recording]:
+    """Two runs of a cart between two walls, pushed; only its place is read."""
+    time, tones, found = np.arange(0.0, 10.0, 0.01), np.array([0.2, 0.35, 0.6]), []
+    for k in range(2):
+        phase = rng.uniform(0.0, 6.0, 3)
+        force = 4.0 * np.sin(2.0 * np.pi * np.outer(time, tones) + phase).sum(axis=1)
+
+        def rate(t: float, x: Array, force: Array = force) -> list[float]:
+            lost = 0.8 * x[1] + friction * np.tanh(x[1] / 1e-3) + drag * x[1] * abs(x[1])
+            return [x[1], (float(np.interp(t, time, force)) - lost) / 2.0]
+
+        x = motion(rate, lambda x: 1.0 - abs(float(x[0])), 0.5, (0.0, 0.0), time)
+        place = x[:, 0] + 5e-4 * rng.normal(size=time.size)
+        found.append(Recording(f"r{k}", time, {"F": force, "p": place}))
     return found

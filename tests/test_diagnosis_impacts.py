@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from impact_plants import BALL, HAMMER, dropped, struck
+from impact_plants import BALL, CART, HAMMER, PENDULUM, dropped, pushed, struck, swung
 
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis.likelihood.course import followed
@@ -95,8 +95,17 @@ def test_recalibration_finds_the_restitution_in_free_fall() -> None:
         (HAMMER, struck, None),
         (HAMMER, lambda rng: struck(rng, friction=0.5), "coulomb_friction@equation:v"),
         (HAMMER, lambda rng: struck(rng, cubic=600.0), "cubic_stiffness@equation:v"),
+        (PENDULUM, swung, None),
+        (PENDULUM, lambda rng: swung(rng, friction=0.15), "coulomb_friction@equation:w"),
+        (PENDULUM, lambda rng: swung(rng, drag=0.06), "quadratic_drag@equation:w"),
+        (CART, pushed, None),
+        (CART, lambda rng: pushed(rng, friction=1.0), "coulomb_friction@equation:v"),
+        (CART, lambda rng: pushed(rng, drag=0.7), "quadratic_drag@equation:v"),
     ],
-    ids=["ball", "ball with drag", "hammer", "hammer with friction", "hammer with a cubic spring"],
+    ids=(
+        "ball, ball drag, hammer, hammer friction, hammer cubic, pendulum, pendulum friction, "
+        "pendulum drag, cart, cart friction, cart drag"
+    ).split(", "),
 )
 def test_what_is_missing_beside_impacts_is_named(
     model: str,
