@@ -215,7 +215,7 @@ def test_windows_that_newton_closes_lead_where_single_steps_lead(window, monkeyp
     simulator, rng = Simulator(RUB), np.random.default_rng(4)
     segments, stepping = segments_of(simulator, rng, 2, None), Stepping("rodas3", 2, (1e-3,))
     theta = np.array(simulator.values())
-    monkeypatch.setattr("jaxsr.models.lifting.MOST_WINDOW", window)
+    monkeypatch.setattr("jaxsr.models.ground.MOST_WINDOW", window)
     path = closed(simulator, stepping, segments, theta, segments.course)
     monkeypatch.setattr("jaxsr.models.lifting.SHORT", 10**9)
     single = closed(simulator, stepping, segments, theta, segments.course)
