@@ -105,7 +105,10 @@ def motion(
     begin: tuple[float, float],
     time: Array,
 ) -> Array:
-    """Position and speed, shape (samples, 2); the speed turns over where the gap closes."""
+    """Position and speed, shape (samples, 2); the speed turns over where the gap closes.
+
+    Of what is pressed to rest against the wall it finds no end.
+    """
 
     def closes(t: float, x: Array) -> float:
         return gap(x)
@@ -118,7 +121,8 @@ def motion(
             max_step=0.02, dense_output=True,
         )  # fmt: skip
         here = (time >= t) & (time <= done.t[-1])
-        found[here] = done.sol(time[here]).T
+        if here.any():
+            found[here] = done.sol(time[here]).T
         if done.status != 1:
             return found
         state = np.array([done.y[0, -1], -restitution * done.y[1, -1]])
