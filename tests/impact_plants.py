@@ -113,7 +113,7 @@ def motion(
     def closes(t: float, x: Array) -> float:
         return gap(x)
 
-    closes.terminal, closes.direction = True, -1.0  # type: ignore[attr-defined]
+    vars(closes).update(terminal=True, direction=-1.0)  # as scipy asks for it
     found, state, t = np.zeros((time.size, 2)), np.array(begin), float(time[0])
     while True:
         done = solve_ivp(
