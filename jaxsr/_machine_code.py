@@ -7,8 +7,9 @@ import functools
 import hashlib
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 
@@ -22,16 +23,54 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any] | None:
     Parameters
     ----------
     function : callable
-        Of arrays and numbers, in the part of Python that Numba takes.
+        Of arrays and numbers, in the part of Python that Numba takes. Functions of its package
+        that it calls are compiled with it.
     """
     try:
         from numba import njit
     except ImportError:
         return None
+    whole = _linked(function)
     try:
-        return njit(cache=True, nogil=True, error_model="numpy")(function)
+        return njit(cache=True, nogil=True, error_model="numpy")(whole)
     except RuntimeError:  # no folder to keep it in
-        return njit(nogil=True, error_model="numpy")(function)
+        return njit(nogil=True, error_model="numpy")(whole)
+
+
+def _called(function: Callable[..., Any]) -> dict[str, Callable[..., Any]]:
+    """Return the functions of the same package that a function calls, by their names there."""
+    known, package = function.__globals__, function.__module__.split(".")[0]
+    named = {name: known.get(name) for name in function.__code__.co_names}
+    return {
+        name: found
+        for name, found in named.items()
+        if isinstance(found, FunctionType) and found.__module__.split(".")[0] == package
+    }
+
+
+def _sources(function: Callable[..., Any]) -> list[Path]:
+    """Return the files that a function and those that it calls are written in."""
+    found = {Path(function.__code__.co_filename)}
+    return sorted(found.union(*map(_sources, _called(function).values())))
+
+
+def _linked(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that calls compiled ones in the place of their texts.
+
+    What was compiled of it is kept by its name, and called functions may change where its own file
+    does not: its name says which they were.
+    """
+    called = {name: compiled(found) for name, found in _called(function).items()}
+    if not called:
+        return function
+    whole = FunctionType(function.__code__, {**function.__globals__, **called})
+    functools.update_wrapper(whole, function)
+    whole.__qualname__ += f"_{_digest(path.read_bytes() for path in _sources(function))}"
+    return whole
+
+
+def _digest(words: Iterable[bytes]) -> str:
+    return hashlib.sha256(b"\0".join(words)).hexdigest()[:16]
 
 
 @functools.cache
@@ -83,6 +122,7 @@ def _mark(function: Callable[..., Any], found: Any) -> Path | None:
     if folder is None:
         return None
     source = Path(function.__code__.co_filename)
-    words = source.read_bytes(), numba.__version__.encode(), binding.get_host_cpu_name().encode()
-    joined = hashlib.sha256(b"\0".join((*words, sys.version.encode()))).hexdigest()[:16]
+    texts = [path.read_bytes() for path in _sources(function)]
+    words = numba.__version__, binding.get_host_cpu_name(), sys.version
+    joined = _digest([*texts, *(word.encode() for word in words)])
     return Path(folder) / f"{source.stem}.{function.__qualname__}.{joined}.kept"

@@ -22,6 +22,7 @@ from jaxsr.models.following import followed
 from jaxsr.models.machine_steps import rk4_steps
 from jaxsr.models.parts import Part
 from jaxsr.models.programs import compile_steps, program_of
+from jaxsr.models.register_machine import executed
 
 ROOT = Path(__file__).resolve().parents[1]
 LAWS = {
@@ -202,6 +203,33 @@ def test_no_instruction_writes_over_what_it_reads() -> None:
         assert target not in used[: 1 if operation >= CODE["exp"] else None]
 
 
+def run(operation: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return what the machine makes of two rows."""
+    machine: Any = compiled(executed)
+    register = np.stack([x, y, np.zeros_like(x), np.zeros_like(x)])
+    machine(np.array([[CODE[operation], 2, 0, 1, 0]]), 0, 1, register, len(x))
+    return register[2]
+
+
+def test_hyperbolic_tangents_are_within_four_units_of_the_last_place() -> None:
+    rng = np.random.default_rng(4)
+    x = rng.choice([-1.0, 1.0], 20_000) * 10.0 ** rng.uniform(-300.0, 2.0, 20_000)
+    x = np.concatenate([x, rng.normal(size=80_000), [0.0, -0.0, 1e308, np.inf, -np.inf, np.nan]])
+    found, wanted = run("tanh", x, x), np.tanh(x)
+    np.testing.assert_array_max_ulp(found[:-1], wanted[:-1], 4)
+    np.testing.assert_array_equal(np.signbit(found[:-1]), np.signbit(x[:-1]))
+    assert np.isnan(found[-1])
+
+
+@pytest.mark.parametrize("exponent", [1.0, 2.0, 3.0, -1.0, 0.5, 2.5])
+def test_powers_that_all_samples_have_are_those_of_each(exponent: float) -> None:
+    x = np.random.default_rng(5).uniform(0.1, 3.0, 200)
+    y = np.full(200, exponent)
+    np.testing.assert_array_max_ulp(run("power", x, y), x**y, 2)
+    y[7] = 1.5
+    np.testing.assert_array_max_ulp(run("power", x, y), x**y, 2)
+
+
 def test_what_the_machine_has_not_is_left_to_numpy() -> None:
     recording = Recording.of(lambda env: np.hypot(env["x"], 1.0), ["x"])
     assert Instructions.of(recording, ["x"]) is None
@@ -249,3 +277,27 @@ print(found if found is None else found(3.0))
     later = time.time() + 60.0  # as an installation that was made anew
     os.utime(tmp_path / "small.py", (later, later))
     assert said() == "6.0\n"
+
+
+@pytest.mark.long
+def test_what_calls_a_function_that_changed_is_compiled_anew(tmp_path: Path) -> None:
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    (folder / "__init__.py").touch()
+    (folder / "whole.py").write_text(
+        "from parts.small import share\n\n\ndef twice(x):\n    return 2.0 * share(x)\n",
+        encoding="utf-8",
+    )
+    script = """
+from jaxsr._machine_code import compiled
+from parts.whole import twice
+print(compiled(twice)(3.0))
+"""
+    paths = os.pathsep.join([str(ROOT), str(tmp_path)])
+    own = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": paths}
+    for law, wanted in (("x", "6.0"), ("x + 1.0", "8.0"), ("x", "6.0")):
+        text = f"def share(x):\n    return {law}\n"
+        (folder / "small.py").write_text(text, encoding="utf-8")
+        words = [sys.executable, "-c", script]
+        said = subprocess.run(words, env=own, capture_output=True, text=True, check=True).stdout
+        assert said == f"{wanted}\n"

@@ -14,11 +14,12 @@ from jaxsr._machine_code import compiled, kept, mark
 from jaxsr.expressions.instructions import Instructions
 from jaxsr.models.directions import Directions
 from jaxsr.models.field import Field
-from jaxsr.models.machine_steps import Code, Course, rk4_steps
+from jaxsr.models.machine_steps import rk4_steps
+from jaxsr.models.machine_tables import Code, Course
 from jaxsr.models.parts import Part
 
 Array = Any
-CACHED, LEAST, MOST = 1 << 16, 8, 128
+CACHED, LEAST, MOST = 1 << 18, 32, 128
 """Numbers of a row of samples and all that is calculated of it, which a processor's cache holds;
 samples of a row."""
 TOGETHER = 100_000
