@@ -62,7 +62,8 @@ def test_additions_are_asked_about_jumps_as_round_as_those_of_the_leader() -> No
     assert course is not None
     every = SuperModel.build(simulator.model, offered(simulator.model, course, ()))
     work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
-    state, table = begun(work, course.null)
+    state = begun(work, course.null)
+    table = state.table
     number = next(i for i, c in enumerate(every.candidates) if c.mechanism == "coulomb_friction")
     leader = hypothesis(work, table, (number,), state.known[()])
     assert leader is not None and leader.width is not None and leader.width > 0.0

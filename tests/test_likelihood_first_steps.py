@@ -73,7 +73,8 @@ def weighed(records: list[Recording]) -> tuple[SuperModel, Workspace, Table, Hyp
     assert course is not None
     every = SuperModel.build(model, offered(model, course, ()))
     work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
-    state, table = begun(work, course.null)
+    state = begun(work, course.null)
+    table = state.table
     null = state.known[()]
     assert null is not None
     return every, work, table, null

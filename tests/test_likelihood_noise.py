@@ -63,7 +63,8 @@ def short(seed: int, folder: Path) -> float:
     assert course is not None
     super_model = SuperModel.build(model, offered(model, course, ()))
     work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise)
-    state, table = begun(work, course.null)
+    state = begun(work, course.null)
+    table = state.table
     every, null = enumerate(super_model.candidates), state.known[()]
     drag = next(i for i, c in every if c.mechanism == "power_law_drag")
     assert null is not None
@@ -142,7 +143,8 @@ def test_a_memory_whose_steps_run_away_has_no_evidence(tmp_path: Path) -> None:
     assert course is not None
     super_model = SuperModel.build(model, offered(model, course, ()))
     work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise)
-    state, table = begun(work, course.null)
+    state = begun(work, course.null)
+    table = state.table
     null = state.known[()]
     every = enumerate(super_model.candidates)
     stiff = [i for i, c in every if c.mechanism == "hysteresis" and c.parameters[1].neutral > 1e3]

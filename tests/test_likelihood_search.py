@@ -211,11 +211,10 @@ def test_what_would_lead_is_followed_until_it_rests_or_ends_alike(
     candidate = SimpleNamespace(label="drag@v", physical=None, tried=1)
     every = SimpleNamespace(candidates=(candidate, candidate))
     work: Any = SimpleNamespace(super_model=every, stop=lambda: False)
-    null, made = found(10.0, True), iter(passes)
-    state = loop.State(work, {(): null})
+    null, made, table = found(10.0, True), iter(passes), cast(Any, None)
+    state = loop.State(work, table, {(): null})
     monkeypatch.setattr(loop, "hypothesis", lambda *_: found(*next(made), members=(0,)))
-    table: Any = None
-    known, due = loop._estimated(state, table, null, [(0,)])
+    known, due = loop._estimated(state, null, [(0,)])
     assert not due
     estimate = known[(0,)]
     assert estimate is not None
@@ -243,13 +242,13 @@ def test_additions_end_with_one_that_leads_and_leaves_nothing(
 
     monkeypatch.setattr(loop, "hypothesis", estimate)
     monkeypatch.setattr(loop, "believable", lambda *_: True)
-    state = loop.State(work, {(3,): leader})
-    known, due = loop._estimated(state, table, leader, list(logs))
+    state = loop.State(work, table, {(3,): leader})
+    known, due = loop._estimated(state, leader, list(logs))
     assert len(known) == 1 + asked and not due
-    known, _ = loop._estimated(state, table, leader, list(logs), again=True)
+    known, _ = loop._estimated(state, leader, list(logs), again=True)
     assert len(known) == 4
     null = found(10.0, True, share=0.2)  # beside re-calibration all are asked
-    known, _ = loop._estimated(loop.State(work, {(): null}), table, null, list(logs))
+    known, _ = loop._estimated(loop.State(work, table, {(): null}), null, list(logs))
     assert len(known) == 4
 
 
@@ -270,10 +269,10 @@ def test_what_there_was_no_time_for_was_not_asked_about(monkeypatch: pytest.Monk
     over = iter([False, False, True, True])  # asked once a proposal
     work: Any = SimpleNamespace(super_model=every, stop=lambda: next(over), prepared=(), rows=())
     null, table = found(10.0, True), cast(Any, None)
-    state = loop.State(work, {(): null})
+    state = loop.State(work, table, {(): null})
     monkeypatch.setattr(loop, "hypothesis", lambda w, t, m, *_: found(0.0, True, members=m))
     monkeypatch.setattr(loop, "believable", lambda *_: True)
-    known, due = loop._estimated(state, table, null, [(0,), (1,), (2,)])
+    known, due = loop._estimated(state, null, [(0,), (1,), (2,)])
     assert set(known) == {(), (0,), (1,)} and due == ((2,),)
     told = Posterior.of(replace(state, known=known, due=due))
     assert not told.timely
@@ -330,6 +329,6 @@ def test_no_force_stands_where_re_calibration_without_one_is_likelier() -> None:
         assert course is not None
         every = SuperModel.build(simulator.model, offered(simulator.model, course, ()))
         work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
-        state, _ = loop.begun(work, course.null)
-        odds.append(loop.odds_of_force(work, state.leader))
+        state = loop.begun(work, course.null)
+        odds.append(loop.odds_of_force(state, state.leader))
     assert min(odds) > -loop.RENEWED

@@ -69,7 +69,8 @@ def test_steps_that_do_for_a_law_that_is_off_are_not_kept_once_it_acts(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     work = offered(Dry(2.0 / MASS, 2.0 / MASS), 1e-3)
-    state, table = begun(work)
+    state = begun(work)
+    table = state.table
     coulomb = [c.mechanism for c in work.super_model.candidates].index("coulomb_friction")
     led = hypotheses.hypothesis(work, table, (coulomb,))
     assert led is not None

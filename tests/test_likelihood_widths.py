@@ -46,7 +46,7 @@ def followed() -> Iterator[dict[str, Any]]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hypotheses, "at_its_mode", watched)
-        assert hypotheses.hypothesis(work, begun(work)[1], (coulomb,)) is not None
+        assert hypotheses.hypothesis(work, begun(work).table, (coulomb,)) is not None
     yield kept | {"work": work, "constant": names.index("constant_force"), "coulomb": coulomb}
 
 
@@ -55,7 +55,7 @@ def test_a_constant_force_may_be_a_member_beside_a_jump(followed: dict[str, Any]
     """It is then estimated, and stands for the latent force all the same."""
     work = followed["work"]
     both = (followed["constant"], followed["coulomb"])
-    found = hypotheses.hypothesis(work, begun(work)[1], both)
+    found = hypotheses.hypothesis(work, begun(work).table, both)
     assert found is not None and found.width is not None
     (name,) = found.names[both[0]].values()
     value, deviation = found.constants[name]

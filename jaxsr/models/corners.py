@@ -132,14 +132,17 @@ class Corners:
             time = time + length[:, number]
             shares.append(self._shares(heights))
             for own, (_, width) in zip(heights, self.arguments, strict=True):
-                near = np.abs([a for a, _ in own]) < NEAR * width
+                near = np.abs(own[0]) < NEAR * width
                 staying |= (near[1:] & near[:-1]).any(axis=0) | near[-1]
         return staying, shares
 
     def _looked(
         self, field: Field, x: list[Array], time: Array, h: Array, stages: Stages
-    ) -> tuple[list[list[tuple[Array, Array]]], list[Array]]:
-        """Return arguments and their changes at the begin of `LOOKED` equal parts, and the end."""
+    ) -> tuple[list[tuple[Array, Array]], list[Array]]:
+        """Return arguments and their changes at the begin of `LOOKED` equal parts, and the end.
+
+        Their shapes are (`LOOKED` + 1, steps, segments).
+        """
         shape, edges = np.shape(x[0]), np.linspace(0.0, 1.0, LOOKED + 1)
         parts = [
             Part(stages, time, h, np.full(shape, first), np.full(shape, last))
@@ -148,34 +151,36 @@ class Corners:
         along, _ = followed(field, None, self.method, x, parts)
         points = [part.at(own, 0.0) for part, own in zip(parts, along, strict=False)]
         points.append(parts[-1].at(along[-1], 1.0))
-        lengths = [part.length for part in (*parts, parts[-1])]
-        heights = [
-            [
-                self._with_rate(field, argument, *place)
-                for place in zip(points, lengths, strict=True)
-            ]
-            for argument, _ in self.arguments
-        ]
+        place = _stacked(points), np.array([part.length for part in (*parts, parts[-1])])
+        heights = [self._with_rate(field, argument, *place) for argument, _ in self.arguments]
         return heights, along[-1]
 
-    def _shares(self, heights: list[list[tuple[Array, Array]]]) -> Array:
+    def _shares(self, heights: list[tuple[Array, Array]]) -> Array:
         """Return where the parts of a substep begin and end, shape (parts + 1, ...).
 
         Few parts are equally long. More are the shorter, the nearer to a corner they are, as
         arguments at the begin of `LOOKED` equal parts tell.
         """
-        shape = np.shape(heights[0][0][0])
+        shape = heights[0][0].shape[1:]
         equal = np.linspace(0.0, 1.0, self.parts + 1).reshape(-1, *(1 for _ in shape))
         if self.parts <= LOOKED:
             return np.broadcast_to(equal, (self.parts + 1, *shape))
         counts = np.diff(np.linspace(0, self.parts, len(self.arguments) + 1).astype(int))
         found = [np.zeros((1, *shape)), np.ones((1, *shape))]
-        for own, count, (_, width) in zip(heights, counts, self.arguments, strict=True):
-            at, ahead = (np.array([pair[k] for pair in own]) for k in (0, 1))
+        for (at, ahead), count, (_, width) in zip(heights, counts, self.arguments, strict=True):
             found.append(graded(at, ahead[:-1], width, count + 1)[1:-1])
         joined = np.sort(np.concatenate(found), axis=0)
         missing = self.parts + 1 - len(joined)  # one argument less than there are parts
         return np.concatenate([np.zeros((missing, *shape)), joined]) if missing else joined
+
+
+def _stacked(points: Sequence[Point]) -> Point:
+    """Return several points of all samples as one."""
+    states, inputs = (
+        [np.array(values) for values in zip(*of, strict=True)]
+        for of in ([p.states for p in points], [p.inputs for p in points])
+    )
+    return Point(np.array([p.time for p in points]), states, inputs)
 
 
 def _in_parts(
@@ -235,9 +240,11 @@ def graded(at: Array, ahead: Array, width: float, count: int) -> Array:
     places = np.minimum(np.maximum.accumulate(places, axis=0) / pieces, 1.0)
     total = np.where(moved[-1] > 0.0, moved[-1], 1.0)
     grade = np.where(moved[-1] > 0.0, (1.0 - EVEN) * moved / total + EVEN * places, places)
-    wanted = np.linspace(0.0, 1.0, count)
-    found = [np.interp(wanted, g, s) for g, s in zip(grade.T, places.T, strict=True)]
-    return np.stack(found, axis=1).reshape(count, *shape)
+    # All samples at once: the grades of one end where those of the next begin.
+    apart = 2.0 * np.arange(at.shape[1])[:, None]
+    wanted = apart + np.linspace(0.0, 1.0, count)
+    found = np.interp(wanted.ravel(), (apart + grade.T).ravel(), places.T.ravel())
+    return found.reshape(-1, count).T.reshape(count, *shape)
 
 
 def _along_logarithm(a: Array, b: Array, first: Array, last: Array, width: float) -> Array:

@@ -22,6 +22,7 @@ from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import as_late
 from jaxsr.models.least_squares import Problem
+from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import build_segments
 
 STANDING = 4.0
@@ -54,6 +55,8 @@ class Hypothesis:
         Correlation of its latent force from sample to sample.
     width : float, optional
         Of its jumps, in the sharpest that the data can tell; none where nothing jumps.
+    steps : Stepping, optional
+        That it was integrated by, where it jumps.
     """
 
     members: tuple[int, ...]
@@ -67,6 +70,7 @@ class Hypothesis:
     noise: Noise
     decay: float
     width: float | None = None
+    steps: Stepping | None = None
 
 
 def hypothesis(
@@ -169,7 +173,8 @@ class _Begun:
         forced, inside = table.scales.shares.any(), -np.inf
         if near is not None and {*near.members} < {*members} and (forced or not near.share):
             inside = near.log_evidence
-        return replace(begun, follow=replace(follow, width=width, inside=inside))
+        steps = near.steps if near is not None and begun.sharp else None
+        return replace(begun, follow=replace(follow, width=width, inside=inside, steps=steps))
 
     @property
     def sharp(self) -> bool:
@@ -212,31 +217,32 @@ class _Begun:
             theta[column] = best_shift(problem, values, begun.path, output, place)
         return replace(begun, theta=theta)
 
-    def at_the_mode(self) -> tuple[Estimate, float, Scales] | None:
-        """Return the estimate, the width of its jumps, and the noise that it was made beside."""
+    def at_the_mode(self) -> tuple[Estimate, float, Scales, Stepping] | None:
+        """Return the estimate, the width of its jumps, the noise beside which it is, and steps."""
         problem, values = self.reduced.problem, self.theta[self.reduced.parameters]
         follow, scales = self.follow, self.scales
         found = at_its_mode(problem, self.sharp, values, self.path, follow, scales)
         if found is None:
             return None
-        _, at_mode, width = found
+        stepped, at_mode, width = found
+        steps = stepped.stepping
         idle = at_mode.log_evidence < follow.inside + CLEAR
         if follow.lost(at_mode) or idle:  # beside what does nothing the noise is that of before
-            return at_mode, width, scales
+            return at_mode, width, scales, steps
         # Beside what was missing, the noise is another than beside re-calibration.
         likely, gain = likeliest(at_mode, scales, follow.chosen, follow.belief, follow.stop)
         if gain > CLEAR:
             # How round the corner is shows beside the noise that there is.
             anew = replace(scales, noise=likely, decay=at_mode.decay)
-            fine = replace(follow, width=width) if self.sharp else follow
+            fine = replace(follow, width=width, steps=steps) if self.sharp else follow
             after = at_its_mode(problem, self.sharp, at_mode.theta, at_mode.path, fine, anew)
             if after is not None and after[1].log_evidence > at_mode.log_evidence:
                 # About a path that is at rest beside one noise, time that ends is no doubt.
                 rests = after[1].settled or (at_mode.settled and follow.stop())
-                return replace(after[1], settled=rests), after[2], anew
-        return at_mode, width, scales
+                return replace(after[1], settled=rests), after[2], anew, after[0].stepping
+        return at_mode, width, scales, steps
 
-    def told(self, found: Estimate, width: float, scales: Scales) -> Hypothesis:
+    def told(self, found: Estimate, width: float, scales: Scales, steps: Stepping) -> Hypothesis:
         """Return the hypothesis that an estimate is."""
         model, values = self.model, self.with_values(found.theta)
         names = list(model.model.parameters)
@@ -253,6 +259,7 @@ class _Begun:
             scales.noise,
             found.decay,
             width if self.sharp else None,
+            steps if self.sharp else None,
         )
 
 

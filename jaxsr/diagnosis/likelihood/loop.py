@@ -47,6 +47,9 @@ class State:
     Attributes
     ----------
     work : Workspace
+    table : Table
+        About re-calibration: its beliefs all hypotheses share, so that evidences are compared under
+        one prior.
     known : dict of tuple to Hypothesis or None
         Estimated sets; None where nothing finite came of one.
     grown : frozenset of tuple
@@ -58,6 +61,7 @@ class State:
     """
 
     work: Workspace
+    table: Table
     known: dict[Members, Hypothesis | None]
     grown: frozenset[Members] = field(default_factory=frozenset)
     rivalled: Mapping[Members, float] = field(default_factory=dict)
@@ -110,7 +114,7 @@ def believable(work: Workspace, found: Hypothesis) -> bool:
     return True
 
 
-def begun(work: Workspace, near: Hypothesis | None = None) -> tuple[State, Table]:
+def begun(work: Workspace, near: Hypothesis | None = None) -> State:
     """Estimate re-calibration alone, from where it led before."""
     theta, path = work.theta.copy(), work.narrow.segments.course
     if near is None:
@@ -122,7 +126,7 @@ def begun(work: Workspace, near: Hypothesis | None = None) -> tuple[State, Table
     null = hypothesis(work, table, (), near)
     if null is not None and null.share:
         null = _without_force_if_likelier(work, table, null)
-    return State(work, {(): null}), table
+    return State(work, table, {(): null})
 
 
 def search(
@@ -140,27 +144,20 @@ def search(
     tell : callable, optional
         Hears what is known before each step.
     """
-    state, table = begun(work, near)
+    state = begun(work, near)
     if state.known[()] is None:
         return state
     while not work.stop() and state.leader.members not in state.grown:
         if tell is not None:
             tell(state)
-        state = step(state, table)
+        state = step(state)
     return state
 
 
-def step(state: State, table: Table) -> State:
-    """Estimate what promises most about the leader's path, beside the leader's noise.
-
-    Parameters
-    ----------
-    table : Table
-        About re-calibration: its beliefs all hypotheses share, so that evidences are compared
-        under one prior.
-    """
+def step(state: State) -> State:
+    """Estimate what promises most about the leader's path, beside the leader's noise."""
     work, leader = state.work, state.leader
-    here = table
+    here = state.table
     if leader.members:
         here = about(work, leader)
     every, size = work.super_model, np.log(state.offered)
@@ -171,7 +168,7 @@ def step(state: State, table: Table) -> State:
         alike = [members for of in exchanged for members in of(every, leader.members)]
         rivals += [r for r in alike if r not in rivals]
         # A rival that is known was estimated beside another noise: the same is due to it.
-        known, due = _estimated(state, table, leader, rivals, again=True)
+        known, due = _estimated(state, leader, rivals, again=True)
         if work.stop():  # the rest was not looked at
             return replace(state, known=known, due=due)
         rivalled = {**state.rivalled, leader.members: leader.log_evidence}
@@ -186,13 +183,13 @@ def step(state: State, table: Table) -> State:
     forced = np.inf
     while proposed:
         proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
-        state = _added(state, table, leader, proposed)
+        state = _added(state, leader, proposed)
         if work.stop() or _completes(work, leader, state.leader):
             return state  # the rest was not looked at
         if leader.share == 0.0 or state.leader.share < leader.share:
             break
         if forced == np.inf:
-            forced = odds_of_force(work, leader)
+            forced = odds_of_force(state, leader)
         if forced < PROMISING:
             break
         # None accounts for any of the force that is missing: others are asked as well.
@@ -201,7 +198,7 @@ def step(state: State, table: Table) -> State:
     return replace(state, grown=state.grown | {leader.members})
 
 
-def _added(state: State, table: Table, leader: Hypothesis, proposed: Sequence[Members]) -> State:
+def _added(state: State, leader: Hypothesis, proposed: Sequence[Members]) -> State:
     """Estimate additions to a set, of laws that jump those that are inside others first.
 
     About the path of one that leads its kin take a fraction of the time: they are asked there, as
@@ -209,7 +206,7 @@ def _added(state: State, table: Table, leader: Hypothesis, proposed: Sequence[Me
     """
     every = state.work.super_model
     plain, kindred = plain_of_kin(every, proposed)
-    known, due = _estimated(state, table, leader, plain)
+    known, due = _estimated(state, leader, plain)
     state = replace(state, known=known, due=due)
     rivals: set[tuple[str, ...]] = set()
     if state.leader.members != leader.members:
@@ -217,14 +214,13 @@ def _added(state: State, table: Table, leader: Hypothesis, proposed: Sequence[Me
     later = tuple(m for m in kindred if labels(every, m) in rivals)
     rest = [m for m in kindred if m not in later]
     if not _completes(state.work, leader, state.leader):
-        known, more = _estimated(state, table, leader, rest)
+        known, more = _estimated(state, leader, rest)
         state = replace(state, known=known, due=(*due, *more))
     return replace(state, due=(*state.due, *later))
 
 
 def _estimated(
     state: State,
-    table: Table,
     leader: Hypothesis,
     proposed: Sequence[Members],
     again: bool = False,
@@ -245,8 +241,8 @@ def _estimated(
             due.append(members)
             continue
         needed = state.needed(known, members)
-        found = hypothesis(state.work, table, members, leader, needed)
-        found = _followed(state.work, table, members, found, needed)
+        found = hypothesis(state.work, state.table, members, leader, needed)
+        found = _followed(state.work, state.table, members, found, needed)
         known[members] = better(before, found)
         if not again and found is not None and found.log_evidence > needed:
             if _completes(state.work, leader, found):
@@ -303,10 +299,9 @@ def about(work: Workspace, found: Hypothesis) -> Table:
     return tabled(work, found.theta, found.path, *known)
 
 
-def odds_of_force(work: Workspace, found: Hypothesis) -> float:
+def odds_of_force(state: State, found: Hypothesis) -> float:
     """Return the log odds of the latent force beside a set, against the set without any."""
-    table = about(work, found)
-    alone = _without_force(work, table, found)
+    alone = _without_force(state.work, state.table, found)
     return np.inf if alone is None else found.log_evidence - alone.log_evidence
 
 

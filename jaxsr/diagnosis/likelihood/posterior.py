@@ -198,7 +198,7 @@ def posterior_along(
         return None
     found = Posterior.of(state)
     if found.leader.share and found.timely:
-        found = replace(found, something_else=float(expit(odds_of_force(work, found.leader))))
+        found = replace(found, something_else=float(expit(odds_of_force(state, found.leader))))
     if found.leader.members:
         return found
     return replace(found, wrong=wrong_values(state.work, null))

@@ -9,10 +9,11 @@ import numpy as np
 
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate, estimated, left
 from jaxsr.diagnosis.likelihood.scales import Scales
-from jaxsr.diagnosis.likelihood.steps import resolved
+from jaxsr.diagnosis.likelihood.steps import as_fine, resolved
 from jaxsr.diagnosis.likelihood.switched import rounded, switched
 from jaxsr.diagnosis.likelihood.widths import WidthStep, width_step
 from jaxsr.models.least_squares import Problem
+from jaxsr.models.rollout import Stepping
 
 EXACT, WIDEST, SHARPEST, COARSE = 0.0, 4.0, 0.02, 4.0
 """Widths of jumps that are tried, in the sharpest that the data can tell: the smoothest first, from
@@ -22,15 +23,14 @@ HARDLY = WIDEST / COARSE**4
 """Width of a corner that is all but exact, which tells whether a rounder one may be likelier."""
 SHARPENED = 0.5
 """Log evidence that another width must gain to be sought."""
-SHARES = (1.0, 0.5, 0.25)
-"""Of a Newton step that are tried."""
 
 
 @dataclass(frozen=True, eq=False)
 class Following:
     """Which parameters are followed to their mode, with what belief, and from which jumps.
 
-    `inside` is the log evidence of the set that members are added to, where they do nothing.
+    `inside` is the log evidence of the set that members are added to, where they do nothing;
+    `steps` are those of a set with jumps as round.
     """
 
     chosen: np.ndarray
@@ -40,6 +40,7 @@ class Following:
     stop: Callable[[], bool]
     width: float | None = None
     inside: float = -np.inf
+    steps: Stepping | None = None
 
     @property
     def active(self) -> list[int]:
@@ -110,6 +111,7 @@ class _Widths:
     ) -> None:
         self.problem, self.begun, self.follow, self.scales = problem, begun, follow, scales
         self.tried: dict[float, tuple[Problem, Estimate]] = {}
+        self.steps: dict[float, WidthStep | None] = {}
 
     def at(self, width: float) -> tuple[Problem, Estimate, float]:
         """Return what was found with jumps of some width, and that."""
@@ -124,13 +126,17 @@ class _Widths:
         follow, scales = self.follow, self.scales
         if self.tried and follow.stop():
             return False
-        begun = self.begun
+        begun, before, steps = self.begun, -np.inf, follow.steps
         if than is not None:
-            begun = self.tried[than][1].theta, self.tried[than][1].path
+            problem, found = self.tried[than]
+            begun, before = (found.theta, found.path), found.log_evidence
+            steps = problem.stepping if than > EXACT else None
         with np.errstate(all="ignore"):
-            stepped = _stepped(self.problem, width, begun, scales, follow.active)
-        # Round jumps leave more than sharp ones: what is behind with them may yet be ahead.
-        hopeful = follow if width <= 1.0 else replace(follow, best=-np.inf)
+            stepped = _stepped(self.problem, width, begun, scales, follow.active, steps)
+        # Round jumps leave more than sharp ones: what is behind with them may yet be ahead, but not
+        # of the same law with other ones.
+        rival = max(before, follow.best) if width <= 1.0 else before
+        hopeful = replace(follow, best=rival)
         found = None if stepped is None else hopeful(stepped, *begun, scales)
         while stepped is not None and found is not None and not hopeful.lost(found):
             # Steps that do for a law that is off may be too long once it acts.
@@ -142,12 +148,14 @@ class _Widths:
         if stepped is None or found is None:
             return False
         self.tried[width] = stepped, found
-        before = -np.inf if than is None else self.log_evidence(than)
+        self.steps.pop(width, None)
         return found.log_evidence > before + SHARPENED
 
     def sharpened(self, at: float) -> bool:
         """Whether jumps less wide than some are better, and may be sharpened further."""
-        if at <= SHARPEST or not self.better(at / COARSE, at):
+        step = self._step(at)
+        rounder = step is not None and step.change > 0.0 and step.gain > SHARPENED
+        if at <= SHARPEST or rounder or not self.better(at / COARSE, at):
             return False
         before, after = (self.log_evidence(w) for w in (at, at / COARSE))
         return at > 1.0 or not left(after, after - before, self.follow.best)
@@ -163,13 +171,31 @@ class _Widths:
                 break
             if left(self.log_evidence(best), step.gain, self.follow.best):
                 break
-            change = float(np.clip(step.change, -np.log(COARSE), np.log(COARSE)))
-            tried = (best * float(np.exp(share * change)) for share in SHARES)
-            nearer = next((w for w in tried if self.better(w, best)), None)
+            nearer = self._along(best, step)
             if nearer is None:
                 break
             best = nearer
         return self.at(max(self.tried, key=self.log_evidence))
+
+    def _along(self, best: float, step: WidthStep) -> float | None:
+        """Return a better width along a step; None where there is none.
+
+        If the whole step, or as much of it as is taken at once, is not better, a parabola through
+        the slope that it has where it begins and what it led to tells how much of it may be.
+        """
+        change = float(np.clip(step.change, -np.log(COARSE), np.log(COARSE)))
+        whole = best * float(np.exp(change))
+        if self.better(whole, best):
+            return whole
+        if whole not in self.tried:
+            return None
+        slope = 2.0 * step.gain * change / step.change
+        bend = slope - (self.log_evidence(whole) - self.log_evidence(best))
+        share = 0.5 * slope / bend if bend > 0.0 else 1.0
+        if share >= 1.0 or 0.5 * slope * share < SHARPENED:
+            return None
+        part = best * float(np.exp(share * change))
+        return part if self.better(part, best) else None
 
     def _behind(self, width: float) -> bool:
         """Whether an estimate is so far behind the best known that nothing but a gain is hope."""
@@ -177,10 +203,12 @@ class _Widths:
 
     def _step(self, width: float) -> WidthStep | None:
         """Return Newton's step from a width that was tried."""
-        follow, (problem, found) = self.follow, self.tried[width]
-        with np.errstate(all="ignore"):
-            args = follow.chosen, follow.helpers, follow.belief, self.scales
-            return width_step(problem, found, *args)
+        if width not in self.steps:
+            follow, (problem, found) = self.follow, self.tried[width]
+            with np.errstate(all="ignore"):
+                args = follow.chosen, follow.helpers, follow.belief, self.scales
+                self.steps[width] = width_step(problem, found, *args)
+        return self.steps[width]
 
 
 def _stepped(
@@ -189,10 +217,12 @@ def _stepped(
     begun: tuple[np.ndarray, np.ndarray],
     scales: Scales,
     active: Sequence[int],
+    steps: Stepping | None,
 ) -> Problem | None:
     """Widen or sharpen the jumps of a problem, and step it finely enough for that.
 
-    None where they cannot be switched exactly. It begins with some constants and a path.
+    None where they cannot be switched exactly. It begins with some constants and a path, and with
+    the steps of a neighbour.
     """
     theta, path = begun
     if width == EXACT:
@@ -202,4 +232,6 @@ def _stepped(
         problem = exact
     else:
         problem = rounded(problem, width, theta)
+        if steps is not None:  # whether they do is asked about the mode
+            return as_fine(problem, theta, steps)
     return resolved(problem, theta, path, scales.noise, scales.start, active)

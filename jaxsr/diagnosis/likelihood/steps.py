@@ -77,6 +77,21 @@ def resolved(
             return problem
 
 
+def as_fine(problem: Problem, theta: np.ndarray, known: Stepping) -> Problem:
+    """Return the problem with steps as fine as those found for a set like it.
+
+    Steps that would not be stable are not taken, however few were enough there.
+    """
+    problem = _cornered(problem, theta)
+    own = problem.stepping
+    if known.method != own.method or known.substeps < own.substeps:
+        return problem
+    if known.substeps * known.parts <= own.substeps * own.parts:
+        return problem
+    problem = with_steps(problem, own.method, known.substeps)
+    return replace(problem, stepping=replace(problem.stepping, parts=known.parts))
+
+
 def _cornered(problem: Problem, theta: np.ndarray) -> Problem:
     """Return the problem with explicit steps, short where its rounded jumps turn over alone.
 
