@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,8 +26,8 @@ from jaxsr.models.transitions import Taken, transition
 NEWTON_STEPS = 3  # one suffices where a memory is linear
 ITERATIONS = 12
 LARGEST = 1e9
-STABLE = 1.0
-"""Fading per sample up to which one RK4 step follows it well."""
+STABLE, MOST_PARTS = 1.0, 16
+"""Fading up to which one RK4 step follows it well, and the most steps of one sample."""
 
 
 class Known(Protocol):
@@ -50,7 +51,7 @@ def known_states(
     """Return every state along a recording, shape (samples, states).
 
     The states read from the sensors come first, as `Prepared` has them; driven states follow,
-    integrated with those and the inputs inserted (one step a sample).
+    integrated with those and the inputs inserted.
 
     Parameters
     ----------
@@ -105,13 +106,13 @@ class _Course:
     Attributes
     ----------
     path : ndarray, shape (states, samples, 1)
-    inputs : Stages
+    parts : list of Part
         Of the steps between samples.
     method : str
     """
 
     path: np.ndarray
-    inputs: Stages
+    parts: list[Part]
     method: str
 
 
@@ -128,8 +129,8 @@ def _course(
     A recording is cut many times: its latest paths are kept.
     """
     model = simulator.model
-    count = len(model.driven)
-    known = len(model.states) - count
+    number = len(model.driven)
+    known = len(model.states) - number
     x = np.nan_to_num(item.states.values[:, :known])
     time, u = item.time, item.inputs
     field = Field(simulator, theta)
@@ -138,14 +139,16 @@ def _course(
     stages = Stages(values.reshape(3, len(table), time.size - 1, 1), {})
     path = np.zeros((len(model.states), time.size, 1))
     path[:known] = x.T[..., None]
-    rest = _at_rest(field, time[0], x[0], u[0], count) if start is None else np.array(start)
+    rest = _at_rest(field, time[0], x[0], u[0], number) if start is None else np.array(start)
     path[known:] = rest[:, None, None]
-    part = Part(stages, time[:-1, None], np.diff(time)[:, None])
-    method = _method(field, time, x[0], u[0], rest)
+    method, count = _method(field, time, x[0], u[0], rest)
+    edges = [k / count for k in range(count + 1)]
+    step = time[:-1, None], np.diff(time)[:, None]
+    parts = [Part(stages, *step, *ends) for ends in pairwise(edges)]
     with np.errstate(all="ignore"):
         for _ in range(ITERATIONS):
-            ends, blocks = _led(field, method, list(path[:, :-1]), part, known)
-            shift = np.zeros((count, *path.shape[1:]))
+            ends, blocks = _led(field, method, list(path[:, :-1]), parts, known)
+            shift = np.zeros((number, *path.shape[1:]))
             for group, slopes in blocks:
                 at = [i - known for i in group]
                 defects = np.stack([ends[i] for i in group]) - path[list(group), 1:]
@@ -155,7 +158,7 @@ def _course(
             size = np.abs(path[known:]).max() + 1e-300
             if np.abs(shift).max() < 1e-9 * size:
                 break
-    return _Course(path, stages, method)
+    return _Course(path, parts, method)
 
 
 @functools.lru_cache(maxsize=64)
@@ -171,11 +174,10 @@ def _path(
     n, known = len(model.states), len(model.states) - len(model.driven)
     course = _course(simulator, item, theta, start)
     path, field = course.path, Field(simulator, theta, active=chosen)
-    part = Part(course.inputs, time[:-1, None], np.diff(time)[:, None])
     by_start = np.zeros((time.size, n - known, n - known))
     by_parameter = np.zeros((time.size, n - known, len(chosen)))
     with np.errstate(all="ignore"):
-        _, blocks = _led(field, course.method, list(path[:, :-1]), part, known, chosen)
+        _, blocks = _led(field, course.method, list(path[:, :-1]), course.parts, known, chosen)
         for group, slopes in blocks:
             spread, _ = condensed(slopes, np.zeros((len(group), time.size - 1, 1)))
             spread = np.clip(np.nan_to_num(spread[:, 0]), -LARGEST, LARGEST)
@@ -192,7 +194,7 @@ def _led(
     field: Field,
     method: str,
     x: list[np.ndarray],
-    part: Part,
+    parts: list[Part],
     known: int,
     chosen: tuple[str, ...] = (),
 ) -> tuple[list[np.ndarray], list[Block]]:
@@ -215,15 +217,19 @@ def _led(
     further = list(range(len(names), len(names) + len(chosen)))
     program = program_of(field, by(names)) if method == "rk4" else None
     if program is not None:
-        along, slopes = program.run(field, x, [part], by(names).count)
+        along, slopes = program.run(field, x, parts, by(names).count)
         return list(along[-1]), [(driven, slopes[np.ix_(driven, [*driven, *further])])]
-    along, (taken,) = stepped(field, method, x, [part])
-    tableau, groups = METHODS[method][0], _independent(taken, names, known)
+    along, taken = stepped(field, method, x, parts)
+    tableau = METHODS[method][0]
+    groups = _independent(taken[0], names, known) if len(taken) == 1 else None
     if groups is None:
-        slopes = transition(tableau, by(names), [taken], shape)
+        slopes = transition(tableau, by(names), taken, shape)
         return along[-1], [(driven, slopes[np.ix_(driven, [*driven, *further])])]
     return along[-1], [
-        (group, transition(tableau, by(tuple(names[i] for i in group)), [taken.of(group)], shape))
+        (
+            group,
+            transition(tableau, by(tuple(names[i] for i in group)), [taken[0].of(group)], shape),
+        )
         for group in groups
     ]
 
@@ -246,13 +252,18 @@ def _independent(taken: Taken, names: tuple[str, ...], known: int) -> list[tuple
     return [tuple(known + int(i) for i in np.flatnonzero(label == k)) for k in range(count)]
 
 
-def _method(field: Field, time: np.ndarray, x: np.ndarray, u: np.ndarray, z: np.ndarray) -> str:
-    """RK4, or the L-stable method where a memory fades within a sample."""
+def _method(
+    field: Field, time: np.ndarray, x: np.ndarray, u: np.ndarray, z: np.ndarray
+) -> tuple[str, int]:
+    """RK4 and its steps a sample, or the L-stable method where a memory fades much faster."""
     with np.errstate(all="ignore"):
         _, rows = field.slopes(Point(time[0], [*x, *z], list(u)))
     own = field.model.states[x.size :]
     rates = [abs(float(row.get(s, 0.0))) for s, row in zip(own, rows[x.size :], strict=True)]
-    return "rk4" if max(rates) * float(np.median(np.diff(time))) < STABLE else "rodas3"
+    fading = max(rates) * float(np.median(np.diff(time))) / STABLE
+    if not fading <= MOST_PARTS:
+        return "rodas3", 1
+    return "rk4", 2 ** int(np.ceil(np.log2(max(fading, 1.0))))
 
 
 def _at_rest(field: Field, t: float, x: np.ndarray, u: np.ndarray, count: int) -> np.ndarray:
