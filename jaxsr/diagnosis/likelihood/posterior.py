@@ -115,6 +115,13 @@ def wrong_values(work: Workspace, null: Hypothesis) -> tuple[WrongValue, ...]:
     parameter among all; a parameter held as given is one that is known for certain. Those that are
     free are estimated at their mode before the next is asked for: what a wrong value does is not
     linear in it, and another one would make up for that.
+
+    Parameters
+    ----------
+    work : Workspace
+        Of no candidates but a push along each equation.
+    null : Hypothesis
+        Re-calibration alone.
     """
     # About the given values: along what no sensor tells, re-calibration may have gone anywhere.
     table = tabled(work, work.theta, null.path, null.noise, null.decay)
@@ -201,7 +208,10 @@ def posterior_along(
         found = replace(found, something_else=float(expit(odds_of_force(state, found.leader))))
     if found.leader.members:
         return found
-    return replace(found, wrong=wrong_values(state.work, null))
+    pushes = [c for c in super_model.candidates if c.mechanism == "constant_force"]
+    args = course.prepared, course.seconds, course.null.noise, stop
+    alone = Workspace.build(SuperModel.build(model, pushes), *args)
+    return replace(found, wrong=wrong_values(alone, null))
 
 
 def _asked(state: State) -> frozenset[str]:
