@@ -193,7 +193,7 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled:
     asked = [frozenset(h.members) for h in found.hypotheses]
     pairs = zip(starts[1:], [h for h in shown if h.members], strict=True)
     guessed = {members for (members, _), h in pairs if frozenset(h.members) not in asked}
-    arena, entries = _entered(case, arena, entry, starts[1:], found, guessed)
+    arena, entries = _entered(case, arena, entry, starts, found, guessed)
     null_entry = next(e for e in entries if not e.members)
     wanted = starts[1][0] if leader.members else ()
     chosen = next(e for e in entries if e.members == wanted)
@@ -271,6 +271,7 @@ def _entered(
     estimate, are asked where that one leaves more than the sensors' noise.
     """
     entries, path, near = [null], None, False
+    start, starts = starts[0][1], starts[1:]
     if len(found.prepared) == len(case.prepared):
         course = arena.problem.segments, case.prepared, found.prepared, found.rows
         path = path_over(*course, found.leader.path)
@@ -280,6 +281,10 @@ def _entered(
     def stop() -> bool:
         return case.search.exhausted
 
+    if not found.leader.members and residual_to_noise(arena, null) > ABOVE_NOISE:
+        # Beside an impact the path that the sensors tell may begin on its wrong side.
+        led = enter(arena, (), start, path, stop, near=near)
+        entries = [min(null, led, key=lambda e: e.fit.cost)]
     for number, (members, start) in enumerate(starts):
         if number and stop():
             break
