@@ -295,7 +295,7 @@ def _without_force_if_likelier(work: Workspace, table: Table, found: Hypothesis)
 
 def about(work: Workspace, found: Hypothesis) -> Table:
     """Return the table of additions about an estimate's path, with its jumps as round as there."""
-    known = found.noise, found.decay, found.width
+    known = found.noise, found.decay, found.width, found.steps
     return tabled(work, found.theta, found.path, *known)
 
 

@@ -13,13 +13,14 @@ from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
 from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
 from jaxsr.diagnosis.likelihood.scales import Scales, grams
-from jaxsr.diagnosis.likelihood.steps import resolved
+from jaxsr.diagnosis.likelihood.steps import as_fine, resolved
 from jaxsr.diagnosis.likelihood.switched import rounded, switched
 from jaxsr.diagnosis.likelihood.workspace import Workspace, along, in_columns
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
+from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import build_segments
 
 TOGETHER = 4
@@ -103,6 +104,7 @@ def tabled(
     noise: Noise | None = None,
     decay: float | None = None,
     width: float | None = None,
+    steps: Stepping | None = None,
 ) -> Table:
     """Linearise about a path by the constants of all candidates at once.
 
@@ -117,6 +119,8 @@ def tabled(
     width : float, optional
         Of the jumps along the path, in the sharpest that the data can tell; exact by default. A
         path with rounded jumps is no motion of a model with exact ones.
+    steps : Stepping, optional
+        By which that path was found; with rounded jumps found anew by default.
     """
     model, values = work.columns, in_columns(work, theta)
     active = list(model.base_index())
@@ -127,8 +131,12 @@ def tabled(
         active += [j for j in indices if j not in active]
         own[work.place[i]] = tuple(active.index(j) for j in indices)
     if width:
-        args = values, path, noise or work.scales.noise, work.scales.start[: len(path)], active
-        problem = resolved(rounded(work.narrow, width, values), *args)
+        problem = rounded(work.narrow, width, values)
+        if steps is None:
+            args = values, path, noise or work.scales.noise, work.scales.start[: len(path)], active
+            problem = resolved(problem, *args)
+        else:
+            problem = as_fine(problem, values, steps)
     else:
         problem = switched(work.narrow, values, work.narrow.stepping.substeps) or work.narrow
     args = problem.simulator, problem.stepping, problem.segments, values, path
