@@ -61,7 +61,6 @@ class Judged:
     verdict: Verdict
     findings: list[dict[str, Any]]
     rivals: list[tuple[int, list[Alternative]]]
-    significant: bool
     edits: tuple[Edit, ...] = ()  # of readings alone, which no simulation feels
     leader: Entry | None = None  # what `rivals` could replace, where nothing was chosen
     open: OpenMass = field(default_factory=OpenMass)  # of what was not compared
@@ -80,7 +79,7 @@ def judge(parts: Ingredients) -> Judged:
     except OutOfTime:
         found = plain(parts.arena, parts.null)
         mass = open_mass(_proposals(parts))
-        return Judged(found, found, Verdict.UNDECIDED, [], [], False, open=mass)
+        return Judged(found, found, Verdict.UNDECIDED, [], [], open=mass)
 
 
 def _judged(parts: Ingredients) -> Judged:
@@ -166,9 +165,9 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
     if by_runs and not _simulates_better(parts, recalibrated, best):
         # Short runs of late or clipped readings start from what those do not tell: the set is
         # named, and nobody is given a model that follows worse than the re-calibrated one.
-        undecided = Judged(recalibrated, recalibrated, Verdict.UNDECIDED, every, rivals, False)
+        undecided = Judged(recalibrated, recalibrated, Verdict.UNDECIDED, every, rivals)
         return replace(undecided, leader=parts.chosen)
-    return Judged(recalibrated, best, verdict, every, rivals, True, tuple(edits))
+    return Judged(recalibrated, best, verdict, every, rivals, tuple(edits))
 
 
 def _nearest(parts: Ingredients, entries: Sequence[Entry]) -> Entry:
@@ -277,10 +276,10 @@ def _without_finding(parts: Ingredients, recalibrated: Estimate) -> Judged:
         first = Verdict.MEASUREMENT if measured else Verdict.PARAMETER
         # wrong values do not account for what stands far above the noise
         first = Verdict.UNDECIDED if unexplained and not rounding else first
-        judged = Judged(recalibrated, explained, first, both, [], True, tuple(edits))
+        judged = Judged(recalibrated, explained, first, both, [], tuple(edits))
         return replace(judged, confusable=alike)
     verdict = Verdict.UNDECIDED if unexplained else Verdict.NOTHING
-    return Judged(recalibrated, recalibrated, verdict, [], [], False)
+    return Judged(recalibrated, recalibrated, verdict, [], [])
 
 
 def _by_claim(parts: Ingredients, recalibrated: Estimate, claim: Claim) -> Judged:
@@ -296,7 +295,7 @@ def _by_claim(parts: Ingredients, recalibrated: Estimate, claim: Claim) -> Judge
     both = sorted([*rounding, *findings], key=lambda row: -row["share"])
     measured = bool(both) and both[0]["family"] == "measurement"
     verdict = Verdict.MEASUREMENT if measured else claim.verdict
-    judged = Judged(recalibrated, told.estimate, verdict, both, [], bool(both), tuple(edits))
+    judged = Judged(recalibrated, told.estimate, verdict, both, [], tuple(edits))
     return replace(judged, confusable=told.confusable)
 
 
