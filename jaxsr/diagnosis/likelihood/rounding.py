@@ -138,10 +138,13 @@ class _Widths:
         rival = max(before, follow.best) if width <= 1.0 else before
         hopeful = replace(follow, best=rival)
         found = None if stepped is None else hopeful(stepped, *begun, scales)
-        while stepped is not None and found is not None and not hopeful.lost(found):
-            # Steps that do for a law that is off may be too long once it acts.
+        borrowed = steps is not None
+        while stepped is not None and found is not None:
+            if hopeful.lost(found) and not (borrowed and not follow.stop()):
+                break
+            # Steps that do for a law that is off, or for other jumps, may be too long for this one.
             here = found.theta, found.path, scales.noise, scales.start
-            finer = resolved(stepped, *here, follow.active)
+            finer, borrowed = resolved(stepped, *here, follow.active), False
             if finer.stepping == stepped.stepping:
                 break
             stepped, found = finer, hopeful(finer, found.theta, found.path, scales)
@@ -153,9 +156,11 @@ class _Widths:
 
     def sharpened(self, at: float) -> bool:
         """Whether jumps less wide than some are better, and may be sharpened further."""
+        if at <= SHARPEST:
+            return False
         step = self._step(at)
         rounder = step is not None and step.change > 0.0 and step.gain > SHARPENED
-        if at <= SHARPEST or rounder or not self.better(at / COARSE, at):
+        if rounder or not self.better(at / COARSE, at):
             return False
         before, after = (self.log_evidence(w) for w in (at, at / COARSE))
         return at > 1.0 or not left(after, after - before, self.follow.best)
