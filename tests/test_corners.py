@@ -68,6 +68,23 @@ def test_graded_parts_change_the_argument_equally() -> None:
     assert np.diff(shares).max() < 1.2 / (EVEN * (count - 1))
 
 
+def test_samples_are_graded_as_if_alone_beside_one_that_ran_away() -> None:
+    rng, width, count = np.random.default_rng(1), 1e-3, 33
+    at = rng.normal(size=(17, 60)).cumsum(axis=0)
+    at[:, [0, 7, 31, 59]] = np.nan, np.inf, np.nan, np.nan
+    with np.errstate(invalid="ignore"):
+        ahead = np.diff(at, axis=0)
+    with np.errstate(all="ignore"):  # as all steps of the likelihood
+        shares = graded(at, ahead, width, count)
+    for k in range(at.shape[1]):
+        own = slice(k, k + 1)
+        with np.errstate(all="ignore"):
+            alone = graded(at[:, own], ahead[:, own], width, count)
+        np.testing.assert_allclose(shares[:, own], alone, rtol=0.0, atol=1e-12)
+    assert (np.diff(shares, axis=0) >= 0.0).all()
+    assert (shares[0] == 0.0).all() and (shares[-1] == 1.0).all()
+
+
 @pytest.mark.parametrize("width", [3e-3, 3e-4, 1e-4])
 def test_few_parts_do_for_a_corner_of_any_width(width: float) -> None:
     """Against as many steps everywhere: states that turn over, or stop, within a sample.

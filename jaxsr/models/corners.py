@@ -240,11 +240,15 @@ def graded(at: Array, ahead: Array, width: float, count: int) -> Array:
     places = np.minimum(np.maximum.accumulate(places, axis=0) / pieces, 1.0)
     total = np.where(moved[-1] > 0.0, moved[-1], 1.0)
     grade = np.where(moved[-1] > 0.0, (1.0 - EVEN) * moved / total + EVEN * places, places)
+    lost = ~np.isfinite(grade).all(axis=0)  # what ran away tells nothing
+    grade[:, lost] = places[:, lost] = np.linspace(0.0, 1.0, len(grade))[:, None]
     # All samples at once: the grades of one end where those of the next begin.
     apart = 2.0 * np.arange(at.shape[1])[:, None]
     wanted = apart + np.linspace(0.0, 1.0, count)
     found = np.interp(wanted.ravel(), (apart + grade.T).ravel(), places.T.ravel())
-    return found.reshape(-1, count).T.reshape(count, *shape)
+    found = found.reshape(-1, count).T
+    found[0], found[-1] = 0.0, 1.0
+    return found.reshape(count, *shape)
 
 
 def _along_logarithm(a: Array, b: Array, first: Array, last: Array, width: float) -> Array:
