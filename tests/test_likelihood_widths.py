@@ -50,6 +50,40 @@ def followed() -> Iterator[dict[str, Any]]:
     yield kept | {"work": work, "constant": names.index("constant_force"), "coulomb": coulomb}
 
 
+@pytest.mark.parametrize("overshoot", [1.2, 2.5, 6.0])
+def test_part_of_a_step_that_overshoots_ends_at_the_top(overshoot: float) -> None:
+    """Log evidence is a parabola over the logarithm of the width, as the step believes, but for a
+    bend that is `overshoot` times as large: the step is as many times too long."""
+    start, top, high = 2.0, 2.0 * np.exp(0.2), 40.0
+    bend = high / 0.2**2
+    tried: dict[float, Any] = {}
+
+    def log_evidence(width: float) -> float:
+        return high - bend * float(np.log(width / top)) ** 2
+
+    class Known(rounding._Widths):
+        def __init__(self) -> None:
+            self.tried, self.steps = tried, {}
+
+        def log_evidence(self, width: float) -> float:
+            return log_evidence(width)
+
+        def better(self, width: float, than: float | None) -> bool:
+            tried[width] = None
+            assert than == start
+            return log_evidence(width) > log_evidence(start) + rounding.SHARPENED
+
+    slope = 2.0 * bend * 0.2  # by the logarithm of the width, where it starts
+    step = WidthStep(0.2 * overshoot, 0.5 * slope * 0.2 * overshoot)
+    found = Known()._along(start, step)
+    assert found is not None
+    if overshoot < 2.0:  # the whole step is better as it is
+        assert found == pytest.approx(start * np.exp(0.2 * overshoot))
+    else:
+        assert found == pytest.approx(top)
+    assert len(tried) == (1 if overshoot < 2.0 else 2)
+
+
 @pytest.mark.long
 def test_a_constant_force_may_be_a_member_beside_a_jump(followed: dict[str, Any]) -> None:
     """It is then estimated, and stands for the latent force all the same."""

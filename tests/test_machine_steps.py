@@ -211,12 +211,12 @@ def run(operation: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return register[2]
 
 
-def test_hyperbolic_tangents_are_within_four_units_of_the_last_place() -> None:
+def test_hyperbolic_tangents_are_within_two_units_of_the_last_place() -> None:
     rng = np.random.default_rng(4)
     x = rng.choice([-1.0, 1.0], 20_000) * 10.0 ** rng.uniform(-300.0, 2.0, 20_000)
     x = np.concatenate([x, rng.normal(size=80_000), [0.0, -0.0, 1e308, np.inf, -np.inf, np.nan]])
-    found, wanted = run("tanh", x, x), np.tanh(x)
-    np.testing.assert_array_max_ulp(found[:-1], wanted[:-1], 4)
+    found, wanted = run("tanh", x, x), np.tanh(x.astype(np.longdouble)).astype(float)
+    np.testing.assert_array_max_ulp(found[:-1], wanted[:-1], 2)
     np.testing.assert_array_equal(np.signbit(found[:-1]), np.signbit(x[:-1]))
     assert np.isnan(found[-1])
 

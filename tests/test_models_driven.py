@@ -42,6 +42,12 @@ LAGGED = replace(
 TIME = np.arange(200) * 0.05
 
 
+def forget() -> None:
+    """Let go of the latest paths."""
+    driven._course.cache_clear()  # pyright: ignore[reportPrivateUsage]
+    driven._path.cache_clear()  # pyright: ignore[reportPrivateUsage]
+
+
 def prepared(u: np.ndarray, y: np.ndarray | None = None) -> Prepared:
     y = np.zeros_like(u) if y is None else y
     return Prepared.build(PLAIN, Recording("a.csv", TIME, {"u": u, "y": y}))
@@ -55,6 +61,25 @@ def test_a_lag_follows_its_input_from_rest():
     assert path.shape == (200, 2)
     slower = known_states(LAGGED, prepared(1.0 + TIME), np.array([0.0, 1.0]))
     np.testing.assert_allclose(slower[:, 1], TIME + np.exp(-TIME), atol=1e-6)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("fading", [1.5, 4.0, 15.0])
+def test_a_lag_that_fades_within_a_sample_is_followed_to_a_hundredth_of_it(
+    compiled: bool, fading: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The closed form above, and its derivative by tau; behind a step of 1/e of what fades."""
+    if not compiled:
+        monkeypatch.setattr(driven, "program_of", lambda *_: None)
+    forget()
+    tau = (TIME[1] - TIME[0]) / fading
+    item, values = prepared(1.0 + TIME), np.array([0.0, tau])
+    path = known_states(LAGGED, item, values)[:, 1]
+    expected = 1.0 + TIME - tau * (1.0 - np.exp(-TIME / tau))
+    assert np.abs(path - expected).max() < 0.01 * tau
+    _, by, _ = driven_states(Simulator(LAGGED), item, values, ("tau",))
+    wanted = np.exp(-TIME / tau) * (1.0 + TIME / tau) - 1.0
+    assert np.abs(by[:, 0, 0] - wanted).max() < 0.05
 
 
 def test_how_a_memory_follows_its_constants():
@@ -77,10 +102,14 @@ CHAINED = replace(
 )
 
 
+@pytest.mark.parametrize("most_parts", [0, 16], ids=["implicit", "explicit in parts"])
 def test_memories_that_do_not_act_on_each_other_are_followed_apart(
-    monkeypatch: pytest.MonkeyPatch,
+    most_parts: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As all of them together are: x fades by itself, z follows w; all within a sample."""
+    monkeypatch.setattr(driven, "MOST_PARTS", most_parts)
+    monkeypatch.setattr(driven, "program_of", lambda *_: None)  # the machine takes all together
+    asked = list[bool]()
     item = prepared(1.0 + np.sin(3.0 * TIME))
     theta, chosen = np.array([0.0, 0.3]), ("tau",)
     found, independent = [], driven._independent  # pyright: ignore[reportPrivateUsage]
@@ -88,11 +117,14 @@ def test_memories_that_do_not_act_on_each_other_are_followed_apart(
 
         def groups(*args, apart: bool = apart) -> list[tuple[int, ...]] | None:
             known = independent(*args)
+            asked.append(apart)
             assert known == [(1, 3), (2,)]
             return known if apart else None
 
         monkeypatch.setattr(driven, "_independent", groups)
+        forget()  # else the second is the first, kept
         found.append(driven_states(Simulator(CHAINED), item, theta, chosen))
+    assert {*asked} == {True, False}
     for one, other in zip(*found, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
     path, slopes, by_start = found[0]
@@ -107,7 +139,7 @@ def test_a_memory_that_acts_on_what_is_known_is_followed_with_it() -> None:
     field, x = Field(simulator, simulator.values()), [np.ones((3, 1))] * 4
     stages = Stages(np.ones((3, 1, 3, 1)), {})
     part = Part(stages, np.zeros((3, 1)), np.full((3, 1), 0.05))
-    _, (taken,) = stepped(field, "rodas3", x, [part])
+    _, taken = stepped(field, "rodas3", x, [part])
     assert driven._independent(taken, model.states, 1) is None  # pyright: ignore[reportPrivateUsage]
     assert np.isfinite(known_states(model, item)).all()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Protocol
@@ -220,21 +221,20 @@ def _led(
         along, slopes = program.run(field, x, parts, by(names).count)
         return list(along[-1]), [(driven, slopes[np.ix_(driven, [*driven, *further])])]
     along, taken = stepped(field, method, x, parts)
-    tableau = METHODS[method][0]
-    groups = _independent(taken[0], names, known) if len(taken) == 1 else None
+    tableau, groups = METHODS[method][0], _independent(taken, names, known)
     if groups is None:
         slopes = transition(tableau, by(names), taken, shape)
         return along[-1], [(driven, slopes[np.ix_(driven, [*driven, *further])])]
     return along[-1], [
-        (
-            group,
-            transition(tableau, by(tuple(names[i] for i in group)), [taken[0].of(group)], shape),
-        )
+        (group, transition(tableau, by(own), [part.of(group) for part in taken], shape))
         for group in groups
+        for own in [tuple(names[i] for i in group)]
     ]
 
 
-def _independent(taken: Taken, names: tuple[str, ...], known: int) -> list[tuple[int, ...]] | None:
+def _independent(
+    taken: Sequence[Taken], names: tuple[str, ...], known: int
+) -> list[tuple[int, ...]] | None:
     """Return driven states in groups none of which acts on another, also inside a step.
 
     None where one acts on a known state, and by that on the others.
@@ -242,7 +242,7 @@ def _independent(taken: Taken, names: tuple[str, ...], known: int) -> list[tuple
     driven = range(known, len(names))
     size = len(driven)
     acts = np.zeros((size, size), bool)
-    for rows in taken.rows:
+    for rows in (rows for part in taken for rows in part.rows):
         for row in rows[:known]:
             if any(names[j] in row and np.any(row[names[j]]) for j in driven):
                 return None

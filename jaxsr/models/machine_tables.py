@@ -1,4 +1,4 @@
-"""What the register machine (`machine_steps`) takes: programs, and steps to take them through."""
+"""What `machine_steps` takes: programs of the register machine, and steps to take them through."""
 
 from __future__ import annotations
 

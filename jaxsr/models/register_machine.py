@@ -1,7 +1,7 @@
 """The machine that runs recorded formulas (`expressions.instructions`) on a row of samples.
 
 Written for a compiler (`_machine_code`). Loops over a row have no calls and no branches where that
-can be had, so that several samples are taken at once: a library's tangent takes twenty times as
+can be had, so that several samples are taken at once: a library's tangent takes five times as
 long.
 """
 
