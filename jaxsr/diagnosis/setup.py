@@ -71,12 +71,15 @@ def check_data(model: Model, recordings: Sequence[Recording]) -> None:
     InputError
         No recording has a sample of some output, or no output moves.
     """
-    values = np.concatenate([output_table(model, r) for r in recordings])
+    tables = [output_table(model, r) for r in recordings]
+    moving = False
     for k, output in enumerate(model.outputs):
-        if not np.isfinite(values[:, k]).any():
+        values = np.concatenate([table[:, k] for table in tables])
+        values = values[np.isfinite(values)]
+        if not values.size:
             recordings[0].channel(model.column(output))  # says what is wrong with it
-    seen = np.isfinite(values)
-    if all(np.ptp(column[own]) == 0.0 for column, own in zip(values.T, seen.T, strict=True)):
+        moving |= bool(values.size and np.ptp(values) > 0.0)
+    if not moving:
         raise InputError(
             f"nothing moves: {', '.join(model.outputs)} are constant throughout",
             recordings[0].name,

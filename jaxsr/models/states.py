@@ -63,11 +63,11 @@ def output_table(model: Model, recording: Recording) -> np.ndarray:
     InputError
         If the recording has no sample of any output.
     """
-    table = np.full((len(recording), len(model.outputs)), np.nan)
+    table = np.empty((len(recording), len(model.outputs)))
     for k, output in enumerate(model.outputs):
-        if not is_absent(recording, model.column(output)):
-            table[:, k] = role_channel(model, recording, output)
-    if np.isnan(table).all():
+        absent = is_absent(recording, model.column(output))
+        table[:, k] = np.nan if absent else role_channel(model, recording, output)
+    if all(np.isnan(column).all() for column in table.T):
         for output in model.outputs:
             role_channel(model, recording, output)  # says what is wrong with it
     return table

@@ -71,14 +71,15 @@ class Reader:
         self._used = 0.0  # s of processor time, by the process that is held
         self._lock = threading.Lock()
 
-    def read(self, kind: str, raw: bytes, file: str) -> Contents:
-        """Read the bytes of a file.
+    def read(self, kind: str, raw: bytes | Path, file: str) -> Contents:
+        """Read a file.
 
         Parameters
         ----------
         kind : str
             ``.npz``, ``.mat``, ``.parquet`` or ``.xlsx``.
-        raw : bytes
+        raw : bytes or Path
+            What it holds, or where it lies.
         file : str
             For messages.
 
@@ -119,16 +120,18 @@ class Reader:
                 except OSError:
                     pass  # it was ended with a request half written
 
-    def _exchange(self, kind: str, raw: bytes, file: str) -> Contents:
+    def _exchange(self, kind: str, raw: bytes | Path, file: str) -> Contents:
         process = self._started(file)
-        seconds = SECONDS + SECONDS_PER_BYTE.get(kind, 3e-7) * len(raw)
-        numbers = NUMBERS + NUMBERS_PER_BYTE * len(raw)
+        lies = isinstance(raw, Path)
+        size = raw.stat().st_size if lies else len(raw)
+        seconds = SECONDS + SECONDS_PER_BYTE.get(kind, 3e-7) * size
         request = {
             "kind": kind,
-            "size": len(raw),
+            "path": str(raw.absolute()) if lies else None,
+            "size": size,
             "seconds": seconds,
-            "memory": MEMORY + 20 * len(raw),
-            "numbers": numbers,
+            "memory": MEMORY + 20 * size,
+            "numbers": NUMBERS + NUMBERS_PER_BYTE * size,
         }
         timer = threading.Timer(PATIENCE * seconds, process.kill)
         timer.daemon = True
@@ -137,7 +140,8 @@ class Reader:
         try:
             assert process.stdin is not None and process.stdout is not None
             process.stdin.write(json.dumps(request).encode() + b"\n")
-            process.stdin.write(raw)
+            if not lies:
+                process.stdin.write(raw)
             process.stdin.flush()
             head = json.loads(_line(process.stdout))
             contents = _contents(head, process.stdout)

@@ -31,6 +31,8 @@ _BINARY = {
     ".xlsm": ".xlsx",
     ".xlsx": ".xlsx",
 }
+_HEAD = 512
+"""Bytes at the begin of a binary file, which is read by a process of its own."""
 
 
 def read_recording(
@@ -68,14 +70,22 @@ def read_recording(
         is refused with both.
     """
     path = Path(path)
-    raw = _bytes(path)
+    raw, digest = _digested(path)
     found = contents_of(_table(raw, path), path.name, time, sample_time)
-    return Recording(**vars(found), source=path, sha256=hashlib.sha256(raw).hexdigest())
+    return Recording(**vars(found), source=path, sha256=digest)
 
 
-def _bytes(path: Path) -> bytes:
+def _digested(path: Path) -> tuple[bytes, str]:
+    """Return what a file holds and its SHA-256; of a binary one its first bytes alone."""
     try:
-        raw = path.read_bytes()
+        if path.suffix.lower() in _BINARY and path.is_file():
+            with path.open("rb") as file:
+                raw = file.read(_HEAD)
+                file.seek(0)
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+        else:
+            raw = path.read_bytes()
+            digest = hashlib.sha256(raw).hexdigest()
     except FileNotFoundError:
         raise InputError("no such file", str(path), "Check the path") from None
     except (OSError, ValueError) as error:
@@ -83,7 +93,7 @@ def _bytes(path: Path) -> bytes:
         raise InputError(f"cannot be read: {why}", str(path)) from error
     if not raw.strip():
         raise InputError("the file is empty", str(path), "Give a file with a header and samples")
-    return raw
+    return raw, digest
 
 
 def _table(raw: bytes, path: Path) -> Table:
@@ -104,13 +114,15 @@ def _table(raw: bytes, path: Path) -> Table:
             str(path),
             f"Use one of {known} (or .gz)",
         )
-    return _binary(_BINARY[kind], raw, path.name)
+    lies = path if path.suffix.lower() in _BINARY and path.is_file() else None
+    return _binary(_BINARY[kind], raw, path.name, lies)
 
 
-def _binary(kind: str, raw: bytes, file: str) -> Table:
+def _binary(kind: str, raw: bytes, file: str, path: Path | None) -> Table:
+    """Return the table of a binary file, which is `raw` or begins so and lies at `path`."""
     if kind == ".mat" and (raw[:8] == b"\x89HDF\r\n\x1a\n" or raw[:10] == b"MATLAB 7.3"):
         raise InputError("a version 7.3 .mat file", file, "Save it in MATLAB with save(..., '-v7')")
-    contents = READER.read(kind, raw, file)
+    contents = READER.read(kind, path or raw, file)
     if kind == ".xlsx":
         if len(contents.sheets) > 1:
             raise InputError(

@@ -253,7 +253,9 @@ class Recording:
 
 
 def _frozen(values: ArrayLike) -> np.ndarray:
-    """Copy to a read-only float64 array."""
+    """Return a read-only float64 array; copied but for what nobody can write to."""
+    if isinstance(values, np.ndarray) and isinstance(values.base, bytes):
+        return np.asarray(values, dtype=np.float64)
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array

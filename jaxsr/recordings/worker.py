@@ -4,9 +4,9 @@ What reads MATLAB, Parquet and Excel files is C, C++ or XML code that a damaged 
 segmentation fault, an endless loop or gigabytes. Here that costs a process with limits, not the
 user's session. It imports nothing of the package, so that it starts quickly.
 
-A request is a JSON line (kind, size, seconds of processor time, bytes of memory, numbers) and
-`size` bytes, the file. The answer is a JSON line and the columns it lists: float64, int64 or
-UTF-8 text.
+A request is a JSON line (kind, size, seconds of processor time, bytes of memory, numbers, and the
+path of the file or null) and, without a path, `size` bytes: the file. The answer is a JSON line and
+the columns it lists: float64, int64 or UTF-8 text.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import sys
 import time
 import zipfile
 from collections.abc import Callable
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -48,13 +48,13 @@ Answer = tuple[dict[str, np.ndarray], dict[str, str]]
 """Vectors and matrices by name; what is neither, with the reason."""
 
 
-def read_npz(raw: bytes, numbers: int) -> Answer:
+def read_npz(file: BinaryIO, numbers: int) -> Answer:
     """Return the arrays of a NumPy archive; pickled objects are never loaded."""
     remedy = "Write it with numpy.savez"
-    if raw[:6] == b"\x93NUMPY":
+    if _head(file, 6) == b"\x93NUMPY":
         raise Refused("one array, not an .npz archive", "Use numpy.savez")
     try:
-        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+        with zipfile.ZipFile(file) as archive:
             members = {i.filename: i.file_size for i in archive.infolist()}
             encrypted = any(i.flag_bits & 0x1 for i in archive.infolist())
     except Exception as error:
@@ -66,7 +66,8 @@ def read_npz(raw: bytes, numbers: int) -> Answer:
     arrays: dict[str, np.ndarray] = {}
     odd: dict[str, str] = {}
     try:
-        archive = np.load(io.BytesIO(raw), allow_pickle=False)
+        file.seek(0)
+        archive = np.load(file, allow_pickle=False)
         for name in archive.files:
             value = archive[name]
             if isinstance(value, np.ndarray):
@@ -83,12 +84,19 @@ def read_npz(raw: bytes, numbers: int) -> Answer:
     return arrays, odd
 
 
-def read_mat(raw: bytes, numbers: int) -> Answer:
+def _head(file: BinaryIO, size: int) -> bytes:
+    """Return the first bytes of a file, which stands at its begin again after that."""
+    head = file.read(size)
+    file.seek(0)
+    return head
+
+
+def read_mat(file: BinaryIO, numbers: int) -> Answer:
     """Return the arrays of a MATLAB file up to version 7."""
     import scipy.io
 
     try:
-        found = scipy.io.loadmat(io.BytesIO(raw))
+        found = scipy.io.loadmat(file)
     except NotImplementedError as error:
         remedy = "Save it in MATLAB with save(..., '-v7')"
         raise Refused("a version 7.3 .mat file", remedy) from error
@@ -107,13 +115,13 @@ def _plain(value: object) -> bool:
     return isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
 
 
-def read_parquet(raw: bytes, numbers: int) -> Answer:
+def read_parquet(source: BinaryIO, numbers: int) -> Answer:
     """Return the columns of a Parquet file; what pandas calls its index is a column."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        file = pq.ParquetFile(io.BytesIO(raw))
+        file = pq.ParquetFile(source)
         if file.metadata.num_rows * max(file.metadata.num_columns, 1) > numbers:
             raise too_many(numbers)
         table = file.read(use_threads=False)
@@ -167,19 +175,19 @@ def _from_arrow(pa: Any, column: Any) -> np.ndarray | None:
     return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
 
 
-def read_xlsx(raw: bytes, numbers: int) -> tuple[list[str], str]:
+def read_xlsx(file: BinaryIO, size: int, numbers: int) -> tuple[list[str], str]:
     """Return the names of the sheets with rows, and the first such sheet as CSV text."""
     import openpyxl
 
-    if raw[:4] == b"\xd0\xcf\x11\xe0":
+    if _head(file, 4) == b"\xd0\xcf\x11\xe0":
         raise Refused("an old .xls workbook or one with a password", "Save it as plain .xlsx")
     try:
-        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
-            if sum(i.file_size for i in archive.infolist()) > UNPACKED + UNPACKED_PER_BYTE * len(
-                raw
-            ):
-                raise too_many(numbers)
-        book = openpyxl.load_workbook(io.BytesIO(raw), read_only=True, data_only=True)
+        with zipfile.ZipFile(file) as archive:
+            unpacked = sum(i.file_size for i in archive.infolist())
+        if unpacked > UNPACKED + UNPACKED_PER_BYTE * size:
+            raise too_many(numbers)
+        file.seek(0)
+        book = openpyxl.load_workbook(file, read_only=True, data_only=True)
         texts = {}
         for sheet in book.worksheets:
             sheet.reset_dimensions()
@@ -223,7 +231,7 @@ def _cell_text(value: object) -> str:
     return str(value)
 
 
-READERS: dict[str, Callable[[bytes, int], Answer]] = {
+READERS: dict[str, Callable[[BinaryIO, int], Answer]] = {
     ".npz": read_npz,
     ".mat": read_mat,
     ".parquet": read_parquet,
@@ -272,27 +280,35 @@ def _tall(array: np.ndarray, lengths: set[int]) -> np.ndarray | None:
     return None
 
 
-def packed(values: np.ndarray) -> tuple[str, bytes] | None:
+def packed(values: np.ndarray) -> tuple[str, memoryview] | None:
     """Return the kind of a column and its bytes; None if it holds no real numbers or text."""
     if values.dtype.kind in "Mm":
-        whole = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
-        return ("instant" if values.dtype.kind == "M" else "span"), whole.tobytes()
+        whole = values.astype(f"{values.dtype.kind}8[ns]")
+        return ("instant" if values.dtype.kind == "M" else "span"), _bytes_of(whole, np.int64)
     if values.dtype.kind in "OU":
-        return "text", json.dumps([str(v) for v in values]).encode()
+        return "text", memoryview(json.dumps([str(v) for v in values]).encode())
     if values.dtype.kind in "iu" and values.dtype.itemsize <= 8 and values.dtype != np.uint64:
-        return "int64", values.astype(np.int64).tobytes()
+        return "int64", _bytes_of(values, np.int64)
     if values.dtype.kind in "fiub":
-        return "float64", values.astype(np.float64).tobytes()
+        return "float64", _bytes_of(values, np.float64)
     return None
 
 
-def answer(kind: str, raw: bytes, numbers: int) -> tuple[dict[str, Any], list[bytes]]:
+def _bytes_of(values: np.ndarray, kind: type[np.generic]) -> memoryview:
+    """Return the bytes of a vector as another type, copied only where it is not of it yet."""
+    flat = np.ascontiguousarray(values.astype(kind, copy=False))
+    return memoryview(flat.view(np.uint8))
+
+
+def answer(
+    kind: str, file: BinaryIO, size: int, numbers: int
+) -> tuple[dict[str, Any], list[memoryview]]:
     """Return the head of the answer and the bytes after it."""
     if kind == ".xlsx":
-        sheets, text = read_xlsx(raw, numbers)
-        body = text.encode("utf-8", "replace")
+        sheets, text = read_xlsx(file, size, numbers)
+        body = memoryview(text.encode("utf-8", "replace"))
         return {"sheets": sheets, "columns": [["", "csv", len(body)]]}, [body]
-    arrays, odd = READERS[kind](raw, numbers)
+    arrays, odd = READERS[kind](file, numbers)
     columns, bodies, total = [], [], 0
     for name, values in channels(arrays, odd).items():
         total += values.size
@@ -302,7 +318,7 @@ def answer(kind: str, raw: bytes, numbers: int) -> tuple[dict[str, Any], list[by
         if packet is None:
             odd[name] = "is no vector of numbers"
             continue
-        columns.append([name, packet[0], len(packet[1])])
+        columns.append([name, packet[0], packet[1].nbytes])
         bodies.append(packet[1])
     return {"columns": columns, "odd": odd}, bodies
 
@@ -351,9 +367,11 @@ def serve() -> None:
         request = json.loads(line)
         prepare(request["kind"])
         limit(request["seconds"], request["memory"])
-        raw = source.read(request["size"])
+        sent = io.BytesIO(source.read(request["size"])) if request["path"] is None else None
         try:
-            head, bodies = answer(request["kind"], raw, request["numbers"])
+            with sent or open(request["path"], "rb") as file:
+                asked = request["kind"], file, request["size"], request["numbers"]
+                head, bodies = answer(*asked)
         except Refused as error:
             head, bodies = {"refused": error.what, "remedy": error.remedy}, []
         except MemoryError:
