@@ -27,7 +27,8 @@ def offered(model: Model, course: Course, seen: Sequence[Candidate] = ()) -> lis
 
     Ranges and inner constants are those of the motion that re-calibration follows, so that
     equations of states that no sensor reads are offered as much as others. `seen` are candidates of
-    the weak view, whose inner constants it may have found where smoothed forces do not show them.
+    the weak view, whose inner constants it may have found where smoothed forces do not show them,
+    or show others: a line of a spectrum elsewhere is another candidate.
     """
     prepared, step = course.prepared, sample_step(course.prepared)
     scale = state_scale(model, prepared)
@@ -39,11 +40,20 @@ def offered(model: Model, course: Course, seen: Sequence[Candidate] = ()) -> lis
     ]
     outputs = np.concatenate([p.outputs for p in prepared])
     sensors = sensor_candidates(model, dict(zip(model.outputs, outputs.T, strict=True)))
-    known = {c.label for c in [*forces, *memories]}
-    forces += [c for c in seen if c.label not in known]
+    known = [*forces, *memories]
+    forces += [c for c in seen if not any(_reaches(other, c) for other in known)]
     duration = max(float(p.time[-1]) for p in prepared)
     every = [*forces, *memories, *sensors, *timing_candidates(model, step, duration)]
     return supported(model, course, every)
+
+
+def _reaches(candidate: Candidate, other: Candidate) -> bool:
+    """Whether a candidate is another, with inner constants in its own ranges."""
+    if candidate.label != other.label:
+        return False
+    first = {p.name: p.neutral for p in other.parameters if not p.coefficient}
+    own = (p for p in candidate.parameters if p.name in first)
+    return all(p.low <= first[p.name] <= p.high for p in own)
 
 
 def _variants(candidate: Candidate) -> Iterator[Candidate]:
