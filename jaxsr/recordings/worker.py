@@ -297,7 +297,7 @@ def packed(values: np.ndarray) -> tuple[str, memoryview] | None:
 def _bytes_of(values: np.ndarray, kind: type[np.generic]) -> memoryview:
     """Return the bytes of a vector as another type, copied only where it is not of it yet."""
     flat = np.ascontiguousarray(values.astype(kind, copy=False))
-    return memoryview(flat.view(np.uint8))
+    return flat.view(np.uint8).data
 
 
 def answer(
