@@ -1,6 +1,7 @@
 """Tables as people have them: each form is read to the same numbers, and said."""
 
 import gzip
+import hashlib
 import io
 from pathlib import Path
 
@@ -322,3 +323,21 @@ def test_a_column_that_most_rows_leave_empty_is_a_column(tmp_path, separator, co
     read = read_recording(path)
     np.testing.assert_allclose(read.time, np.arange(200) / 100)
     np.testing.assert_allclose(read.channel("y"), values, rtol=1e-8)
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int64, ">f8"])
+@pytest.mark.parametrize("packed", [False, True])
+def test_binary_channels_are_numbers_that_nobody_can_write_to(
+    tmp_path: Path, kind: type, packed: bool
+) -> None:
+    """Whether they were copied on their way, as other kinds of number are, or not."""
+    held = io.BytesIO()
+    values = np.arange(20).astype(kind)
+    np.savez(held, t=0.1 * np.arange(20), y=values)
+    path = tmp_path / ("run.npz.gz" if packed else "run.npz")
+    path.write_bytes(gzip.compress(held.getvalue()) if packed else held.getvalue())
+    found = read_recording(path)
+    for column in (found.time, found.channels["y"]):
+        assert column.dtype == np.float64 and not column.flags.writeable
+    np.testing.assert_array_equal(found.channels["y"], values)
+    assert found.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()

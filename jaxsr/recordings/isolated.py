@@ -123,7 +123,10 @@ class Reader:
     def _exchange(self, kind: str, raw: bytes | Path, file: str) -> Contents:
         process = self._started(file)
         lies = isinstance(raw, Path)
-        size = raw.stat().st_size if lies else len(raw)
+        try:
+            size = raw.stat().st_size if lies else len(raw)
+        except OSError as error:  # it was there when its first bytes were read
+            raise InputError(f"cannot be read: {error.strerror}", file) from error
         seconds = SECONDS + SECONDS_PER_BYTE.get(kind, 3e-7) * size
         request = {
             "kind": kind,

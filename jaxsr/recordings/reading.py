@@ -78,7 +78,7 @@ def read_recording(
 def _digested(path: Path) -> tuple[bytes, str]:
     """Return what a file holds and its SHA-256; of a binary one its first bytes alone."""
     try:
-        if path.suffix.lower() in _BINARY and path.is_file():
+        if _lies_open(path):
             with path.open("rb") as file:
                 raw = file.read(_HEAD)
                 file.seek(0)
@@ -94,6 +94,11 @@ def _digested(path: Path) -> tuple[bytes, str]:
     if not raw.strip():
         raise InputError("the file is empty", str(path), "Give a file with a header and samples")
     return raw, digest
+
+
+def _lies_open(path: Path) -> bool:
+    """Whether a binary file can be read from where it lies: neither packed nor a pipe."""
+    return path.suffix.lower() in _BINARY and path.is_file()
 
 
 def _table(raw: bytes, path: Path) -> Table:
@@ -114,8 +119,7 @@ def _table(raw: bytes, path: Path) -> Table:
             str(path),
             f"Use one of {known} (or .gz)",
         )
-    lies = path if path.suffix.lower() in _BINARY and path.is_file() else None
-    return _binary(_BINARY[kind], raw, path.name, lies)
+    return _binary(_BINARY[kind], raw, path.name, path if _lies_open(path) else None)
 
 
 def _binary(kind: str, raw: bytes, file: str, path: Path | None) -> Table:

@@ -254,9 +254,9 @@ class Recording:
 
 def _frozen(values: ArrayLike) -> np.ndarray:
     """Return a read-only float64 array; copied but for what nobody can write to."""
-    if isinstance(values, np.ndarray) and isinstance(values.base, bytes):
-        return np.asarray(values, dtype=np.float64)
-    array = np.array(values, dtype=np.float64)
+    array = np.asarray(values, dtype=np.float64)
+    if not isinstance(array.base, bytes):
+        array = np.array(array)
     array.setflags(write=False)
     return array
 
