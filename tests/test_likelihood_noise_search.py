@@ -30,14 +30,15 @@ def searched(
     monkeypatch.setattr(module, "replace", lambda item, **_: item)
     white = Noise(np.ones(2), np.zeros(2), np.zeros(2))
     scales: Any = SimpleNamespace(
-        noise=white, size=1.0, start=None, loudest=1.0, allows=lambda _: True
+        noise=white, size=1.0, start=None, loudest=1.0, allows=lambda _: True, decays=(0.9,)
     )
-    part = SimpleNamespace(defect=np.zeros((3, 1)), of=lambda _: None)
+    part = SimpleNamespace(defect=np.zeros((3, 1)), of=lambda _: part)
+    mode = SimpleNamespace(noise=1.0)
     found: Any = SimpleNamespace(
-        local=part, latent=part, mode=SimpleNamespace(noise=1.0), theta=np.zeros(1), share=0.5
+        local=part, latent=part, mode=mode, theta=np.zeros(1), share=0.5, decay=0.9
     )
     belief: Any = SimpleNamespace(about=lambda _: None, mixing=None)
-    best, _ = module.likeliest(found, scales, np.zeros(1, int), belief, stop)
+    best, *_ = module.likeliest(found, scales, np.zeros(1, int), belief, stop)
     return best, len(asked)
 
 

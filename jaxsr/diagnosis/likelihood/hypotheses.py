@@ -230,10 +230,11 @@ class _Begun:
         if follow.lost(at_mode) or idle:  # beside what does nothing the noise is that of before
             return at_mode, width, scales, steps
         # Beside what was missing, the noise is another than beside re-calibration.
-        likely, gain = likeliest(at_mode, scales, follow.chosen, follow.belief, follow.stop)
+        known = follow.chosen, follow.belief, follow.stop
+        noise, decay, gain = likeliest(at_mode, scales, *known)
         if gain > CLEAR:
             # How round the corner is shows beside the noise that there is.
-            anew = replace(scales, noise=likely, decay=at_mode.decay)
+            anew = replace(scales, noise=noise, decay=decay)
             fine = replace(follow, width=width, steps=steps) if self.sharp else follow
             after = at_its_mode(problem, self.sharp, at_mode.theta, at_mode.path, fine, anew)
             if after is not None and after[1].log_evidence > at_mode.log_evidence:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from jaxsr._deadline import never
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate
-from jaxsr.diagnosis.likelihood.evidence import Gram, Mode
-from jaxsr.diagnosis.likelihood.kalman import Noise, System, whitened
+from jaxsr.diagnosis.likelihood.evidence import Gram, Mode, Prior
+from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, whitened
+from jaxsr.diagnosis.likelihood.local import LocalModel
 from jaxsr.diagnosis.likelihood.scales import Scales, log_odds
 
 WHITE = {
@@ -29,11 +31,15 @@ next value, and slow wandering (a bias that is not stable) comes beside white no
 WANDERING = max(filter(None, WHITE), key=WHITE.__getitem__)
 """Correlation of what wanders beside most white noise: what lies between is like neither."""
 SIZES = (0.5, 2.0)
-"""Of one sensor's noise in that of the others: what fits best scales all of them."""
+"""Of one sensor's noise in that of the others: what fits best scales all of them. Of the force
+beside another noise, in that of the estimate."""
 PIECES = 4
 SWEEPS, GAINING = 3, 1.0
 """Times that each sensor's noise is sought beside the others', and log evidence that one must gain
 for another one to begin."""
+
+Beside = tuple[Noise, float, float]
+"""A noise, the correlation of the latent force beside it, and its size in that of the estimate."""
 
 
 def likeliest(
@@ -42,13 +48,15 @@ def likeliest(
     chosen: np.ndarray,
     belief: Belief,
     stop: Callable[[], bool] = never,
-) -> tuple[Noise, float]:
+) -> tuple[Noise, float, float]:
     """Return the noise beside which an estimate has most evidence, and what it gains.
 
     Correlations of all sensors at once are tried side by side, then variances and correlations of
     one after the other, on some of the pieces; once beside the latent force of the estimate and
-    once without any, which slow noise may be taken for. Constants follow each of them: without a
-    latent force they are told far more sharply, and elsewhere.
+    once without any, which slow noise may be taken for. Brief noise may be taken for a brief force:
+    correlations of all sensors are tried beside every time for which the force may keep its sign,
+    with the size that it has then, until nothing is gained. Constants follow each of them: without
+    a latent force they are told far more sharply, and elsewhere.
 
     Parameters
     ----------
@@ -58,45 +66,106 @@ def likeliest(
         Of them.
     stop : callable
         Whether the noise that is the best until then stands.
+
+    Returns
+    -------
+    noise : Noise
+    decay : float
+        Of the latent force beside it, from sample to sample.
+    gain : float
+        Log evidence.
     """
-    count = found.local.defect.shape[1]
-    pieces = sorted({int(k) for k in np.linspace(0, count - 1, min(count, PIECES))})
-    part, force = found.local.of(pieces), found.latent.of(pieces)
-    before = scales.noise.scaled(found.mode.noise)
-    prior, mixing = belief.about(found.theta[chosen]), belief.mixing
-
-    def weighed(share: float, every: list[Noise]) -> list[Mode]:
-        latent = replace(force, scale=share * scales.size)
-        rows = whitened(System.of(part, [latent] * len(every), every, scales.start))
-        lanes = (slice(k, k + len(pieces)) for k in range(0, len(every) * len(pieces), len(pieces)))
-        rooms = (replace(scales, noise=noise).loudest for noise in every)
-        every_gram = (Gram.of(rows, lane, room) for lane, room in zip(lanes, rooms, strict=True))
-        return [g.mode(mixing, prior) for g in every_gram]
-
-    odds = {share: float(log_odds(share)) for share in (found.share, 0.0)}
-    start = odds[found.share] + weighed(found.share, [before])[0].log_evidence
-    best, most, sensors = before, start, range(len(before.white))
-    for share in odds:
-        noise, there = before, -np.inf
+    scene = _Scene.of(found, scales, chosen, belief)
+    unchanged = _scaled((scales.noise, found.decay, 1.0), found.mode.noise)
+    start = scene.logs(found.share, [unchanged])[1][0]
+    best, most, sensors = unchanged, start, range(len(scales.noise.white))
+    for share in dict.fromkeys((found.share, 0.0)):
+        here, there = unchanged, -np.inf
         for together in _sweeps(sensors):
             begun = there
             for some in together:
+                forced = len(some) == len(sensors) and share > 0.0
                 worth = True
                 while worth and not stop():
                     known = there
-                    every = [n for n in _others(noise, some) if scales.allows(n)]
-                    modes = weighed(share, every) if every else []
-                    logs = np.nan_to_num([odds[share] + m.log_evidence for m in modes], nan=-np.inf)
+                    forces = scene.sized(share, here) if forced else [here[1:]]
+                    noises = [n for n in _others(here[0], some) if scales.allows(n)]
+                    every = [(noise, *force) for noise, force in product(noises, forces)]
+                    modes, logs = scene.logs(share, every)
                     if len(logs) and logs.max() > there:
-                        best_of = int(np.argmax(logs))
-                        noise = every[best_of].scaled(modes[best_of].noise)
-                        there = float(logs[best_of])
-                    worth = len(some) < len(sensors) and there > known + GAINING
+                        at = int(np.argmax(logs))
+                        here = _scaled(every[at], modes[at].noise)
+                        there = float(logs[at])
+                    more = forced or len(some) < len(sensors)
+                    worth = more and there > known + GAINING
             if there < begun + GAINING:
                 break
         if there > most:
-            best, most = noise, there
-    return best, most - start
+            best, most = here, there
+    return best[0], best[1], most - start
+
+
+def _scaled(beside: Beside, factor: float) -> Beside:
+    """Return a noise and a force with all variances multiplied."""
+    noise, decay, size = beside
+    return noise.scaled(factor), decay, size * float(np.sqrt(factor))
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """What stays as the noise changes.
+
+    Attributes
+    ----------
+    part : LocalModel
+        Some of the pieces about the path of an estimate.
+    force : Latent
+        Its latent force there.
+    scales : Scales
+    prior : Prior
+        Of its constants.
+    mixing : ndarray, shape (constants, constants)
+    """
+
+    part: LocalModel
+    force: Latent
+    scales: Scales
+    prior: Prior
+    mixing: np.ndarray
+
+    @staticmethod
+    def of(found: Estimate, scales: Scales, chosen: np.ndarray, belief: Belief) -> _Scene:
+        """Take some of the pieces of an estimate."""
+        count = found.local.defect.shape[1]
+        pieces = sorted({int(k) for k in np.linspace(0, count - 1, min(count, PIECES))})
+        part, force = found.local.of(pieces), found.latent.of(pieces)
+        return _Scene(part, force, scales, belief.about(found.theta[chosen]), belief.mixing)
+
+    def logs(self, share: float, every: Sequence[Beside]) -> tuple[list[Mode], np.ndarray]:
+        """Return modes of the constants and log evidences beside each noise and force."""
+        if not every:
+            return [], np.zeros(0)
+        forces = [
+            replace(self.force, scale=size * share * self.scales.size, decay=decay)
+            for _, decay, size in every
+        ]
+        noises, count = [noise for noise, *_ in every], self.part.defect.shape[1]
+        rows = whitened(System.of(self.part, forces, noises, self.scales.start))
+        modes = []
+        for k, noise in enumerate(noises):
+            room = replace(self.scales, noise=noise).loudest
+            gram = Gram.of(rows, slice(k * count, (k + 1) * count), room)
+            modes.append(gram.mode(self.mixing, self.prior))
+        logs = np.array([m.log_evidence for m in modes]) + float(log_odds(share))
+        return modes, np.nan_to_num(logs, nan=-np.inf)
+
+    def sized(self, share: float, beside: Beside) -> list[tuple[float, float]]:
+        """Return the times of the force, each with the size that it has beside a noise."""
+        noise, _, size = beside
+        sizes, decays = [size * factor for factor in (1.0, *SIZES)], self.scales.decays
+        _, logs = self.logs(share, [*product([noise], decays, sizes)])
+        best = logs.reshape(len(decays), len(sizes)).argmax(1)
+        return [(decay, sizes[k]) for decay, k in zip(decays, best, strict=True)]
 
 
 def _sweeps(sensors: Sequence[int]) -> Iterator[list[Sequence[int]]]:
