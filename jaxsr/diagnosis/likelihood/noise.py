@@ -55,8 +55,8 @@ def likeliest(
     one after the other, on some of the pieces; once beside the latent force of the estimate and
     once without any, which slow noise may be taken for. Brief noise may be taken for a brief force:
     correlations of all sensors are tried beside every time for which the force may keep its sign,
-    with the size that it has then, until nothing is gained. Constants follow each of them: without
-    a latent force they are told far more sharply, and elsewhere.
+    and sizes of it. Constants follow each of them: without a latent force they are told far more
+    sharply, and elsewhere.
 
     Parameters
     ----------
@@ -84,11 +84,13 @@ def likeliest(
         for together in _sweeps(sensors):
             begun = there
             for some in together:
-                forced = len(some) == len(sensors) and share > 0.0
+                alone = len(some) < len(sensors)
                 worth = True
                 while worth and not stop():
-                    known = there
-                    forces = scene.sized(share, here) if forced else [here[1:]]
+                    known, size = there, here[2]
+                    forces = [here[1:]]
+                    if not alone and share:
+                        forces = [*product(scales.decays, [size, *(size * f for f in SIZES)])]
                     noises = [n for n in _others(here[0], some) if scales.allows(n)]
                     every = [(noise, *force) for noise, force in product(noises, forces)]
                     modes, logs = scene.logs(share, every)
@@ -96,8 +98,8 @@ def likeliest(
                         at = int(np.argmax(logs))
                         here = _scaled(every[at], modes[at].noise)
                         there = float(logs[at])
-                    more = forced or len(some) < len(sensors)
-                    worth = more and there > known + GAINING
+                        worth = alone or every[at][2] != size  # all else was tried
+                    worth = worth and there > known + GAINING
             if there < begun + GAINING:
                 break
         if there > most:
@@ -155,17 +157,12 @@ class _Scene:
         for k, noise in enumerate(noises):
             room = replace(self.scales, noise=noise).loudest
             gram = Gram.of(rows, slice(k * count, (k + 1) * count), room)
-            modes.append(gram.mode(self.mixing, self.prior))
+            try:
+                modes.append(gram.mode(self.mixing, self.prior))
+            except np.linalg.LinAlgError:  # innovations that are no numbers
+                modes.append(Mode(-np.inf, self.prior.mean, self.prior.deviation, 1.0))
         logs = np.array([m.log_evidence for m in modes]) + float(log_odds(share))
         return modes, np.nan_to_num(logs, nan=-np.inf)
-
-    def sized(self, share: float, beside: Beside) -> list[tuple[float, float]]:
-        """Return the times of the force, each with the size that it has beside a noise."""
-        noise, _, size = beside
-        sizes, decays = [size * factor for factor in (1.0, *SIZES)], self.scales.decays
-        _, logs = self.logs(share, [*product([noise], decays, sizes)])
-        best = logs.reshape(len(decays), len(sizes)).argmax(1)
-        return [(decay, sizes[k]) for decay, k in zip(decays, best, strict=True)]
 
 
 def _sweeps(sensors: Sequence[int]) -> Iterator[list[Sequence[int]]]:
