@@ -1,0 +1,64 @@
+"""What a model with many equations is asked about: every form of a law before variants of one."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from jaxsr.diagnosis.likelihood.course import followed
+from jaxsr.diagnosis.likelihood.offered import offered
+from jaxsr.diagnosis.likelihood.support import MOST
+from jaxsr.models import parse_model
+from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording
+
+COUNT = 6
+TIME = np.arange(200) * 0.02
+
+
+def chain() -> str:
+    """A chain of masses between springs, pushed at its second one."""
+    places, speeds = (", ".join(f'"{s}{k}"' for k in range(1, COUNT + 1)) for s in "xv")
+    lines = ["[model]", 'name = "chain"', f"states = [{places}, {speeds}]", 'inputs = ["F"]']
+    outputs = ", ".join(f'"y{k}"' for k in range(1, COUNT + 1))
+    lines += [f"outputs = [{outputs}]", "[equations]"]
+    lines += [f'x{k} = "v{k}"' for k in range(1, COUNT + 1)]
+    for k in range(1, COUNT + 1):
+        left = f"(x{k} - x{k - 1})" if k > 1 else "x1"
+        right = f"(x{k} - x{k + 1})" if k < COUNT else f"x{COUNT}"
+        push = "F " if k == 2 else ""
+        lines.append(f'v{k} = "{push}- k*{left} - k*{right} - 0.7*v{k}"')
+    lines += ["[readings]", *(f'y{k} = "x{k}"' for k in range(1, COUNT + 1))]
+    lines += ["[parameters]", "k = { value = 700.0, bounds = [300.0, 1500.0] }"]
+    return "\n".join(lines)
+
+
+def recorded(rng: np.random.Generator) -> Recording:
+    """The chain behind an actuator that gives no more than half of the largest command."""
+    waves = np.sin(np.outer(TIME, rng.uniform(2.0, 30.0, 5)) + rng.uniform(0.0, 6.0, 5))
+    command = 8.0 * waves.sum(axis=1)
+    most = 0.5 * np.abs(command).max()
+    stiffness = 700.0 * (2.0 * np.eye(COUNT) - np.eye(COUNT, k=1) - np.eye(COUNT, k=-1))
+
+    def rate(t: float, x: np.ndarray) -> np.ndarray:
+        force = np.zeros(COUNT)
+        force[1] = np.clip(np.interp(t, TIME, command), -most, most)
+        return np.concatenate([x[COUNT:], force - stiffness @ x[:COUNT] - 0.7 * x[COUNT:]])
+
+    start = np.zeros(2 * COUNT)
+    run = solve_ivp(rate, (0.0, TIME[-1]), start, t_eval=TIME, rtol=1e-7, atol=1e-9)
+    noise = 1e-4 * rng.normal(size=(COUNT, TIME.size))
+    readings = {f"y{k + 1}": run.y[k] + noise[k] for k in range(COUNT)}
+    return Recording("run", TIME, {"F": command, **readings})
+
+
+def test_every_form_of_a_limit_is_offered_where_candidates_are_many() -> None:
+    """A round limit is another law than a sharp one: of one of them alone, the other was told."""
+    model = parse_model(chain())
+    course = followed(model, [Prepared.build(model, recorded(np.random.default_rng(0)))])
+    assert course is not None
+    every = offered(model, course)
+    assert len(every) == MOST  # some were left out
+    limits = {c.terms for c in every if c.mechanism == "input_saturation"}
+    assert len(limits) == 2
+    assert any("tanh" in text for terms in limits for _, text in terms)
