@@ -25,6 +25,7 @@ from benchmarks.generality.planting import planted
 from benchmarks.generality.prior import truncated
 from benchmarks.generality.running import answers
 from benchmarks.generality.scoring import (
+    by_chance,
     calibration_error,
     common,
     misses,
@@ -217,6 +218,21 @@ def test_calibration_error_counts_what_is_too_sure() -> None:
     assert calibration_error([(0.99, False)] * 2) == pytest.approx(0.99)
     assert calibration_error([(1.0, True), (0.05, False)]) == pytest.approx(0.025)
     assert calibration_error([]) is None
+
+
+def test_calibration_error_by_chance_is_what_right_probabilities_have() -> None:
+    """Of few findings it is far from none; of probabilities that are right one in 20 has more."""
+    rng = np.random.default_rng(1)
+    for count in (40, 400):
+        p = rng.uniform(0.5, 1.0, count)
+        bound = by_chance([*p])
+        assert bound is not None
+        right = rng.random((300, count)) < p
+        errors = [calibration_error([*zip(p, row, strict=True)]) for row in right]
+        more = np.mean([e is not None and e > bound for e in errors])
+        assert 0.01 <= more <= 0.12  # 0.05, beside the spread of 400 and of 300 draws
+    assert by_chance([1.0] * 9) == 0.0
+    assert by_chance([]) is None
 
 
 def test_groups_that_were_settled_on_are_groups_of_the_benchmark() -> None:

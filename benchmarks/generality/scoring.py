@@ -17,6 +17,8 @@ SETTLED_ON = Path(__file__).with_name("settled_on.json")
 KINDS = ("system", "sensing", "mechanism")
 SURE = 0.95
 BINS = np.linspace(0.0, 1.0, 11)
+DRAWN = 400
+"""Sets of answers drawn to tell what the calibration error is by chance."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,7 @@ def rates(items: Sequence[Scored]) -> dict[str, Any]:
         "interval_coverage": Rate.of([c for m in marks for c in m.covered]),
         "right_where_sure": Rate.of([bool(r) for p, r in stated if p > SURE]),
         "calibration_error": calibration_error(stated),
+        "calibration_error_by_chance": by_chance([p for p, _ in stated]),
         "gap_closed_median": float(np.median(gaps)) if gaps else None,
         "gaps": len(gaps),
         "seconds_median": float(np.median([i.seconds for i in items])) if items else None,
@@ -113,6 +116,19 @@ def calibration_error(stated: Sequence[tuple[float, bool]]) -> float | None:
         for b in np.unique(own)
     ]
     return float(np.sum(gaps) / len(p))
+
+
+def by_chance(stated: Sequence[float]) -> float | None:
+    """Return the calibration error that probabilities which are right stay below in 19 of 20 sets.
+
+    Answers are drawn to be right as often as stated: of few findings, bins hold too few for less.
+    """
+    if not stated:
+        return None
+    p, rng = np.array(stated), np.random.default_rng(0)
+    drawn = rng.random((DRAWN, len(p))) < p
+    errors = [calibration_error([*zip(p, right, strict=True)]) for right in drawn]
+    return float(np.quantile([e for e in errors if e is not None], 0.95))
 
 
 def table(items: Sequence[Scored]) -> dict[str, dict[str, Any]]:

@@ -17,6 +17,7 @@ ROWS = (
     ("interval_coverage", "95 % intervals that cover"),
     ("right_where_sure", "right where above 0.95"),
     ("calibration_error", "calibration error"),
+    ("calibration_error_by_chance", "the same by chance, at most"),
     ("gap_closed_median", "gap closed, median"),
     ("cpu_seconds_median", "processor seconds, median"),
     ("crashes", "crashes"),

@@ -13,6 +13,10 @@ _GROUPS = {
     "interval_coverage": "95 % intervals that cover",
     "right_where_sure": "right where the stated probability is above 0.95",
 }
+_ERRORS = {
+    "calibration_error": "expected calibration error",
+    "calibration_error_by_chance": "the same of right probabilities, 19 times of 20 at most",
+}
 _PARTS = ("in-group", "out-of-group")
 
 
@@ -46,6 +50,8 @@ def groups_table() -> str:
     heads = [f"{engine}, {part}" for engine in found for part in _PARTS]
     cells = [parts[part] for parts in found.values() for part in _PARTS]
     rows = [(label, *(of(c[key]) for c in cells)) for key, label in _GROUPS.items()]
+    for key, label in _ERRORS.items():
+        rows.append((label, *(number(c[key], 2) for c in cells)))
     rows.append(("cases", *(c["cases"] for c in cells)))
     rows.append(("gap closed, median", *(percent(c["gap_closed_median"]) for c in cells)))
     return table(["", *heads], rows)
