@@ -50,7 +50,8 @@ class Shown:
         if not at:
             return float(self.gram[-1, -1]), np.zeros(0)
         inner, side = self.gram[np.ix_(at, at)], self.gram[at, -1]
-        scale = np.sqrt(np.diag(inner)) + 1e-300
+        size = np.sqrt(np.diag(inner))
+        scale = np.where(size > 0.0, size, 1.0)  # what nothing shows explains nothing
         inner = inner / np.outer(scale, scale) + 1e-10 * np.eye(len(at))
         change = np.linalg.solve(inner, side / scale)
         left = self.gram[-1, -1] - side / scale @ change
