@@ -19,7 +19,7 @@ from typing import Any
 
 from benchmarks.generality.engines import BUDGET, ENGINES
 from benchmarks.generality.plan import Ticket, dealt
-from benchmarks.generality.running import answers, begun, gathered, made, run, truth_of
+from benchmarks.generality.running import answers, begun, gathered, made, run, seed_of, truth_of
 from benchmarks.generality.scoring import common, marks, misses, plain, scored, settled_on, table
 from benchmarks.generality.systems import SYSTEMS
 from benchmarks.generality.tables import by_group, missed, side_by_side
@@ -101,7 +101,7 @@ def main(arguments: list[str] | None = None) -> int:
     document, text = scores(folders)
     print(text)
     if not options.no_result:
-        write("generality", "planted cases in groups", [options.seed], document)
+        write("generality", "planted cases in groups", [seed_of(f) for f in folders], document)
     return 0
 
 

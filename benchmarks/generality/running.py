@@ -47,6 +47,11 @@ def begun(out: Path, seed: int) -> None:
     atomic_write_text(mark, dump_json({"schema": "jaxsr.generality/1", "seed": seed}))
 
 
+def seed_of(out: Path) -> int:
+    """Return the seed of the cases in a folder."""
+    return int(json.loads((out / "sealed.json").read_text(encoding="utf-8"))["seed"])
+
+
 def truth_of(out: Path, name: str) -> dict[str, Any]:
     """Return the truth of a case."""
     return json.loads((out / "cases" / name / "truth.json").read_text(encoding="utf-8"))

@@ -244,7 +244,7 @@ class _Climb:
             change = there - theta[chosen]
             little = SETTLED * point.mode.deviation + 1e-12 * np.abs(theta[chosen])
             local = point.local.moved(np.concatenate([change, spare]))
-            latent = scales.latent(point.local, point.share * np.sqrt(point.mode.noise))
+            latent = scales.latent(point.local, point.share)
             noise = scales.noise.scaled(point.mode.noise)
             moved = smoothed(System.of(local, [latent], [noise], scales.start), len(point.path))
             settled = bool(np.all(np.abs(change) <= little))

@@ -55,7 +55,8 @@ def likeliest(
     one after the other, on some of the pieces; once beside the latent force of the estimate and
     once without any, which slow noise may be taken for. Brief noise may be taken for a brief force:
     correlations of all sensors are tried beside every time for which the force may keep its sign,
-    and sizes of it. Constants follow each of them: without a latent force they are told far more
+    and sizes of it, and once more beside the force as it is, where each of several sensors goes on
+    from another noise. Constants follow each of them: without a latent force they are told far more
     sharply, and elsewhere.
 
     Parameters
@@ -79,7 +80,9 @@ def likeliest(
     unchanged = _scaled((scales.noise, found.decay, 1.0), found.mode.noise)
     start = scene.logs(found.share, [unchanged])[1][0]
     best, most, sensors = unchanged, start, range(len(scales.noise.white))
-    for share in dict.fromkeys((found.share, 0.0)):
+    held = [] if found.share and len(sensors) == 1 else [(found.share, False)]
+    freed = [(found.share, True)] if found.share else []
+    for share, forced in dict.fromkeys([*held, *freed, (0.0, False)]):
         here, there = unchanged, -np.inf
         for together in _sweeps(sensors):
             begun = there
@@ -89,14 +92,14 @@ def likeliest(
                 while worth and not stop():
                     known, size = there, here[2]
                     forces = [here[1:]]
-                    if not alone and share:
+                    if forced and not alone:
                         forces = [*product(scales.decays, [size, *(size * f for f in SIZES)])]
                     noises = [n for n in _others(here[0], some) if scales.allows(n)]
                     every = [(noise, *force) for noise, force in product(noises, forces)]
                     modes, logs = scene.logs(share, every)
                     if len(logs) and logs.max() > there:
                         at = int(np.argmax(logs))
-                        here = _scaled(every[at], modes[at].noise)
+                        here = _scaled(every[at], modes[at].noise, forced)
                         there = float(logs[at])
                         worth = alone or every[at][2] != size  # all else was tried
                     worth = worth and there > known + GAINING
@@ -107,10 +110,13 @@ def likeliest(
     return best[0], best[1], most - start
 
 
-def _scaled(beside: Beside, factor: float) -> Beside:
-    """Return a noise and a force with all variances multiplied."""
+def _scaled(beside: Beside, factor: float, whole: bool = True) -> Beside:
+    """Return a noise, and the `whole` with its force, with all variances multiplied.
+
+    Beside a force that stays as it is, its size is sought by the noise.
+    """
     noise, decay, size = beside
-    return noise.scaled(factor), decay, size * float(np.sqrt(factor))
+    return noise.scaled(factor), decay, size * float(np.sqrt(factor)) if whole else size
 
 
 @dataclass(frozen=True, eq=False)
