@@ -38,7 +38,9 @@ def test_a_time_that_is_likelier_about_one_path_alone_is_left(
         return replace(found, logs=found.logs - found.log + point.log - 5.0), settled
 
     # Beside one noise: another would be sought from wherever this ends.
-    monkeypatch.setattr(hypotheses, "likeliest", lambda found, scales, *_: (scales.noise, 0.0))
+    monkeypatch.setattr(
+        hypotheses, "likeliest", lambda found, scales, *_: (scales.noise, found.decay, 0.0)
+    )
     alone = replace(table, scales=replace(table.scales, decay=first, decays=(first,)))
     near = replace(null, decay=first)
     expected = hypothesis(work, alone, (number,), near)
