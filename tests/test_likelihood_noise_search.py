@@ -32,7 +32,7 @@ def searched(
     scales: Any = SimpleNamespace(
         noise=white, size=1.0, start=None, loudest=1.0, allows=lambda _: True, decays=(0.9,)
     )
-    part = SimpleNamespace(defect=np.zeros((3, 1)), of=lambda _: part)
+    part = SimpleNamespace(defect=np.zeros((3, 1)), of=lambda _: part, read=None)
     mode = SimpleNamespace(noise=1.0)
     found: Any = SimpleNamespace(
         local=part, latent=part, mode=mode, theta=np.zeros(1), share=0.5, decay=0.9

@@ -1,4 +1,4 @@
-"""What a model with many equations is asked about: every form of a law before variants of one."""
+"""What a model with many equations is asked about: all that an actuator may do is among it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def recorded(rng: np.random.Generator) -> Recording:
 
 
 def test_every_form_of_a_limit_is_offered_where_candidates_are_many() -> None:
-    """A round limit is another law than a sharp one: of one of them alone, the other was told."""
+    """A round limit is another law than a sharp one: without it, two others were told."""
     model = parse_model(chain())
     course = followed(model, [Prepared.build(model, recorded(np.random.default_rng(0)))])
     assert course is not None

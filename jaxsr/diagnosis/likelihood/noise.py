@@ -56,8 +56,9 @@ def likeliest(
     once without any, which slow noise may be taken for. Brief noise may be taken for a brief force:
     correlations of all sensors are tried beside every time for which the force may keep its sign,
     and sizes of it, and once more beside the force as it is, where each of several sensors goes on
-    from another noise. Constants follow each of them: without a latent force they are told far more
-    sharply, and elsewhere.
+    from another noise. Where a sensor reads the force itself (an accelerometer), a brief one is its
+    noise: there it stays as it is. Constants follow each of them: without a latent force they are
+    told far more sharply, and elsewhere.
 
     Parameters
     ----------
@@ -80,8 +81,9 @@ def likeliest(
     unchanged = _scaled((scales.noise, found.decay, 1.0), found.mode.noise)
     start = scene.logs(found.share, [unchanged])[1][0]
     best, most, sensors = unchanged, start, range(len(scales.noise.white))
-    held = [] if found.share and len(sensors) == 1 else [(found.share, False)]
-    freed = [(found.share, True)] if found.share else []
+    read = scene.force.read is not None and bool(np.any(scene.force.read))
+    freed = [(found.share, True)] if found.share and not read else []
+    held = [] if freed and len(sensors) == 1 else [(found.share, False)]
     for share, forced in dict.fromkeys([*held, *freed, (0.0, False)]):
         here, there = unchanged, -np.inf
         for together in _sweeps(sensors):

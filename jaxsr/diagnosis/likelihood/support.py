@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -26,8 +26,7 @@ def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> 
     """Return the candidates that remove most of the smoothed forces; all where they are few.
 
     Of those at one place that differ in their inner constants alone, one comes before the second
-    of any: what re-calibration does most of removes little, and is asked all the same. Another form
-    of a law (a limit that is sharp, or round) is another one. What is no
+    of any: what re-calibration does most of removes little, and is asked all the same. What is no
     force along an equation (a sensor, an actuator, a wrong value, a mass) stays, and so
     does a constant force along each.
 
@@ -46,18 +45,23 @@ def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> 
         if candidate.states and candidate.terms:
             if candidate.terms[0][0] in loud:
                 kept.append(number)
-        elif not forces or candidate.mechanism == "constant_force":
+        elif not forces or candidate.mechanism == "constant_force" or _commanded(candidate):
             kept.append(number)
         else:
             ranked.append((_removed(model, course, candidate, signals), number))
     ranked.sort(reverse=True)
-    turns, taken = Counter[Hashable](), list[tuple[int, int]]()
+    turns, taken = Counter[str](), list[tuple[int, int]]()
     for place, (_, number) in enumerate(ranked):
-        form = candidates[number].label, candidates[number].terms
-        taken.append((turns[form], place))
-        turns[form] += 1
+        label = candidates[number].label
+        taken.append((turns[label], place))
+        turns[label] += 1
     kept += [ranked[place][1] for _, place in sorted(taken)[: max(MOST - len(kept), 0)]]
     return [candidates[i] for i in sorted(kept)]
+
+
+def _commanded(candidate: Candidate) -> bool:
+    """Whether a candidate is an actuator's: its force is what it makes of the command."""
+    return candidate.site.startswith("input:")
 
 
 def _power(course: Course, state: str) -> float:
