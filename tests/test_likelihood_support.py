@@ -1,4 +1,4 @@
-"""What a model with many equations is asked about: all that an actuator may do is among it."""
+"""What a model with many equations is asked about: both forms of an actuator's limit."""
 
 from __future__ import annotations
 

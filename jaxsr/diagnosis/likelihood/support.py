@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 
 import numpy as np
 
@@ -26,9 +26,9 @@ def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> 
     """Return the candidates that remove most of the smoothed forces; all where they are few.
 
     Of those at one place that differ in their inner constants alone, one comes before the second
-    of any: what re-calibration does most of removes little, and is asked all the same. What is no
-    force along an equation (a sensor, an actuator, a wrong value, a mass) stays, and so
-    does a constant force along each.
+    of any: what re-calibration does most of removes little, and is asked all the same. A limit of
+    an actuator that is sharp is another law than a round one. What is no force along an equation (a
+    sensor, a wrong value, a mass) stays, and so does a constant force along each.
 
     Parameters
     ----------
@@ -45,23 +45,24 @@ def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> 
         if candidate.states and candidate.terms:
             if candidate.terms[0][0] in loud:
                 kept.append(number)
-        elif not forces or candidate.mechanism == "constant_force" or _commanded(candidate):
+        elif not forces or candidate.mechanism == "constant_force":
             kept.append(number)
         else:
             ranked.append((_removed(model, course, candidate, signals), number))
     ranked.sort(reverse=True)
-    turns, taken = Counter[str](), list[tuple[int, int]]()
+    turns, taken = Counter[Hashable](), list[tuple[int, int]]()
     for place, (_, number) in enumerate(ranked):
-        label = candidates[number].label
-        taken.append((turns[label], place))
-        turns[label] += 1
+        law = _law(candidates[number])
+        taken.append((turns[law], place))
+        turns[law] += 1
     kept += [ranked[place][1] for _, place in sorted(taken)[: max(MOST - len(kept), 0)]]
     return [candidates[i] for i in sorted(kept)]
 
 
-def _commanded(candidate: Candidate) -> bool:
-    """Whether a candidate is an actuator's: its force is what it makes of the command."""
-    return candidate.site.startswith("input:")
+def _law(candidate: Candidate) -> Hashable:
+    """Return what variants have in common: of an actuator the formula, of a force its label."""
+    label = candidate.label
+    return (label, candidate.terms) if candidate.site.startswith("input:") else label
 
 
 def _power(course: Course, state: str) -> float:
