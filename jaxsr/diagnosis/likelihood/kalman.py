@@ -57,22 +57,47 @@ class Noise:
     white, coloured : ndarray, shape (outputs,)
         Variances of the two parts.
     correlation : ndarray, shape (outputs,)
-        Of the coloured part, from one sample to the next.
+        Of the coloured part, from one sample to the next; where it is smoothed, of what is.
+    smoothing : ndarray, shape (outputs,), optional
+        Pole of a filter of first order that the coloured part went through; none by default.
     """
 
     white: np.ndarray
     coloured: np.ndarray
     correlation: np.ndarray
+    smoothing: np.ndarray | None = None
+
+    @property
+    def poles(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poles of the coloured part: its correlation, and that of its filter, 0 where none is."""
+        rho = self.correlation
+        return rho, np.zeros_like(rho) if self.smoothing is None else self.smoothing
 
     @property
     def between_neighbours(self) -> np.ndarray:
         """Variances that differences of neighbouring samples tell: the upper end of a spectrum."""
-        rho = self.correlation
-        return self.white + self.coloured * (1.0 - rho) / (1.0 + rho)
+        a, b = self.poles
+        return self.white + self.coloured * _upper(a) * _upper(b) * _upper(a * b)
+
+    @property
+    def driving(self) -> np.ndarray:
+        """Variances of the coloured part before it was smoothed."""
+        a, b = self.poles
+        # c = b (c + d): the filter has its pole b, and what drives it the pole a
+        return (
+            self.coloured
+            * (1.0 - a * b)
+            * (1.0 - b * b)
+            / ((1.0 + a * b) * np.where(b, b * b, 1.0))
+        )
 
     def scaled(self, factor: float) -> Noise:
         """Return the noise with all variances multiplied."""
-        return Noise(factor * self.white, factor * self.coloured, self.correlation)
+        return replace(self, white=factor * self.white, coloured=factor * self.coloured)
+
+
+def _upper(pole: np.ndarray) -> np.ndarray:
+    return (1.0 - pole) / (1.0 + pole)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +168,9 @@ class System:
         steps, pieces, n, p = local.by_constant.shape
         outputs, m, choices = local.innovation.shape[2], len(latent[0].scale), len(noise)
         coloured = np.flatnonzero(np.any([v.coloured for v in noise], axis=0))
-        known, whole = n + m, n + m + len(coloured)
+        smoothed = np.flatnonzero(np.any([v.poles[1] for v in noise], axis=0))
+        known, last = n + m, n + m + len(coloured)
+        whole = last + len(smoothed)
         transition = np.zeros((steps, pieces, whole, whole))
         transition[..., :n, :n] = local.by_state
         transition[..., :n, n:known] = latent[0].entering
@@ -158,14 +185,20 @@ class System:
         reading[..., :n] = local.reading
         if latent[0].read is not None:
             reading[..., n:known] = latent[0].read
-        reading[..., coloured, range(known, whole)] = 1.0
+        reading[..., coloured, range(known, last)] = 1.0
+        places = known + np.searchsorted(coloured, smoothed)
+        transition[..., places, range(last, whole)] = 1.0
         decay, begun, process = np.ones((choices, whole)), np.zeros((choices, whole)), []
         for k, (force, sensor) in enumerate(zip(latent, noise, strict=True)):
-            decay[k, n:known], decay[k, known:] = force.decay, sensor.correlation[coloured]
-            variance = np.concatenate([force.scale**2, sensor.coloured[coloured]])
-            begun[k, :n], begun[k, n:] = start, variance
-            kept = np.concatenate([np.full(m, force.decay), sensor.correlation[coloured]])
-            process.append(np.concatenate([np.zeros(n), variance * (1.0 - kept**2)]))
+            first, second = sensor.poles
+            inner = np.where(second > 0.0, second, first)[coloured]
+            kept = np.concatenate([np.full(m, force.decay), inner, first[smoothed]])
+            driven = np.where(second > 0.0, sensor.driving, 0.0)[smoothed]
+            variance = np.concatenate([force.scale**2, sensor.coloured[coloured], driven])
+            decay[k, n:], begun[k, :n], begun[k, n:] = kept, start, variance
+            new = variance * (1.0 - kept**2)
+            new[m : m + len(coloured)][second[coloured] > 0.0] = 0.0
+            process.append(np.concatenate([np.zeros(n), new]))
         return System(
             transition,
             entering,

@@ -30,6 +30,9 @@ WHITE = {
 next value, and slow wandering (a bias that is not stable) comes beside white noise."""
 WANDERING = max(filter(None, WHITE), key=WHITE.__getitem__)
 """Correlation of what wanders beside most white noise: what lies between is like neither."""
+SMOOTHED = (0.25, 0.5, 0.65, 0.8, 0.9)
+"""Poles of a filter that the coloured part may have gone through: those of sensors that are slower
+than they are read. At most as long as what it smooths keeps its sign: the two may change places."""
 SIZES = (0.5, 2.0)
 """Of one sensor's noise in that of the others: what fits best scales all of them. Of the force
 beside another noise, in that of the estimate."""
@@ -84,32 +87,66 @@ def likeliest(
     read = scene.force.read is not None and bool(np.any(scene.force.read))
     freed = [(found.share, True)] if found.share and not read else []
     held = [] if freed and len(sensors) == 1 else [(found.share, False)]
+    beside = (found.share, bool(freed))
     for share, forced in dict.fromkeys([*held, *freed, (0.0, False)]):
-        here, there = unchanged, -np.inf
-        for together in _sweeps(sensors):
-            begun = there
-            for some in together:
-                alone = len(some) < len(sensors)
-                worth = True
-                while worth and not stop():
-                    known, size = there, here[2]
-                    forces = [here[1:]]
-                    if forced and not alone:
-                        forces = [*product(scales.decays, [size, *(size * f for f in SIZES)])]
-                    noises = [n for n in _others(here[0], some) if scales.allows(n)]
-                    every = [(noise, *force) for noise, force in product(noises, forces)]
-                    modes, logs = scene.logs(share, every)
-                    if len(logs) and logs.max() > there:
-                        at = int(np.argmax(logs))
-                        here = _scaled(every[at], modes[at].noise, forced)
-                        there = float(logs[at])
-                        worth = alone or every[at][2] != size  # all else was tried
-                    worth = worth and there > known + GAINING
-            if there < begun + GAINING:
-                break
+        here, there = _swept(scene, unchanged, share, forced, stop)
         if there > most:
-            best, most = here, there
+            best, most, beside = here, there, (share, forced)
+    best, most = _smoothed(scene, (best, most), *beside, stop)
     return best[0], best[1], most - start
+
+
+def _swept(
+    scene: _Scene, here: Beside, share: float, forced: bool, stop: Callable[[], bool]
+) -> tuple[Beside, float]:
+    """Try other noises until none gains; return the best and its log evidence.
+
+    Parameters
+    ----------
+    share : float
+        Size of the latent force.
+    forced : bool
+        Whether its time and size are sought as well.
+    """
+    sensors, scales, there = range(len(here[0].white)), scene.scales, -np.inf
+    for together in _sweeps(sensors):
+        begun = there
+        for some in together:
+            alone, worth = len(some) < len(sensors), True
+            while worth and not stop():
+                known, size = there, here[2]
+                forces = [here[1:]]
+                if forced and not alone:
+                    forces = [*product(scales.decays, [size, *(size * f for f in SIZES)])]
+                every = [(n, *force) for n in _others(here[0], some) for force in forces]
+                other, log = scene.best(share, every, forced)
+                if log > there:
+                    # Beside another size of the force all noises are due again.
+                    worth = alone or other[2] != here[2]
+                    here, there = other, log
+                worth = worth and there > known + GAINING
+        if there < begun + GAINING:
+            break
+    return here, there
+
+
+def _smoothed(
+    scene: _Scene,
+    known: tuple[Beside, float],
+    share: float,
+    forced: bool,
+    stop: Callable[[], bool],
+) -> tuple[Beside, float]:
+    """Try whether a filter smooths the noise of the sensors, of all of them and of each."""
+    here, there = known
+    sensors = range(len(here[0].white))
+    for some in [sensors, *([k] for k in sensors if len(sensors) > 1)]:
+        if not stop():
+            every = [(noise, *here[1:]) for noise in _smoother(here[0], some)]
+            other, log = scene.best(share, every, forced)
+            if log > there + GAINING:
+                here, there = other, log
+    return here, there
 
 
 def _scaled(beside: Beside, factor: float, whole: bool = True) -> Beside:
@@ -150,6 +187,15 @@ class _Scene:
         pieces = sorted({int(k) for k in np.linspace(0, count - 1, min(count, PIECES))})
         part, force = found.local.of(pieces), found.latent.of(pieces)
         return _Scene(part, force, scales, belief.about(found.theta[chosen]), belief.mixing)
+
+    def best(self, share: float, every: Sequence[Beside], forced: bool) -> tuple[Beside, float]:
+        """Return the likeliest of some noises and forces that the readings leave room for."""
+        every = [b for b in every if self.scales.allows(b[0])]
+        modes, logs = self.logs(share, every)
+        if not len(logs):
+            return (self.scales.noise, 0.0, 1.0), -np.inf
+        at = int(np.argmax(logs))
+        return _scaled(every[at], modes[at].noise, forced), float(logs[at])
 
     def logs(self, share: float, every: Sequence[Beside]) -> tuple[list[Mode], np.ndarray]:
         """Return modes of the constants and log evidences beside each noise and force."""
@@ -196,14 +242,29 @@ def _others(noise: Noise, sensors: Sequence[int]) -> Iterator[Noise]:
     yield from (_with(noise, sensors, size, own) for size in SIZES)
 
 
-def _with(noise: Noise, sensors: Sequence[int], size: float, correlation: float) -> Noise:
+def _smoother(noise: Noise, sensors: Sequence[int]) -> Iterator[Noise]:
+    """Yield noises of some sensors that a filter smooths, of correlations near to what they have."""
+    every = [rho for rho in WHITE if rho < WANDERING]
+    near = {int(np.argmin(np.abs(np.array(every) - noise.correlation[k]))) for k in sensors}
+    some = sorted({every[i] for k in near for i in range(k - 2, k + 2) if 0 < i < len(every)})
+    for rho, pole in product(some, SMOOTHED):
+        if pole <= rho:
+            yield _with(noise, sensors, 1.0, rho, pole)
+
+
+def _with(
+    noise: Noise, sensors: Sequence[int], size: float, correlation: float, smoothing: float = 0.0
+) -> Noise:
     """Return the noise with that of some sensors of another size and correlation.
 
     The size is that between neighbouring samples, which is told best.
     """
-    white, coloured, rho = noise.white.copy(), noise.coloured.copy(), noise.correlation.copy()
     at, share = list(sensors), WHITE[correlation]
-    alone = share + (1.0 - share) * (1.0 - correlation) / (1.0 + correlation)
-    whole = size / alone * noise.between_neighbours[at]
+    parts = np.array([share]), np.array([1.0 - share])
+    unit = Noise(*parts, np.array([correlation]), np.array([smoothing]))
+    whole = size / unit.between_neighbours * noise.between_neighbours[at]
+    white, coloured = noise.white.copy(), noise.coloured.copy()
+    rho, poles = noise.correlation.copy(), noise.poles[1].copy()
     white[at], coloured[at], rho[at] = share * whole, (1.0 - share) * whole, correlation
-    return Noise(white, coloured, rho)
+    poles[at] = smoothing
+    return Noise(white, coloured, rho, poles)
