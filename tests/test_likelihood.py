@@ -14,8 +14,9 @@ from scipy.stats import multivariate_normal, norm
 from jaxsr.diagnosis.likelihood import kalman, recursions
 from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
-from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, whitened
+from jaxsr.diagnosis.likelihood.kalman import Latent, System, smoothed, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.truncated import factored
 
 STEPS, STATES, FORCES, OUTPUTS, CONSTANTS = 9, 2, 1, 2, 2
@@ -41,7 +42,9 @@ def drawn(seed: int) -> tuple[LocalModel, Latent, Noise, np.ndarray]:
         0.8,
         rng.normal(size=(STEPS + 1, 1, OUTPUTS, FORCES)),
     )
-    noise = Noise(rng.uniform(0.1, 0.5, OUTPUTS), np.array([0.0, 0.4]), np.array([0.0, 0.6]))
+    coloured, rho = np.array([0.0, 0.4]), np.array([0.0, 0.6])
+    smoothing = np.array([0.0, 0.3 * (seed % 2)])
+    noise = Noise(rng.uniform(0.1, 0.5, OUTPUTS), coloured, rho, smoothing)
     return local, latent, noise, rng.uniform(0.5, 2.0, STATES)
 
 
@@ -80,11 +83,23 @@ def dense(
         mean[:STATES] += np.column_stack([local.defect[t, 0], local.by_constant[t, 0]])
     z = np.concatenate(readings)
     covariance = z @ z.T + np.diag(np.tile(noise.white, STEPS + 1))
-    apart = np.abs(np.subtract.outer(np.arange(STEPS + 1), np.arange(STEPS + 1)))
     for k in range(OUTPUTS):
-        covariance[k::OUTPUTS, k::OUTPUTS] += noise.coloured[k] * noise.correlation[k] ** apart
+        covariance[k::OUTPUTS, k::OUTPUTS] += coloured(noise, k)
     x = np.concatenate(states)
     return np.concatenate(means), x @ z.T, np.concatenate(read_means), covariance
+
+
+def coloured(noise: Noise, sensor: int) -> np.ndarray:
+    """Covariance of the coloured part of one sensor; a filter starts beside what it smooths."""
+    apart = np.abs(np.subtract.outer(np.arange(STEPS + 1), np.arange(STEPS + 1)))
+    rho, pole = (float(poles[sensor]) for poles in noise.poles)
+    if not pole:
+        return noise.coloured[sensor] * rho**apart
+    driven = noise.driving[sensor] * rho**apart
+    # c_t = b^t c_0 + sum_{s < t} b^(t - s) d_s
+    by = np.tril(pole ** np.maximum(np.subtract.outer(*2 * [np.arange(STEPS + 1)]), 0), -1)
+    start = pole ** np.arange(STEPS + 1)
+    return by @ driven @ by.T + noise.coloured[sensor] * np.outer(start, start)
 
 
 def engine(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -261,13 +276,24 @@ def test_the_factor_of_a_matrix_that_rounding_made_indefinite() -> None:
 def test_coloured_noise_is_known_by_its_neighbours() -> None:
     """High differences see the upper end of the spectrum alone."""
     rng = np.random.default_rng(3)
-    for rho in (0.5, 0.8, 0.95):
-        shock = rng.normal(size=200_000)
-        walk = lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], shock)
-        differences = np.diff(walk, 12)
+    for rho, pole in ((0.5, 0.0), (0.8, 0.0), (0.95, 0.0), (0.8, 0.5)):
+        walk = lfilter([1.0], np.convolve([1.0, -rho], [1.0, -pole]), rng.normal(size=200_000))
+        differences = np.diff(walk / walk.std(), 12)
         seen = np.mean(differences**2) / comb(24, 12)
-        noise = Noise(np.zeros(1), np.ones(1), np.full(1, rho))
+        noise = Noise(np.zeros(1), np.ones(1), np.full(1, rho), np.full(1, pole))
         assert abs(seen / noise.between_neighbours[0] - 1.0) < 0.1
+
+
+def test_smoothed_noise_keeps_its_size() -> None:
+    """The recursion c' = b (c + d), d' = a d + e has the variance and correlations that it says."""
+    for a, b in ((0.6, 0.14), (0.8, 0.8), (0.95, 0.5)):
+        noise = Noise(np.zeros(1), np.array([2.0]), np.array([a]), np.array([b]))
+        shock = np.random.default_rng(5).normal(size=400_000) * np.sqrt(1.0 - a * a)
+        driving = np.sqrt(noise.driving[0]) * lfilter([1.0], [1.0, -a], shock)
+        walk = lfilter([0.0, b], [1.0, -b], driving)
+        assert abs(walk.var() / 2.0 - 1.0) < 0.05
+        first = (walk[1:] * walk[:-1]).mean() / walk.var()
+        assert abs(first - (a + b) / (1.0 + a * b)) < 0.01
 
 
 def test_what_stands_above_the_noise_that_a_sensor_can_have_is_no_noise() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxsr.diagnosis.likelihood import noise as module
-from jaxsr.diagnosis.likelihood.kalman import Noise
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 
 
 def searched(

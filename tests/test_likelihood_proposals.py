@@ -7,7 +7,6 @@ import numpy as np
 from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.evidence import Gram
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, _inherited
-from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.proposals import (
     exclusive,
     pairs,
@@ -17,6 +16,7 @@ from jaxsr.diagnosis.likelihood.proposals import (
     without,
 )
 from jaxsr.diagnosis.likelihood.scales import Scales
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.memory import memory_candidates

@@ -14,11 +14,11 @@ from scipy.integrate import solve_ivp
 from jaxsr.diagnosis.likelihood import estimate, loop
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
-from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.loop import better
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior, posterior_along
 from jaxsr.diagnosis.likelihood.scales import log_odds, sizes_about
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import screen_all

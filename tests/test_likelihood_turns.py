@@ -15,7 +15,7 @@ from jaxsr.diagnosis import settled
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.detection import Detection
 from jaxsr.diagnosis.likelihood import loop
-from jaxsr.diagnosis.likelihood.kalman import Noise
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 
 PLAIN = 12
 """Candidates; the last is what the force stands for."""

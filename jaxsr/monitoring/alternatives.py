@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.kalman import Noise
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.monitoring.following import Filter, Follower
 from jaxsr.monitoring.normal import Normal
 

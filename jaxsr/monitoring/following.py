@@ -13,8 +13,9 @@ import numpy as np
 
 from jaxsr._result import InputError
 from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, smoothed, whitened
+from jaxsr.diagnosis.likelihood.kalman import Latent, System, smoothed, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.workspace import first_noise, start_of
 from jaxsr.diagnosis.mechanisms.inertial import inertial

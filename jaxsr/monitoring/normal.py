@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from jaxsr._result import InputError
-from jaxsr.diagnosis.likelihood.kalman import Noise
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.models.segments import Prepared
 from jaxsr.monitoring.following import LANES, Filter, Followed, Follower, Window
 from jaxsr.monitoring.windows import batches

@@ -11,11 +11,11 @@ from jaxsr.diagnosis.contest.memory_starts import start_of
 from jaxsr.diagnosis.contest.reduced import Reduced, lean
 from jaxsr.diagnosis.likelihood.beliefs import belief_of
 from jaxsr.diagnosis.likelihood.estimate import Estimate
-from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.late_starts import best_shift, late_sensors
 from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.rounding import Following, at_its_mode
 from jaxsr.diagnosis.likelihood.scales import Scales
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import Threshold

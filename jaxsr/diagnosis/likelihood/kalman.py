@@ -15,6 +15,7 @@ from jaxsr._cores import cores, side_by_side, spans
 from jaxsr._machine_code import compiled
 from jaxsr.diagnosis.likelihood.local import LocalModel
 from jaxsr.diagnosis.likelihood.recursions import Choices, filtered, returned
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 
 FEW = 2
 """Readings up to which one after the other is faster than all at once."""
@@ -46,58 +47,6 @@ class Latent:
         at = list(pieces)
         read = None if self.read is None else self.read[:, at]
         return replace(self, entering=self.entering[:, at], read=read)
-
-
-@dataclass(frozen=True, eq=False)
-class Noise:
-    """Noise of the sensors: white, and correlated from sample to sample.
-
-    Attributes
-    ----------
-    white, coloured : ndarray, shape (outputs,)
-        Variances of the two parts.
-    correlation : ndarray, shape (outputs,)
-        Of the coloured part, from one sample to the next; where it is smoothed, of what is.
-    smoothing : ndarray, shape (outputs,), optional
-        Pole of a filter of first order that the coloured part went through; none by default.
-    """
-
-    white: np.ndarray
-    coloured: np.ndarray
-    correlation: np.ndarray
-    smoothing: np.ndarray | None = None
-
-    @property
-    def poles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Poles of the coloured part: its correlation, and that of its filter, 0 where none is."""
-        rho = self.correlation
-        return rho, np.zeros_like(rho) if self.smoothing is None else self.smoothing
-
-    @property
-    def between_neighbours(self) -> np.ndarray:
-        """Variances that differences of neighbouring samples tell: the upper end of a spectrum."""
-        a, b = self.poles
-        return self.white + self.coloured * _upper(a) * _upper(b) * _upper(a * b)
-
-    @property
-    def driving(self) -> np.ndarray:
-        """Variances of the coloured part before it was smoothed."""
-        a, b = self.poles
-        # c = b (c + d): the filter has its pole b, and what drives it the pole a
-        return (
-            self.coloured
-            * (1.0 - a * b)
-            * (1.0 - b * b)
-            / ((1.0 + a * b) * np.where(b, b * b, 1.0))
-        )
-
-    def scaled(self, factor: float) -> Noise:
-        """Return the noise with all variances multiplied."""
-        return replace(self, white=factor * self.white, coloured=factor * self.coloured)
-
-
-def _upper(pole: np.ndarray) -> np.ndarray:
-    return (1.0 - pole) / (1.0 + pole)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,10 @@ import numpy as np
 from jaxsr._deadline import never
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate
 from jaxsr.diagnosis.likelihood.evidence import Gram, Mode, Prior
-from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, whitened
+from jaxsr.diagnosis.likelihood.kalman import Latent, System, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
 from jaxsr.diagnosis.likelihood.scales import Scales, log_odds
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 
 WHITE = {
     0.0: 1.0,
@@ -108,16 +109,13 @@ def _swept(
     forced : bool
         Whether its time and size are sought as well.
     """
-    sensors, scales, there = range(len(here[0].white)), scene.scales, -np.inf
+    sensors, there = range(len(here[0].white)), -np.inf
     for together in _sweeps(sensors):
         begun = there
         for some in together:
             alone, worth = len(some) < len(sensors), True
             while worth and not stop():
-                known, size = there, here[2]
-                forces = [here[1:]]
-                if forced and not alone:
-                    forces = [*product(scales.decays, [size, *(size * f for f in SIZES)])]
+                known, forces = there, scene.forces(here, forced and not alone)
                 every = [(n, *force) for n in _others(here[0], some) for force in forces]
                 other, log = scene.best(share, every, forced)
                 if log > there:
@@ -141,10 +139,13 @@ def _smoothed(
     here, there = known
     sensors = range(len(here[0].white))
     for some in [sensors, *([k] for k in sensors if len(sensors) > 1)]:
-        if not stop():
-            every = [(noise, *here[1:]) for noise in _smoother(here[0], some)]
+        worth = True
+        while worth and not stop():
+            forces = scene.forces(here, forced and len(some) == len(sensors))
+            every = [(n, *force) for n in _smoother(here[0], some) for force in forces]
             other, log = scene.best(share, every, forced)
-            if log > there + GAINING:
+            worth = log > there + GAINING
+            if worth:
                 here, there = other, log
     return here, there
 
@@ -187,6 +188,12 @@ class _Scene:
         pieces = sorted({int(k) for k in np.linspace(0, count - 1, min(count, PIECES))})
         part, force = found.local.of(pieces), found.latent.of(pieces)
         return _Scene(part, force, scales, belief.about(found.theta[chosen]), belief.mixing)
+
+    def forces(self, here: Beside, sought: bool) -> list[tuple[float, float]]:
+        """Return times and sizes of the force to try: as it is, or others as well."""
+        if not sought:
+            return [here[1:]]
+        return [*product(self.scales.decays, [here[2], *(here[2] * f for f in SIZES)])]
 
     def best(self, share: float, every: Sequence[Beside], forced: bool) -> tuple[Beside, float]:
         """Return the likeliest of some noises and forces that the readings leave room for."""
@@ -243,7 +250,7 @@ def _others(noise: Noise, sensors: Sequence[int]) -> Iterator[Noise]:
 
 
 def _smoother(noise: Noise, sensors: Sequence[int]) -> Iterator[Noise]:
-    """Yield noises of some sensors that a filter smooths, of correlations near to what they have."""
+    """Yield noises of some sensors that a filter smooths, of correlations near to theirs."""
     every = [rho for rho in WHITE if rho < WANDERING]
     near = {int(np.argmin(np.abs(np.array(every) - noise.correlation[k]))) for k in sensors}
     some = sorted({every[i] for k in near for i in range(k - 2, k + 2) if 0 < i < len(every)})
@@ -257,14 +264,22 @@ def _with(
 ) -> Noise:
     """Return the noise with that of some sensors of another size and correlation.
 
-    The size is that between neighbouring samples, which is told best.
+    The size is that between neighbouring samples, which is told best; there the white part is as
+    much of smoothed noise as of what is not.
     """
     at, share = list(sensors), WHITE[correlation]
-    parts = np.array([share]), np.array([1.0 - share])
-    unit = Noise(*parts, np.array([correlation]), np.array([smoothing]))
-    whole = size / unit.between_neighbours * noise.between_neighbours[at]
+
+    def of(white: float, coloured: float, pole: float) -> Noise:
+        return Noise(*(np.array([part]) for part in (white, coloured, correlation, pole)))
+
+    ends = [of(0.0, 1.0, pole).between_neighbours[0] for pole in (smoothing, 0.0)]
+    parts = share * ends[0] / ends[1], 1.0 - share
+    whole = size / of(*parts, smoothing).between_neighbours * noise.between_neighbours[at]
     white, coloured = noise.white.copy(), noise.coloured.copy()
     rho, poles = noise.correlation.copy(), noise.poles[1].copy()
-    white[at], coloured[at], rho[at] = share * whole, (1.0 - share) * whole, correlation
-    poles[at] = smoothing
+    white[at], coloured[at], rho[at], poles[at] = (
+        *(p * whole for p in parts),
+        correlation,
+        smoothing,
+    )
     return Noise(white, coloured, rho, poles)

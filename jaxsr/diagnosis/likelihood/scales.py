@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.evidence import Gram
-from jaxsr.diagnosis.likelihood.kalman import Latent, Noise, System, whitened
+from jaxsr.diagnosis.likelihood.kalman import Latent, System, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 
 LOUDEST = 4.0
 """Variance of a sensor's noise in that which neighbouring samples tell: more is not its noise."""

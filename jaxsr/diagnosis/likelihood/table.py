@@ -10,9 +10,9 @@ import numpy as np
 from jaxsr.diagnosis.contest.reduced import lean
 from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
-from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
 from jaxsr.diagnosis.likelihood.scales import Scales, grams
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.steps import as_fine, resolved
 from jaxsr.diagnosis.likelihood.switched import rounded, switched
 from jaxsr.diagnosis.likelihood.workspace import Workspace, along, in_columns

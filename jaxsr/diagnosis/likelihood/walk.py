@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.kalman import Noise
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.lifting import readings_along, walked
 from jaxsr.models.model import Model

@@ -11,8 +11,8 @@ import numpy as np
 from jaxsr.diagnosis.contest.converters import steps_of
 from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.contest.memory_starts import start_of
-from jaxsr.diagnosis.likelihood.kalman import Noise
 from jaxsr.diagnosis.likelihood.scales import Scales
+from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.walk import through_jumps
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
