@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
+from jaxsr.diagnosis.likelihood import support
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.support import MOST
@@ -16,40 +20,43 @@ COUNT = 6
 TIME = np.arange(200) * 0.02
 
 
-def chain() -> str:
-    """A chain of masses between springs, pushed at its second one."""
+def chain(pushed: tuple[int, ...] = (2,)) -> str:
+    """A chain of masses between springs, some of them pushed."""
     places, speeds = (", ".join(f'"{s}{k}"' for k in range(1, COUNT + 1)) for s in "xv")
-    lines = ["[model]", 'name = "chain"', f"states = [{places}, {speeds}]", 'inputs = ["F"]']
+    inputs = ", ".join(f'"F{k}"' for k in pushed)
+    lines = ["[model]", 'name = "chain"', f"states = [{places}, {speeds}]", f"inputs = [{inputs}]"]
     outputs = ", ".join(f'"y{k}"' for k in range(1, COUNT + 1))
     lines += [f"outputs = [{outputs}]", "[equations]"]
     lines += [f'x{k} = "v{k}"' for k in range(1, COUNT + 1)]
     for k in range(1, COUNT + 1):
         left = f"(x{k} - x{k - 1})" if k > 1 else "x1"
         right = f"(x{k} - x{k + 1})" if k < COUNT else f"x{COUNT}"
-        push = "F " if k == 2 else ""
+        push = f"F{k} " if k in pushed else ""
         lines.append(f'v{k} = "{push}- k*{left} - k*{right} - 0.7*v{k}"')
     lines += ["[readings]", *(f'y{k} = "x{k}"' for k in range(1, COUNT + 1))]
     lines += ["[parameters]", "k = { value = 700.0, bounds = [300.0, 1500.0] }"]
     return "\n".join(lines)
 
 
-def recorded(rng: np.random.Generator) -> Recording:
+def recorded(rng: np.random.Generator, also: tuple[int, ...] = ()) -> Recording:
     """The chain behind an actuator that gives no more than half of the largest command."""
     waves = np.sin(np.outer(TIME, rng.uniform(2.0, 30.0, 5)) + rng.uniform(0.0, 6.0, 5))
     command = 8.0 * waves.sum(axis=1)
+    others = {f"F{k}": np.sin(rng.uniform(2.0, 30.0) * TIME) for k in also}
     most = 0.5 * np.abs(command).max()
     stiffness = 700.0 * (2.0 * np.eye(COUNT) - np.eye(COUNT, k=1) - np.eye(COUNT, k=-1))
 
     def rate(t: float, x: np.ndarray) -> np.ndarray:
         force = np.zeros(COUNT)
         force[1] = np.clip(np.interp(t, TIME, command), -most, most)
+        force[[k - 1 for k in also]] = [np.interp(t, TIME, others[f"F{k}"]) for k in also]
         return np.concatenate([x[COUNT:], force - stiffness @ x[:COUNT] - 0.7 * x[COUNT:]])
 
     start = np.zeros(2 * COUNT)
     run = solve_ivp(rate, (0.0, TIME[-1]), start, t_eval=TIME, rtol=1e-7, atol=1e-9)
     noise = 1e-4 * rng.normal(size=(COUNT, TIME.size))
     readings = {f"y{k + 1}": run.y[k] + noise[k] for k in range(COUNT)}
-    return Recording("run", TIME, {"F": command, **readings})
+    return Recording("run", TIME, {"F2": command, **others, **readings})
 
 
 def test_every_form_of_a_limit_is_offered_where_candidates_are_many() -> None:
@@ -62,3 +69,24 @@ def test_every_form_of_a_limit_is_offered_where_candidates_are_many() -> None:
     limits = {c.terms for c in every if c.mechanism == "input_saturation"}
     assert len(limits) == 2
     assert any("tanh" in text for terms in limits for _, text in terms)
+
+
+def test_variants_take_no_place_of_a_law_that_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of three actuators variants are many: kept all, they left 10 places to the forces."""
+    model = parse_model(chain((1, 2, 3)))
+    course = followed(model, [Prepared.build(model, recorded(np.random.default_rng(1), (1, 3)))])
+    assert course is not None
+
+    def laws() -> Counter[tuple[str, object]]:
+        """What is ranked: forces by their names, limits of an actuator by their formulas."""
+        some = (c for c in offered(model, course) if c.terms and not c.states)
+        ranked = [c for c in some if not c.inertia and c.mechanism != "constant_force"]
+        return Counter((c.label, c.terms * c.site.startswith("input:")) for c in ranked)
+
+    few = laws()
+    monkeypatch.setattr(support, "MOST", 10**6)
+    every = laws()
+    assert every.total() > few.total() > 0  # some were left out
+    assert few.keys() == every.keys() or max(few.values()) == 1
+    forces = {label for label, _ in few if "@equation:" in label}
+    assert len(forces) > 20

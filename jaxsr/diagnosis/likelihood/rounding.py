@@ -192,7 +192,7 @@ class _Widths:
         whole = best * float(np.exp(change))
         if self.better(whole, best):
             return whole
-        if whole not in self.tried:
+        if whole not in self.tried or not change:
             return None
         slope = 2.0 * step.gain * change / step.change
         bend = slope - (self.log_evidence(whole) - self.log_evidence(best))
