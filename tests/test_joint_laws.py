@@ -10,8 +10,9 @@ from scipy.integrate import solve_ivp
 
 from benchmarks.evidence_plants import Dry, cart, drive
 from jaxsr.diagnosis.likelihood.course import followed
-from jaxsr.diagnosis.likelihood.loop import State, search
+from jaxsr.diagnosis.likelihood.loop import search
 from jaxsr.diagnosis.likelihood.offered import offered
+from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms import Candidate, force_candidates
 from jaxsr.diagnosis.mechanisms.load import loads

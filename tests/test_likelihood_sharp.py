@@ -10,7 +10,8 @@ import pytest
 from benchmarks.evidence_plants import Dry, cart, drive
 from jaxsr.diagnosis.contest.integration import with_steps
 from jaxsr.diagnosis.likelihood import hypotheses, local, rounding
-from jaxsr.diagnosis.likelihood.loop import State, begun, search
+from jaxsr.diagnosis.likelihood.loop import begun, search
+from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.workspace import Workspace, in_columns
 from jaxsr.diagnosis.mechanisms import force_candidates

@@ -84,6 +84,19 @@ def test_part_of_a_step_that_overshoots_ends_at_the_top(overshoot: float) -> Non
     assert len(tried) == (1 if overshoot < 2.0 else 2)
 
 
+def test_a_gain_that_no_width_is_needed_for_is_no_step() -> None:
+    """Another size of the force is likelier, and where nothing jumps no width says anything."""
+
+    class Known(rounding._Widths):
+        def __init__(self) -> None:
+            self.tried: dict[float, Any] = {2.0: None}
+
+        def better(self, width: float, than: float | None) -> bool:
+            return width != than
+
+    assert Known()._along(2.0, WidthStep(0.0, 5.0)) is None
+
+
 @pytest.mark.long
 def test_a_constant_force_may_be_a_member_beside_a_jump(followed: dict[str, Any]) -> None:
     """It is then estimated, and stands for the latent force all the same."""
