@@ -71,15 +71,15 @@ def samples_late(
 
     Returns
     -------
-    dict of int to ndarray of int, shape (segments,)
-        Output to the shift, to the nearest sample, in the middle of every segment; below 0 of a
-        clock that is ahead. Outputs that are nowhere late by a sample are left out.
+    dict of int to ndarray of int, shape (samples, segments)
+        Output to the age of its readings, to the nearest sample; below 0 of a clock that is ahead.
+        Outputs that are nowhere late by a sample are left out.
     """
     model, found = simulator.model, {}
     values = values_over(theta, segments.override)
-    middle = (segments.count // 2, np.arange(segments.number))
-    time, last = segments.time[middle], segments.time[segments.count - 1, middle[1]]
-    interval = (last - segments.time[0]) / np.maximum(segments.count - 1, 1)
+    time = segments.time
+    last = time[segments.count - 1, np.arange(segments.number)]
+    interval = (last - time[0]) / np.maximum(segments.count - 1, 1)
     for k, name in enumerate(model.outputs):
         delay, scale = delay_of(model, name, values), 1.0
         if name in model.clock:

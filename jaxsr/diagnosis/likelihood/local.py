@@ -188,34 +188,34 @@ def in_time(
     """Put readings that come late where the state is that they show.
 
     A reading's derivatives are those by the state at its sample; of one that shows the state of
-    several samples before they would move the wrong one. What then is left over at one end of a
-    piece, readings of states before it, stands at the other end and tells of nothing: a path that
-    is continued to there is no motion of the model. Where it is nearer to what the sensor reads at
-    any time than to that, it is left out, for that density.
+    several samples before they would move the wrong one. What is left over, readings of states
+    before or behind a piece, and of two that by a clock of their own show the same sample the
+    second, stands where no reading shows a state and tells of nothing: a path that is continued to
+    beyond a piece is no motion of the model. Where what shows states from there is nearer to what
+    the sensor reads at any time than to that, it is left out, for that density.
     """
     late = samples_late(simulator, segments, theta)
     if not late:
         return local
     innovation, reading = local.innovation.copy(), local.reading.copy()
     by_constant, apart = local.reading_by_constant.copy(), np.zeros((1, segments.number))
-    for k, moves in late.items():
+    for k, ages in late.items():
         recorded = segments.outputs[k]
         if not np.isfinite(recorded).any():
             continue
         usual = float(np.nanmean(recorded)), float(np.nanvar(recorded))
         noise = _noise_of(segments, k)
         for piece, count in enumerate(segments.count):
-            shown = np.arange(count) + moves[piece]
-            at, beyond = shown % count, (shown < 0) | (shown >= count)
+            at, spare, outside = _shown(np.arange(count) - ages[:count, piece])
             for rows in (innovation, reading, by_constant):
                 rows[:count, piece, k] = rows[at, piece, k]
             for rows in (reading, by_constant):
-                rows[:count, piece, k][beyond] = 0.0
+                rows[:count, piece, k][spare] = 0.0
             left = innovation[:count, piece, k]  # a view
-            along = _log_density(left[beyond], 0.0, noise**2)
-            alone = _log_density(recorded[at, piece][beyond], *usual)
+            along = _log_density(left[outside], 0.0, noise**2)
+            alone = _log_density(recorded[at, piece][outside], *usual)
             if alone > along:
-                left[beyond] = np.nan
+                left[outside] = np.nan
                 apart[0, piece] += alone
     return replace(
         local,
@@ -224,6 +224,30 @@ def in_time(
         reading_by_constant=by_constant,
         apart=apart,
     )
+
+
+def _shown(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which reading stands at each sample, where one does that shows none, and is outside.
+
+    Parameters
+    ----------
+    places : ndarray of int, shape (samples,)
+        Samples that the readings show, of any range.
+
+    Returns
+    -------
+    at : ndarray of int, shape (samples,)
+    spare, outside : ndarray of bool, shape (samples,)
+    """
+    count = len(places)
+    inside = (places >= 0) & (places < count)
+    at, own = np.full(count, -1), np.zeros(count, bool)
+    shown, first = np.unique(places[inside], return_index=True)
+    readings = np.flatnonzero(inside)[first]
+    at[shown], own[readings] = readings, True
+    spare = at < 0
+    at[spare] = np.flatnonzero(~own)
+    return at, spare, spare & ~inside[at]
 
 
 def _noise_of(segments: Segments, output: int) -> float:
