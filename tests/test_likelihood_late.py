@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.likelihood.local import linearised
+from jaxsr.diagnosis.likelihood.local import _shown, linearised
 from jaxsr.diagnosis.likelihood.posterior import posterior
 from jaxsr.diagnosis.setup import screen_all
 from jaxsr.models import Simulator, parse_model
@@ -101,7 +101,18 @@ def test_readings_count_where_the_state_is_that_they_show() -> None:
     np.testing.assert_allclose(local.log_apart, expected)
 
 
-def moving(rng: np.random.Generator, delay: float) -> Recording:
+@pytest.mark.parametrize("skew", [-0.03, -0.004, 0.0, 0.004, 0.03])
+def test_readings_by_another_clock_stand_at_what_they_show(skew: float) -> None:
+    """Every reading stands somewhere; of two that show one sample, the second shows none."""
+    places = np.rint(np.arange(SAMPLES) * (1.0 + skew)).astype(int)
+    at, spare, outside = _shown(places)
+    np.testing.assert_array_equal(np.sort(at), np.arange(SAMPLES))
+    np.testing.assert_array_equal(places[at[~spare]], np.flatnonzero(~spare))
+    np.testing.assert_array_equal(places[at[outside]] >= SAMPLES, True)
+    assert (~spare).sum() == np.unique(places[places < SAMPLES]).size
+
+
+def moving(rng: np.random.Generator, delay: float, skew: float = 0.0) -> Recording:
     """A cart with a pendulum that has moved for a second, the angle's sensor late."""
     size, phase, rate = (
         rng.uniform(2.0, 5.0, 3),
@@ -119,9 +130,9 @@ def moving(rng: np.random.Generator, delay: float) -> Recording:
         turn = -0.03 * w - 0.3 * 9.81 * np.sin(q)
         return [v, w, *np.linalg.solve(inertia, [cart, turn])]
 
-    span, start = (-1.0, TIME[-1]), [0.0, 0.1, 0.0, 0.0]
+    span, start = (-1.0, 1.1 * TIME[-1]), [0.0, 0.1, 0.0, 0.0]
     run = solve_ivp(rates, span, start, rtol=1e-9, atol=1e-11, dense_output=True)
-    cart, angle = run.sol(TIME)[0], run.sol(TIME - delay)[1]
+    cart, angle = run.sol(TIME)[0], run.sol((1.0 + skew) * TIME - delay)[1]
     readings = {
         "cart": cart + 0.02 * cart.std() * rng.normal(size=SAMPLES),
         "angle": angle + 0.02 * angle.std() * rng.normal(size=SAMPLES),
@@ -141,3 +152,17 @@ def test_a_late_sensor_is_found_though_a_force_imitates_it(seed: int, delay: flo
     assert found.candidates[number].label == "sensor_delay@output:angle"
     value, deviation = found.leader.constants[found.leader.names[number]["tau"]]
     assert abs(value - delay) < 4.0 * deviation
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("skew", [-0.02, -0.005, 0.005, 0.02])
+def test_a_clock_of_its_own_is_found(skew: float) -> None:
+    """Its readings are off by up to six samples at the end of a piece, and by none at its start."""
+    rng, simulator = np.random.default_rng(0), Simulator(parse_model(PENDULUM))
+    prepared = [Prepared.build(simulator.model, moving(rng, 0.0, skew)) for _ in range(2)]
+    found = posterior(simulator.model, prepared, screen_all(simulator, prepared))
+    assert found is not None and found.leader.share == 0.0
+    (number,) = found.leader.members
+    assert found.candidates[number].label == "clock_skew@output:angle"
+    value, deviation = found.leader.constants[found.leader.names[number]["s"]]
+    assert abs(value - skew) < 4.0 * deviation
