@@ -112,7 +112,9 @@ def test_readings_by_another_clock_stand_at_what_they_show(skew: float) -> None:
     assert (~spare).sum() == np.unique(places[places < SAMPLES]).size
 
 
-def moving(rng: np.random.Generator, delay: float, skew: float = 0.0) -> Recording:
+def moving(
+    rng: np.random.Generator, delay: float, skew: float = 0.0, noise: float = 0.02
+) -> Recording:
     """A cart with a pendulum that has moved for a second, the angle's sensor late."""
     size, phase, rate = (
         rng.uniform(2.0, 5.0, 3),
@@ -134,8 +136,8 @@ def moving(rng: np.random.Generator, delay: float, skew: float = 0.0) -> Recordi
     run = solve_ivp(rates, span, start, rtol=1e-9, atol=1e-11, dense_output=True)
     cart, angle = run.sol(TIME)[0], run.sol((1.0 + skew) * TIME - delay)[1]
     readings = {
-        "cart": cart + 0.02 * cart.std() * rng.normal(size=SAMPLES),
-        "angle": angle + 0.02 * angle.std() * rng.normal(size=SAMPLES),
+        "cart": cart + noise * cart.std() * rng.normal(size=SAMPLES),
+        "angle": angle + noise * angle.std() * rng.normal(size=SAMPLES),
     }
     return Recording("run", TIME, {"u": np.array([drive(t) for t in TIME]), **readings})
 
@@ -155,11 +157,14 @@ def test_a_late_sensor_is_found_though_a_force_imitates_it(seed: int, delay: flo
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("skew", [-0.02, -0.005, 0.005, 0.02])
+@pytest.mark.parametrize("skew", [-0.02, -0.01, 0.01, 0.02])
 def test_a_clock_of_its_own_is_found(skew: float) -> None:
-    """Its readings are off by up to six samples at the end of a piece, and by none at its start."""
+    """Its readings are off by up to six samples at the end of a piece, and by none at its start.
+
+    With one shift for a piece, a clock ahead by 1 % left a force, and 227 less of log evidence.
+    """
     rng, simulator = np.random.default_rng(0), Simulator(parse_model(PENDULUM))
-    prepared = [Prepared.build(simulator.model, moving(rng, 0.0, skew)) for _ in range(2)]
+    prepared = [Prepared.build(simulator.model, moving(rng, 0.0, skew, 1e-3)) for _ in range(2)]
     found = posterior(simulator.model, prepared, screen_all(simulator, prepared))
     assert found is not None and found.leader.share == 0.0
     (number,) = found.leader.members
