@@ -15,9 +15,13 @@ from jaxsr.diagnosis.likelihood import kalman, recursions
 from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
 from jaxsr.diagnosis.likelihood.kalman import Latent, System, smoothed, whitened
-from jaxsr.diagnosis.likelihood.local import LocalModel
+from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.truncated import factored
+from jaxsr.models import Simulator, parse_model
+from jaxsr.models.rollout import Stepping
+from jaxsr.models.segments import Prepared, build_segments
+from jaxsr.recordings import Recording
 
 STEPS, STATES, FORCES, OUTPUTS, CONSTANTS = 9, 2, 1, 2, 2
 NONE = 1e12
@@ -353,3 +357,31 @@ def test_a_constant_that_is_never_below_another_one() -> None:
     summed = columns.sum(axis=1)
     assert low == pytest.approx(-(summed @ rows[:, 0]) / (summed @ summed + 1.0))
     assert belief.inside(np.array([1.0, 0.5])).tolist() == [1.0, 1.0]
+
+
+RUNAWAY = """
+[model]
+states = ["q", "z"]
+outputs = ["y"]
+[equations]
+q = "-q"
+z = "q - rate*z"
+[readings]
+y = "q"
+[parameters]
+rate = { value = 1.0, bounds = [0.1, 1e30] }
+"""
+
+
+@pytest.mark.parametrize(("rate", "leads"), [(1.0, True), (1e17, False)])
+def test_a_state_that_runs_away_within_a_sample_leads_nowhere(rate: float, leads: bool) -> None:
+    """And it cuts no other state from what it was before, which would be evidence for it."""
+    time = 0.1 * np.arange(20)
+    simulator = Simulator(parse_model(RUNAWAY))
+    run = Recording("run", time, {"y": np.exp(-time)})
+    item = Prepared.build(simulator.model, run)
+    segments = build_segments(simulator.model, [item], [(0, 0, 20)], 1)
+    path = np.stack([np.exp(-time), 0.0 * time])[..., None]
+    local = linearised(simulator, Stepping("rk4", 1), segments, np.array([rate]), path, [0])
+    assert local.leads_on == leads
+    np.testing.assert_allclose(local.by_state[:, 0, 0], [[np.exp(-0.1), 0.0]] * 19, atol=1e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.hidden_plants import CART, MOTOR, TANKS, Missing, Plant, chain
-from jaxsr.diagnosis.likelihood import support
+from jaxsr.diagnosis.likelihood import loop, support
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
@@ -60,6 +60,18 @@ def test_drag_is_found_on_a_motor_of_which_the_current_alone_is_read() -> None:
 @pytest.mark.long
 def test_a_hysteresis_is_found_by_an_accelerometer() -> None:
     label, known = alone(searched(CART, ("a",), Missing(LOOP), 200))
+    assert label == "hysteresis@equation:v"
+    close(known, kz=15.0, b=6.0, g=3.0)
+
+
+@pytest.mark.long
+def test_a_memory_that_promised_nothing_is_asked_before_the_search_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Another law imitates part of it, and leads, and leaves a force."""
+    additions = loop._additions
+    monkeypatch.setattr(loop, "_additions", lambda *args: (additions(*args)[0], []))
+    label, known = alone(searched(CART, ("y",), Missing(LOOP), 200))
     assert label == "hysteresis@equation:v"
     close(known, kz=15.0, b=6.0, g=3.0)
 

@@ -40,10 +40,10 @@ from jaxsr.diagnosis.judging.noise_ratio import (
 from jaxsr.diagnosis.judging.parsimony import fewest
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, REMOVED
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
-from jaxsr.diagnosis.likelihood.loop import State
 from jaxsr.diagnosis.likelihood.paths import path_over
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
+from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.search.believed import plainest as no_richer
 from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets

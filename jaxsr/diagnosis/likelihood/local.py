@@ -67,8 +67,13 @@ class LocalModel:
 
     @property
     def leads_on(self) -> bool:
-        """Whether steps end where sums of squares are numbers: a stiff state may run away."""
-        return bool((np.abs(self.defect) < LARGEST).all())
+        """Whether steps and their derivatives are of sizes whose squares are numbers.
+
+        A stiff state may run away within a sample. To hold what runs away for still would cut the
+        other states from what they were before: they would owe nothing to the model.
+        """
+        sizes = (np.abs(v).max(initial=0.0) for v in (self.defect, self.by_state))
+        return all(size < LARGEST for size in sizes)
 
     def by_first(self, count: int) -> LocalModel:
         """Return the model with the first constants alone left to change."""
@@ -170,11 +175,13 @@ def _linearised(
     with np.errstate(all="ignore"):
         args = simulator, stepping, segments, theta, path, active
         (ends, slopes), (y, by) = one_step_and_readings(*args)
-        n, slopes = len(path), _bounded(slopes)
+        n = len(path)
         local = LocalModel(
             defects(ends, path, segments).transpose(1, 2, 0),
-            np.ascontiguousarray(slopes[:, :n].transpose(2, 3, 0, 1)),
-            np.ascontiguousarray(slopes[:, n:].transpose(2, 3, 0, 1)),
+            np.ascontiguousarray(
+                np.nan_to_num(slopes[:, :n], posinf=0.0, neginf=0.0).transpose(2, 3, 0, 1)
+            ),
+            np.ascontiguousarray(_bounded(slopes[:, n:]).transpose(2, 3, 0, 1)),
             (segments.outputs - y).transpose(1, 2, 0),
             np.ascontiguousarray(_bounded(by[:, :n]).transpose(2, 3, 0, 1)),
             np.ascontiguousarray(_bounded(by[:, n:]).transpose(2, 3, 0, 1)),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import zip_longest
 
 import numpy as np
@@ -19,6 +19,7 @@ from jaxsr.diagnosis.likelihood.proposals import (
     shifts,
     swaps,
 )
+from jaxsr.diagnosis.likelihood.state import Members, State, believable
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 
@@ -37,81 +38,6 @@ RENEWED = 1.0
 of a set that are closer are alike."""
 FOLLOWED = 6
 """Times that an estimate that would lead is begun anew where it stopped."""
-Members = tuple[int, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """Everything that the search knows.
-
-    Attributes
-    ----------
-    work : Workspace
-    table : Table
-        About re-calibration: its beliefs all hypotheses share, so that evidences are compared under
-        one prior.
-    known : dict of tuple to Hypothesis or None
-        Estimated sets; None where nothing finite came of one.
-    grown : frozenset of tuple
-        Sets about whose path all additions were looked at.
-    rivalled : dict of tuple to float
-        Sets beside which their rivals were estimated, and their log evidence then.
-    due : tuple of tuple
-        Sets that promised something and were not estimated when time was over.
-    """
-
-    work: Workspace
-    table: Table
-    known: dict[Members, Hypothesis | None]
-    grown: frozenset[Members] = field(default_factory=frozenset)
-    rivalled: Mapping[Members, float] = field(default_factory=dict)
-    due: tuple[Members, ...] = ()
-
-    @property
-    def leader(self) -> Hypothesis:
-        """The most probable set."""
-        found = [h for h in self.known.values() if h is not None]
-        return max(found, key=lambda h: self.log_posterior(h))
-
-    def log_posterior(self, found: Hypothesis) -> float:
-        """Log of evidence times prior odds: every mechanism is one of all that were offered."""
-        if not believable(self.work, found):
-            return -np.inf
-        return found.log_evidence - self.price(found.members)
-
-    def price(self, members: Members) -> float:
-        """Log prior odds against a set: of each member, and of the place where it was looked for.
-
-        A push or a frequency was picked among many before its constants were believed nearby.
-        """
-        tried = (self.work.super_model.candidates[i].tried for i in members)
-        return float(len(members) * np.log(self.offered) + sum(map(np.log, tried)))
-
-    def needed(self, known: dict[Members, Hypothesis | None], members: Members) -> float:
-        """Log evidence that would make a set the most probable of those known."""
-        most = max(self.log_posterior(h) for h in known.values() if h is not None)
-        return most + self.price(members)
-
-    @property
-    def offered(self) -> int:
-        """How many mechanisms at how many places there are; variants count as one."""
-        return len({c.label for c in self.work.super_model.candidates})
-
-
-def believable(work: Workspace, found: Hypothesis) -> bool:
-    """Whether every member is what its name says: friction dissipates."""
-    for number in found.members:
-        candidate = work.super_model.candidates[number]
-        of = {
-            own: found.constants[full]
-            for own, full in found.names[number].items()
-            if full in found.constants
-        }
-        if candidate.physical is not None and not candidate.physical(
-            {name: value for name, (value, _) in of.items()}
-        ):
-            return False
-    return True
 
 
 def begun(work: Workspace, near: Hypothesis | None = None) -> State:
@@ -135,7 +61,9 @@ def search(
     """Grow the leading set until nothing that was offered adds to it, or time is over.
 
     Where the largest set that is weighed leads, and its rivals do not, it ends: what more is
-    missing stays a force.
+    missing stays a force. Before that mechanisms with states of their own that were not asked are:
+    at the first values of their inner constants they promise less than they keep, and a leader that
+    leaves a force imitates what accounts for it.
 
     Parameters
     ----------
@@ -145,13 +73,43 @@ def search(
         Hears what is known before each step.
     """
     state = begun(work, near)
-    if state.known[()] is None:
+    null = state.known[()]
+    if null is None:
         return state
-    while not work.stop() and state.leader.members not in state.grown:
-        if tell is not None:
-            tell(state)
-        state = step(state)
+    while not work.stop():
+        if state.leader.members not in state.grown:
+            if tell is not None:
+                tell(state)
+            state = step(state)
+            continue
+        left = memories_left(state)
+        if not left or not _forced(state):
+            break
+        known, due = _estimated(state, null, left)
+        state = replace(state, known=known, due=(*state.due, *due))
     return state
+
+
+def memories_left(state: State) -> list[Members]:
+    """Return the next mechanisms with states of their own that were asked beside nothing.
+
+    Of each one the start that promises most beside re-calibration.
+    """
+    null, candidates = state.known[()], state.work.super_model.candidates
+    if null is None:
+        return []
+    asked = {candidates[members[0]].label for members in state.known if len(members) == 1}
+    ranked = _turns(*_promises(state, state.table, null))
+    best: dict[str, int] = {}
+    for i in (i for i in ranked if candidates[i].states):
+        best.setdefault(candidates[i].label, i)
+    return [(i,) for label, i in best.items() if label not in asked][:MEMORIES]
+
+
+def _forced(state: State) -> bool:
+    """Whether the leader leaves a force: what accounts for it was not found."""
+    leader = state.leader
+    return leader.share > 0.0 and odds_of_force(state, leader) > PROMISING
 
 
 def step(state: State) -> State:
@@ -331,8 +289,7 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int
     """
     candidates = state.work.super_model.candidates
     promised, instead = _promises(state, table, leader)
-    ranked = sorted(promised, reverse=True), sorted(instead, reverse=True)
-    turns = [i for pair in zip_longest(*ranked) for _, i in filter(None, pair)]
+    turns = _turns(promised, instead)
     best: dict[str, int] = {}  # variants of a mechanism differ by their start alone
     for i in turns:
         best.setdefault(candidates[i].label, i)
@@ -344,6 +301,12 @@ def _additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int
     clipped = [i for i in table.own if candidates[i].mechanism == "clipping"]
     others = (i for i in (*memories, *clipped) if i not in (*leader.members, *first))
     return plain, list(dict.fromkeys(others))
+
+
+def _turns(*rankings: list[tuple[float, int]]) -> list[int]:
+    """Return candidates of several rankings, the first of each in turn."""
+    ranked = (sorted(ranking, reverse=True) for ranking in rankings)
+    return [i for several in zip_longest(*ranked) for _, i in filter(None, several)]
 
 
 def _promises(

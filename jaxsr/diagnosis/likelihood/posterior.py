@@ -11,8 +11,9 @@ from scipy.special import expit
 from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.evidence import Mode
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
-from jaxsr.diagnosis.likelihood.loop import State, odds_of_force, search
+from jaxsr.diagnosis.likelihood.loop import odds_of_force, search
 from jaxsr.diagnosis.likelihood.offered import offered
+from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.candidate import Candidate

@@ -30,8 +30,6 @@ class State:
         Sets about whose path all additions were looked at.
     rivalled : dict of tuple to float
         Sets beside which their rivals were estimated, and their log evidence then.
-    completed : frozenset of tuple
-        Sets that leave a force about whose path what would complete them was looked for.
     due : tuple of tuple
         Sets that promised something and were not estimated when time was over.
     """
@@ -41,7 +39,6 @@ class State:
     known: dict[Members, Hypothesis | None]
     grown: frozenset[Members] = field(default_factory=frozenset)
     rivalled: Mapping[Members, float] = field(default_factory=dict)
-    completed: frozenset[Members] = frozenset()
     due: tuple[Members, ...] = ()
 
     @property
@@ -63,10 +60,6 @@ class State:
         """
         tried = (self.work.super_model.candidates[i].tried for i in members)
         return float(len(members) * np.log(self.offered) + sum(map(np.log, tried)))
-
-    def richness(self, members: Members) -> int:
-        """Return how many constants a set adds to the given model."""
-        return sum(len(self.work.super_model.candidates[i].parameters) for i in members)
 
     def needed(self, known: dict[Members, Hypothesis | None], members: Members) -> float:
         """Log evidence that would make a set the most probable of those known."""
