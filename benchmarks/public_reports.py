@@ -35,7 +35,7 @@ CASES = Path(os.environ.get("JAXSR_CASES_DIR", ROOT.parent / "shared" / "cases" 
 BUDGET, SLACK = 180.0, 1.15
 """Seconds of a diagnosis, and by how much of it the whole command may be late."""
 QUICK = ("oversampled", "mixed-time-units")
-QUICK_BUDGET = 25.0
+QUICK_BUDGET = 60.0
 
 
 @dataclass(frozen=True)
