@@ -281,7 +281,9 @@ def test_coloured_noise_is_known_by_its_neighbours() -> None:
     """High differences see the upper end of the spectrum alone."""
     rng = np.random.default_rng(3)
     for rho, pole in ((0.5, 0.0), (0.8, 0.0), (0.95, 0.0), (0.8, 0.5)):
-        walk = lfilter([1.0], np.convolve([1.0, -rho], [1.0, -pole]), rng.normal(size=200_000))
+        walk = np.asarray(
+            lfilter([1.0], np.convolve([1.0, -rho], [1.0, -pole]), rng.normal(size=200_000))
+        )
         differences = np.diff(walk / walk.std(), 12)
         seen = np.mean(differences**2) / comb(24, 12)
         noise = Noise(np.zeros(1), np.ones(1), np.full(1, rho), np.full(1, pole))
@@ -293,8 +295,8 @@ def test_smoothed_noise_keeps_its_size() -> None:
     for a, b in ((0.6, 0.14), (0.8, 0.8), (0.95, 0.5)):
         noise = Noise(np.zeros(1), np.array([2.0]), np.array([a]), np.array([b]))
         shock = np.random.default_rng(5).normal(size=400_000) * np.sqrt(1.0 - a * a)
-        driving = np.sqrt(noise.driving[0]) * lfilter([1.0], [1.0, -a], shock)
-        walk = lfilter([0.0, b], [1.0, -b], driving)
+        driving = np.sqrt(noise.driving[0]) * np.asarray(lfilter([1.0], [1.0, -a], shock))
+        walk = np.asarray(lfilter([0.0, b], [1.0, -b], driving))
         assert abs(walk.var() / 2.0 - 1.0) < 0.05
         first = (walk[1:] * walk[:-1]).mean() / walk.var()
         assert abs(first - (a + b) / (1.0 + a * b)) < 0.01

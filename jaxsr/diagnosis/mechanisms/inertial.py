@@ -13,8 +13,8 @@ _RIGID = "Featherstone, Rigid Body Dynamics Algorithms (2008)"
 def inertial(site: Site) -> Iterator[Candidate]:
     """Yield added mass, gravity, a constant force and centrifugal coupling."""
     q, v, f = site.position, site.state, site.force_unit
-    model = site.model
-    if v in model.inertia and v in model.inertia[v]:
+    mass = _added(site)
+    if mass is not None:
         unit = site.per(v)
         yield Candidate(
             "added_mass",
@@ -22,7 +22,7 @@ def inertial(site: Site) -> Iterator[Candidate]:
             site.name,
             (ParameterSpec("ma", f"{unit}*s" if unit else None),),
             "The moving mass along {site} is larger than modelled.",
-            inertia=((v, v, "{ma}"),),
+            inertia=((v, v, mass),),
             source="Newman, Marine Hydrodynamics (1977); Brennen, A Review of Added Mass and Fluid "
             "Inertial Forces (1982), for bodies in a fluid",
         )
@@ -57,3 +57,20 @@ def inertial(site: Site) -> Iterator[Candidate]:
             terms=((v, f"+ {{h}}*{other.state}**2"),),
             source=_RIGID,
         )
+
+
+def _added(site: Site) -> str | None:
+    """Return what an added mass adds to the inertia of a site; None where nothing tells its mass.
+
+    Of v' = F/m that is ma/m, beside the 1 of a rate: v' (1 + ma/m) = F/m is v' = F/(m + ma).
+    """
+    model, v = site.model, site.state
+    if v in model.inertia:
+        return "{ma}" if v in model.inertia[v] else None
+    rows = dict(model.entries(v)) if model.vector_field is None and site.position else {}
+    if rows.keys() != {v} or not rows[v]:
+        return None
+    over = rows[v].removeprefix("1.0/")
+    if over.isidentifier():
+        return f"{{ma}}/{over}"
+    return f"{{ma}}*({rows[v]})"
