@@ -26,6 +26,7 @@ y1 = "x1"
 y2 = "x2"
 [parameters]
 m = { value = 2.0 }
+M = { value = 6.0 }
 k = { value = 30.0, bounds = [10.0, 90.0] }
 R = { value = 1.3 }
 L = { value = 0.2 }
@@ -33,18 +34,18 @@ L = { value = 0.2 }
 FORMS = {
     "divided": """
 v1 = "(i - k*x1 - k*(x1 - x2))/m"
-v2 = "-k*(x2 - x1)/(3*m)"
+v2 = "-k*(x2 - x1)/M"
 """,
     "each term": """
 v1 = "i/m - k*x1/m - k*(x1 - x2)/m"
-v2 = "k/(3*m)*(x1 - x2)"
+v2 = "k/M*(x1 - x2)"
 """,
     "rows": """
 v1 = "i - k*x1 - k*(x1 - x2)"
 v2 = "-k*(x2 - x1)"
 [inertia]
 v1 = { v1 = "m" }
-v2 = { v2 = "3*m" }
+v2 = { v2 = "M" }
 """,
 }
 
