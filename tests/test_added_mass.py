@@ -28,21 +28,22 @@ y2 = "x2"
 m = { value = 2.0 }
 M = { value = 6.0 }
 k = { value = 30.0, bounds = [10.0, 90.0] }
+d = { value = 0.4 }
 R = { value = 1.3 }
 L = { value = 0.2 }
 """
 FORMS = {
     "divided": """
 v1 = "(i - k*x1 - k*(x1 - x2))/m"
-v2 = "-k*(x2 - x1)/M"
+v2 = "(-k*(x2 - x1) - d*v2)/M"
 """,
     "each term": """
 v1 = "i/m - k*x1/m - k*(x1 - x2)/m"
-v2 = "k/M*(x1 - x2)"
+v2 = "k/M*(x1 - x2) - d*v2/M"
 """,
     "rows": """
 v1 = "i - k*x1 - k*(x1 - x2)"
-v2 = "-k*(x2 - x1)"
+v2 = "-k*(x2 - x1) - d*v2"
 [inertia]
 v1 = { v1 = "m" }
 v2 = { v2 = "M" }
@@ -62,18 +63,22 @@ def heavier(model: Model, state: str) -> tuple[Simulator, tuple[float, ...]]:
     return simulator, tuple(values.values())
 
 
+def arrays(values: tuple[float, ...]) -> tuple[np.ndarray, ...]:
+    return tuple(np.array([value]) for value in values)
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_the_force_of_a_heavier_mass_is_as_before(form: str) -> None:
     """v' = F/(m + ma), to the rounding of single precision, at states drawn."""
     model = parse_model(HEAD + FORMS[form] + TAIL).pinned()
-    rng = np.random.default_rng(0)
+    rng, plain, zero = np.random.default_rng(0), Simulator(model), np.zeros(1)
     for state, mass in (("v1", 2.0), ("v2", 6.0)):
         changed, values = heavier(model, state)
         at = model.states.index(state)
         for _ in range(20):
-            x, u = list(rng.normal(size=5)), [rng.normal()]
-            before = Simulator(model).rates(0.0, x, u, Simulator(model).values())
-            after = changed.rates(0.0, x, u, values)
+            x, u = tuple(rng.normal(size=(5, 1))), tuple(rng.normal(size=(1, 1)))
+            before = plain.rates(zero, x, u, arrays(plain.values()))
+            after = changed.rates(zero, x, u, arrays(values))
             wanted = np.array(before, float)
             wanted[at] *= mass / (mass + 0.7)
             np.testing.assert_allclose(np.array(after, float), wanted, rtol=1e-5)

@@ -68,9 +68,7 @@ def _added(site: Site) -> str | None:
     if v in model.inertia:
         return "{ma}" if v in model.inertia[v] else None
     rows = dict(model.entries(v)) if model.vector_field is None and site.position else {}
-    if rows.keys() != {v} or not rows[v]:
+    if rows.keys() != {v} or not rows[v].startswith("1.0/"):  # a gain is no inverse of a mass
         return None
     over = rows[v].removeprefix("1.0/")
-    if over.isidentifier():
-        return f"{{ma}}/{over}"
-    return f"{{ma}}*({rows[v]})"
+    return f"{{ma}}/{over}" if over.isidentifier() else f"{{ma}}*({rows[v]})"
