@@ -117,7 +117,7 @@ class System:
         steps, pieces, n, p = local.by_constant.shape
         outputs, m, choices = local.innovation.shape[2], len(latent[0].scale), len(noise)
         coloured = np.flatnonzero(np.any([v.coloured for v in noise], axis=0))
-        smoothed = np.flatnonzero(np.any([v.poles[1] for v in noise], axis=0))
+        smoothed = np.flatnonzero(np.any([v.poles[1] * v.coloured for v in noise], axis=0))
         known, last = n + m, n + m + len(coloured)
         whole = last + len(smoothed)
         transition = np.zeros((steps, pieces, whole, whole))

@@ -117,11 +117,11 @@ def _swept(
             while worth and not stop():
                 known, forces = there, scene.forces(here, forced and not alone)
                 every = [(n, *force) for n in _others(here[0], some) for force in forces]
-                other, log = scene.best(share, every, forced)
+                (other, factor), log = scene.best(share, every)
                 if log > there:
                     # Beside another size of the force all noises are due again.
                     worth = alone or other[2] != here[2]
-                    here, there = other, log
+                    here, there = _scaled(other, factor, forced), log
                 worth = worth and there > known + GAINING
         if there < begun + GAINING:
             break
@@ -143,10 +143,10 @@ def _smoothed(
         while worth and not stop():
             forces = scene.forces(here, forced and len(some) == len(sensors))
             every = [(n, *force) for n in _smoother(here[0], some) for force in forces]
-            other, log = scene.best(share, every, forced)
+            (other, factor), log = scene.best(share, every)
             worth = log > there + GAINING
             if worth:
-                here, there = other, log
+                here, there = _scaled(other, factor, forced), log
     return here, there
 
 
@@ -195,14 +195,22 @@ class _Scene:
             return [here[1:]]
         return [*product(self.scales.decays, [here[2], *(here[2] * f for f in SIZES)])]
 
-    def best(self, share: float, every: Sequence[Beside], forced: bool) -> tuple[Beside, float]:
-        """Return the likeliest of some noises and forces that the readings leave room for."""
+    def best(self, share: float, every: Sequence[Beside]) -> tuple[tuple[Beside, float], float]:
+        """Return the likeliest of noises and forces that the readings leave room for.
+
+        Returns
+        -------
+        likeliest : (Beside, float)
+            And the factor on all variances that fits best.
+        log : float
+            Its log evidence.
+        """
         every = [b for b in every if self.scales.allows(b[0])]
         modes, logs = self.logs(share, every)
         if not len(logs):
-            return (self.scales.noise, 0.0, 1.0), -np.inf
+            return ((self.scales.noise, 0.0, 1.0), 1.0), -np.inf
         at = int(np.argmax(logs))
-        return _scaled(every[at], modes[at].noise, forced), float(logs[at])
+        return (every[at], modes[at].noise), float(logs[at])
 
     def logs(self, share: float, every: Sequence[Beside]) -> tuple[list[Mode], np.ndarray]:
         """Return modes of the constants and log evidences beside each noise and force."""
