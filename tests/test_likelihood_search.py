@@ -12,6 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.likelihood import estimate, loop
+from jaxsr.diagnosis.likelihood import state as states
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.loop import better
@@ -19,6 +20,7 @@ from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior, posterior_along
 from jaxsr.diagnosis.likelihood.scales import log_odds, sizes_about
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
+from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import screen_all
@@ -212,7 +214,7 @@ def test_what_would_lead_is_followed_until_it_rests_or_ends_alike(
     every = SimpleNamespace(candidates=(candidate, candidate))
     work: Any = SimpleNamespace(super_model=every, stop=lambda: False)
     null, made, table = found(10.0, True), iter(passes), cast(Any, None)
-    state = loop.State(work, table, {(): null})
+    state = State(work, table, {(): null})
     monkeypatch.setattr(loop, "hypothesis", lambda *_: found(*next(made), members=(0,)))
     known, due = loop._estimated(state, null, [(0,)])
     assert not due
@@ -241,14 +243,15 @@ def test_additions_end_with_one_that_leads_and_leaves_nothing(
         return found(logs[m] + next(away), settled, m, share if logs[m] > 10.0 else 0.2)
 
     monkeypatch.setattr(loop, "hypothesis", estimate)
-    monkeypatch.setattr(loop, "believable", lambda *_: True)
-    state = loop.State(work, table, {(3,): leader})
+    for module in (loop, states):
+        monkeypatch.setattr(module, "believable", lambda *_: True)
+    state = State(work, table, {(3,): leader})
     known, due = loop._estimated(state, leader, list(logs))
     assert len(known) == 1 + asked and not due
     known, _ = loop._estimated(state, leader, list(logs), again=True)
     assert len(known) == 4
     null = found(10.0, True, share=0.2)  # beside re-calibration all are asked
-    known, _ = loop._estimated(loop.State(work, table, {(): null}), null, list(logs))
+    known, _ = loop._estimated(State(work, table, {(): null}), null, list(logs))
     assert len(known) == 4
 
 
@@ -269,9 +272,10 @@ def test_what_there_was_no_time_for_was_not_asked_about(monkeypatch: pytest.Monk
     over = iter([False, False, True, True])  # asked once a proposal
     work: Any = SimpleNamespace(super_model=every, stop=lambda: next(over), prepared=(), rows=())
     null, table = found(10.0, True), cast(Any, None)
-    state = loop.State(work, table, {(): null})
+    state = State(work, table, {(): null})
     monkeypatch.setattr(loop, "hypothesis", lambda w, t, m, *_: found(0.0, True, members=m))
-    monkeypatch.setattr(loop, "believable", lambda *_: True)
+    for module in (loop, states):
+        monkeypatch.setattr(module, "believable", lambda *_: True)
     known, due = loop._estimated(state, null, [(0,), (1,), (2,)])
     assert set(known) == {(), (0,), (1,)} and due == ((2,),)
     told = Posterior.of(replace(state, known=known, due=due))
