@@ -139,6 +139,7 @@ class System:
         transition[..., places, range(last, whole)] = 1.0
         decay, begun, process = np.ones((choices, whole)), np.zeros((choices, whole)), []
         for k, (force, sensor) in enumerate(zip(latent, noise, strict=True)):
+            # A filter starts beside what drives it: their covariance, at rest, fades with its pole.
             first, second = sensor.poles
             inner = np.where(second > 0.0, second, first)[coloured]
             kept = np.concatenate([np.full(m, force.decay), inner, first[smoothed]])

@@ -61,8 +61,9 @@ def likeliest(
     correlations of all sensors are tried beside every time for which the force may keep its sign,
     and sizes of it, and once more beside the force as it is, where each of several sensors goes on
     from another noise. Where a sensor reads the force itself (an accelerometer), a brief one is its
-    noise: there it stays as it is. Constants follow each of them: without a latent force they are
-    told far more sharply, and elsewhere.
+    noise: there it stays as it is. Last it is tried whether a filter smooths what was found.
+    Constants follow each of them: without a latent force they are told far more sharply, and
+    elsewhere.
 
     Parameters
     ----------
