@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxsr._deadline import ask
 from jaxsr.models.field import Field, Point
+from jaxsr.models.filter_bank import bends, found_along
 from jaxsr.models.inputs import stage_inputs
 from jaxsr.models.model import Model
 from jaxsr.models.simulator import Simulator
@@ -25,13 +26,16 @@ def with_hidden(
     time: np.ndarray,
     inputs: np.ndarray,
     start: np.ndarray | None = None,
+    outputs: np.ndarray | None = None,
 ) -> StateEstimate:
     """Return the estimate with its hidden states integrated, the known ones inserted.
 
     At every sample the known states are put back to what the sensors say (direct insertion), so
     that what is hidden follows as it does in the machine where its own motion dies out. A
     coordinate starts from rest at zero, a state of another kind from its first guess; all of them
-    from `start`, shape (states,), where that is known.
+    from `start`, shape (states,), where that is known. Where the model depends on them otherwise
+    than in a line, they are sought in the readings, `outputs` of shape (samples, outputs), if
+    these are given (`filter_bank`).
     """
     hidden = [i for i, s in enumerate(model.states) if s in estimate.hidden]
     if not hidden or not model.formulas:
@@ -47,11 +51,18 @@ def with_hidden(
             values[:, i] = 0.0
         if start is not None:
             values[0, i] = start[i]
+    begun = 0
+    if outputs is not None and bends(model, estimate.hidden):
+        with np.errstate(all="ignore"):
+            found = found_along(model, replace(estimate, values=values), time, inputs, outputs)
+        if np.isfinite(found).all():
+            begun = len(found) - 1
+            values[: len(found), hidden] = found[:, hidden]
     limit = LARGEST * (1.0 + np.abs(estimate.values).max())
     tables = [stage_inputs(time, u, model.input_hold, 1) for u in inputs.T]
     stages = [[table[s][:, 0] for table in tables] for s in range(3)]
     with np.errstate(all="ignore"):
-        for k in range(time.size - 1):
+        for k in range(begun, time.size - 1):
             if k % ASKED == 0:
                 ask()
             x = _stepped(field, list(values[k]), time[k], time[k + 1] - time[k], stages, k)

@@ -46,8 +46,8 @@ class Prepared:
             model = replace(model, initial={})
         inputs, time = input_table(model, recording), recording.time
         told = estimate_states(*with_signs(model, recording))
-        states = with_hidden(model, told, time, inputs)
         measured = output_table(model, recording)
+        states = with_hidden(model, told, time, inputs, outputs=measured)
         return Prepared(recording, time, inputs, measured, states, begins)
 
 
