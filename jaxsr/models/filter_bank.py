@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from jaxsr._deadline import ask
 from jaxsr.expressions import Term, affine_slope
@@ -29,7 +30,7 @@ HALVING, ROUNDS = 32, 64
 """Samples, at least, and times as many in a recording, after which half of the bank is given up."""
 SHARES = (0.1, 1.0)
 """Sizes of the model's error in a sample, as shares of the rates."""
-LONGEST, TURN = 20_000, 0.1
+LONGEST, TURN = 20_000, 0.2
 """Samples that are filtered, and how far readings may go from one to the next, in their deviation:
 of a sensor that is read more often every so many are left out."""
 FEWEST = 200
@@ -87,20 +88,41 @@ def found_along(
     assert bank.begun is not None
     path = scene.smoothed(bank.begun)
     whole = time[: (len(path) - 1) * every + 1]
-    return np.stack([np.interp(whole, scene.time, x) for x in path.T], axis=1)
+    return path if every == 1 else CubicSpline(scene.time, path)(whole)
 
 
 def _every(time: Array, outputs: Array) -> int:
     """Return how many samples make one of the filter."""
-    size, moves = np.nanstd(outputs, axis=0), np.nanstd(np.diff(outputs, axis=0), axis=0)
-    noise = 2.0 * _noise(outputs)
-    moves = np.sqrt(np.maximum(moves**2 - noise, 0.0))
-    pace = np.nanmax(moves[size > 0.0] / size[size > 0.0], initial=0.0)
-    regular = np.ptp(np.diff(time)) < 0.5 * np.median(np.diff(time))
-    known = np.isfinite(outputs).all()
-    if not (regular and known and pace > 0.0):
+    steps, pace, seen = np.diff(time), _pace(outputs), np.isfinite(outputs)
+    if np.ptp(steps) >= 0.5 * np.median(steps) or pace == 0.0:
         return 1
-    return int(np.clip(TURN / pace, 1, max(len(time) // FEWEST, 1)))
+    every = int(np.clip(TURN / pace, 1, max(len(time) // FEWEST, 1)))
+    told = 2 * every * seen[::every].sum(axis=0) >= seen.sum(axis=0)
+    return every if told.all() else 1  # a slow sensor may be read in between
+
+
+def _pace(outputs: Array) -> float:
+    """Return how far readings go from one sample to the next, in their deviation, at most."""
+    size, moves = _mean_square(outputs - _mean(outputs)), _mean_square(np.diff(outputs, axis=0))
+    moves = np.maximum(moves - 2.0 * _noise(outputs), 0.0)
+    return float(np.sqrt(np.max(moves[size > 0.0] / size[size > 0.0], initial=0.0)))
+
+
+def _noise(outputs: Array) -> Array:
+    """Return variances of the sensors: what neighbours tell, and not less than `FLOOR`."""
+    size = _mean_square(outputs - _mean(outputs))
+    found = _mean_square(np.diff(outputs, 2, axis=0)) / 6.0 + FLOOR**2 * size
+    return np.maximum(found, 1e-300)
+
+
+def _mean(values: Array) -> Array:
+    """Return the mean of every column, of what is there; 0 where nothing is."""
+    there = np.isfinite(values)
+    return np.sum(values, axis=0, where=there) / np.maximum(there.sum(axis=0), 1)
+
+
+def _mean_square(values: Array) -> Array:
+    return _mean(values**2)
 
 
 def _means(inputs: Array, count: int) -> Array:
@@ -138,9 +160,9 @@ class _Bank:
 
     def chosen(self, which: Any) -> _Bank:
         """Return some of the filters."""
-        parts = (self.x, self.spread, self.share, self.rates, self.log)
         begun = None if self.begun is None else self.begun.chosen(which)
-        return _Bank(*(p[which] for p in parts), begun)
+        x, spread, share = self.x[which], self.spread[which], self.share[which]
+        return _Bank(x, spread, share, self.rates[which], self.log[which], begun)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,15 +203,6 @@ class _Scene:
         pushed = np.array([s in model.dynamic_states for s in model.states])
         field = Field(simulator, simulator.values())
         return _Scene(field, time, stages, inputs, outputs, _noise(outputs), pushed)
-
-    @property
-    def pace(self) -> float:
-        """How fast readings change, in their deviations, per second."""
-        y = np.where(np.isfinite(self.outputs), self.outputs, np.nan)
-        moves = np.nanmean(np.abs(np.diff(y, axis=0) / np.diff(self.time)[:, None]), axis=0)
-        size = np.nanstd(y, axis=0)
-        found = moves[size > 0.0] / size[size > 0.0]
-        return float(np.nanmax(found, initial=1e-12))
 
     def step(self, bank: _Bank, k: int) -> tuple[_Bank, tuple[Array, Array, Array] | None]:
         """Lead a bank from the sample before to sample k, and show it the readings there.
@@ -297,14 +310,6 @@ def _points(x: Array, spread: Array) -> Array:
     return x[:, None] + np.concatenate([columns, -columns], axis=1)
 
 
-def _noise(outputs: Array) -> Array:
-    """Return variances of the sensors: what neighbouring samples tell, and not less than `FLOOR`."""
-    told = np.nanmean(np.diff(outputs, 2, axis=0) ** 2, axis=0) / 6.0
-    size = np.nanvar(outputs, axis=0)
-    found = np.nan_to_num(told) + FLOOR**2 * np.nan_to_num(size)
-    return np.maximum(found, 1e-300)
-
-
 def _starts(model: Model, estimate: StateEstimate, scene: _Scene) -> _Bank:
     """Return the bank: the start that there is, and others for what is hidden and free."""
     free = [i for i, s in enumerate(model.states) if _open(model, estimate, s)]
@@ -332,7 +337,8 @@ def _open(model: Model, estimate: StateEstimate, state: str) -> bool:
 
 def _sizes(model: Model, estimate: StateEstimate, scene: _Scene) -> tuple[Array, Array]:
     """Return the size that states may have, and which of the hidden ones are angles."""
-    mean = float(np.nanmean(np.abs(scene.outputs)))
+    mean = float(np.mean(_mean(np.abs(scene.outputs))))
+    pace = max(_pace(scene.outputs) / float(np.median(np.diff(scene.time))), 1e-12)
     terms = [*model.equation_terms.values(), *model.reading_terms.values()]
     terms += [e for row in model.inertia_terms.values() for e in row.values()]
     turns = np.array([any(_turns(term, s) for term in terms) for s in model.states])
@@ -340,9 +346,9 @@ def _sizes(model: Model, estimate: StateEstimate, scene: _Scene) -> tuple[Array,
     for i, state in enumerate(model.states):
         parent = model.kinematic_parent(state)
         if state not in estimate.hidden:
-            size[i] = np.nanstd(estimate.values[:, i])
+            size[i] = np.std(estimate.values[:, i])
         elif parent is not None:
-            size[i] = scene.pace * size[model.states.index(parent)]
+            size[i] = pace * size[model.states.index(parent)]
     return np.maximum(size, 1e-12), turns
 
 
