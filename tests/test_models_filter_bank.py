@@ -13,6 +13,7 @@ from jaxsr.models import Model, Simulator, parse_model
 from jaxsr.models.field import Field, Point
 from jaxsr.models.filter_bank import bends, found_along
 from jaxsr.models.segments import Prepared
+from jaxsr.models.simulation import simulate_to_csv
 from jaxsr.models.states import estimate_states, input_table, output_table
 from jaxsr.recordings import Recording
 
@@ -208,6 +209,24 @@ def _left_of(model: Model, whole: Recording, channels: dict[str, np.ndarray]) ->
     states = Prepared.build(model, Recording("run", TIME, channels)).states.values
     miss = 0.4 * np.sin(states[:, 0]) - whole.channels["x"]
     return float(np.sqrt(np.mean(miss**2)) / np.std(whole.channels["x"]))
+
+
+@pytest.mark.parametrize("name", ["one coordinate of that marker", "a gyro on a pendulum"])
+def test_a_run_starts_where_the_recording_does(name: str) -> None:
+    """A simulation of the right model follows the recording to its end, not only at the start."""
+    model = parse_model(MACHINES[name].replace("-k*sin(th)", "k*sin(th)"))
+    run = solve_ivp(
+        lambda _, x: [x[1], 20.0 * np.sin(x[0]) - 0.1 * x[1]],
+        (0.0, TIME[-1]),
+        [1.5, 0.0],
+        t_eval=TIME,
+        rtol=1e-10,
+        atol=1e-11,
+    )
+    (reading, term), *_ = model.reading_terms.items()
+    signal = np.asarray(evaluate(term, dict(zip(model.states, run.y, strict=True))))
+    table = simulate_to_csv(Simulator(model), Recording("run", TIME, {reading: signal}))
+    assert np.abs(table[reading] - signal).max() < 1e-3 * np.std(signal)
 
 
 @pytest.mark.long

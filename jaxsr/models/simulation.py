@@ -9,6 +9,7 @@ import pandas as pd
 
 from jaxsr._result import InputError
 from jaxsr.models.free_run import free_run
+from jaxsr.models.hidden import with_hidden
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.lifting import closed, liftable, readings_along
 from jaxsr.models.model import FREE, Model
@@ -28,6 +29,8 @@ REFINEMENT, ORDERS = 4, {"rk4": 4, "rodas3": 3}
 TOLERANCE = 1e-6
 """Largest estimated error, relative to the size of an output."""
 START_SHARE, START_SAMPLES = 0.05, 50  # as in the free runs that a diagnosis reports
+LEADING = 2_000
+"""First samples in which a start is sought that no sensor reads."""
 MOST_SAMPLES = 5_000_000
 INTERPRETED = 10_000
 """Steps that take less time one by one, in numbers, than the compilation of a program for them."""
@@ -184,7 +187,11 @@ def _prepared(model: Model, recording: Recording) -> Prepared:
         measured = [recording.channels.get(column, nothing) for column in columns]
         return _without_sensors(model, recording, np.stack(measured, axis=1))
     measured, inputs = output_table(model, recording), input_table(model, recording)
-    return Prepared(recording, recording.time, inputs, measured, estimate_states(model, recording))
+    states, first = estimate_states(model, recording), slice(0, LEADING)
+    told = replace(states, values=states.values[first])
+    led = with_hidden(model, told, recording.time[first], inputs[first], outputs=measured[first])
+    states.values[first] = led.values
+    return Prepared(recording, recording.time, inputs, measured, states)
 
 
 def _without_sensors(model: Model, recording: Recording, measured: np.ndarray) -> Prepared:
