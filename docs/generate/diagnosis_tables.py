@@ -278,6 +278,21 @@ def sensing_table() -> str:
     return table(["case", "right", "intervals that cover"], rows)
 
 
+def unread_table() -> str:
+    """Return machines of which no sensor reads the positions, with starts sought and left."""
+    found = result("unread_positions")
+    rows: dict[str, dict[tuple[str, bool], str]] = {}
+    for row in found["rows"]:
+        state = "right" if row["right"] else f"{row['verdict']}: {row['mechanism'] or '-'}"
+        rows.setdefault(row["machine"], {})[row["way"], row["lacking"]] = state
+    ways = [(way, lacking) for way in found["summary"] for lacking in (True, False)]
+    head = [f"{way}, {'an effect left out' if lacking else 'nothing'}" for way, lacking in ways]
+    body = [(name, *(row.get(way, "-") for way in ways)) for name, row in rows.items()]
+    count = [f"{c['right']} of {c['of']}" for c in found["summary"].values()]
+    body.append(("right", *(part for c in count for part in (c, ""))))
+    return table(["machine", *head], body)
+
+
 def one_mode_table() -> str:
     """Return models that switch and lack an effect in one mode, in all, or in none."""
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}

@@ -68,14 +68,19 @@ def in_noise(arena: Arena) -> Arena:
 
 
 def _noise(arena: Arena, output: int) -> float:
-    """Noise of a sensor: the median over the recordings, and no less than its converter makes.
+    """Noise of a sensor over all recordings, as residuals have it, and what its converter makes.
 
     One recording may show too few levels for its steps to be told.
     """
     step = steps_of(arena.super_model.given, arena.prepared)[output]
-    return max(_median_noise(arena.prepared, output), float(np.sqrt(uniform_variance(step))))
+    return max(_pooled_noise(arena.prepared, output), float(np.sqrt(uniform_variance(step))))
 
 
 @lru_cache(maxsize=64)
-def _median_noise(prepared: tuple[Prepared, ...], output: int) -> float:
-    return float(np.median([noise_level(p.time, p.outputs[:, output]) for p in prepared]))
+def _pooled_noise(prepared: tuple[Prepared, ...], output: int) -> float:
+    """Root mean square over all samples: a sensor is noisier in one recording than in another."""
+    readings = [p.outputs[:, output] for p in prepared]
+    count = np.array([np.count_nonzero(np.isfinite(y)) for y in readings])
+    level = [noise_level(p.time, y) for p, y in zip(prepared, readings, strict=True)]
+    told = np.where(count > 0, np.square(level), 0.0)
+    return float(np.sqrt(np.sum(count * told) / max(count.sum(), 1)))
