@@ -193,6 +193,34 @@ def test_without_model_error_the_path_is_the_least_squares_run(
     assert nearest < 1e-6 * np.abs(path).max()
 
 
+def test_sensors_that_say_the_same_or_nothing_are_borne() -> None:
+    """Two readings of one marker, and one that is constant: no matrix of them has an inverse."""
+    text = pendulum(x="0.4*sin(th)", y="0.4*sin(th)", z="0*th")
+    model = parse_model(text)
+    whole = recorded(
+        parse_model(MACHINES["one coordinate of that marker"]), np.random.default_rng(6)
+    )
+    x = whole.channels["x"]
+    channels = {"x": x, "y": x, "z": np.zeros(TIME.size)}
+    assert _left_of(model, whole, channels) < FOLLOWED
+
+
+def test_a_start_that_is_given_stands() -> None:
+    text = MACHINES["one coordinate of that marker"] + "[initial]\nth = 0.7\n"
+    model = parse_model(text)
+    whole = recorded(model, np.random.default_rng(7))
+    found = Prepared.build(model, whole).states.values[0, 0]
+    assert found == pytest.approx(0.7, abs=1e-4)
+
+
+def test_a_start_that_is_given_stands_in_a_linear_model() -> None:
+    model = parse_model(LINEAR.format("k*x2") + "[initial]\nx2 = 0.7\nv2 = -0.4\n")
+    channels = {"u": np.zeros(TIME.size), "y": np.sin(TIME)}
+    found = Prepared.build(model, Recording("run", TIME, channels)).states.values[0]
+    assert dict(zip(model.states, found, strict=True))["x2"] == 0.7
+    assert dict(zip(model.states, found, strict=True))["v2"] == -0.4
+
+
 def test_sensors_that_are_absent_or_slow_do_no_harm() -> None:
     model = parse_model(MACHINES["a marker on a pendulum"])
     whole = recorded(model, np.random.default_rng(3))

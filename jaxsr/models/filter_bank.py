@@ -26,15 +26,19 @@ from jaxsr.models.states import StateEstimate
 Array = Any
 STARTS, SEED = 128, 0
 """Of the bank, and of their draw."""
+CERTAIN = 1e-6
+"""Doubt about a start that [initial] gives, in the size of its state."""
 HALVING, ROUNDS = 32, 64
 """Samples, at least, and times as many in a recording, after which half of the bank is given up."""
 SHARES = (0.1, 1.0)
 """Sizes of the model's error in a sample, as shares of the rates."""
-LONGEST, TURN = 20_000, 0.2
+LONGEST, TURN = 5_000, 0.2
 """Samples that are filtered, and how far readings may go from one to the next, in their deviation:
 of a sensor that is read more often every so many are left out."""
 FEWEST = 200
 """Samples that are filtered, where a recording has as many."""
+ROUNDED = 1e-12
+"""What sensors that read alike differ by, of what they read."""
 FLOOR = 1e-3
 """Least noise of a sensor, in its deviation: a filter without any doubt leads nowhere else."""
 
@@ -71,34 +75,25 @@ def found_along(
     ndarray, shape (samples, states)
         Not finite where no start leads anywhere.
     """
-    every = _every(time, outputs)
+    every = _every(outputs)
     rows = slice(0, LONGEST * every, every)
     scene = _Scene.of(model, time[rows], _means(inputs, every)[rows], outputs[rows], every > 1)
-    bank = _starts(model, estimate, scene)
-    stretch = max(HALVING, len(scene.time) // ROUNDS)
-    for begin in range(0, len(scene.time), stretch):
-        if len(bank.x) == 1:
-            break
-        ask()
-        stop = min(begin + stretch, len(scene.time))
-        for k in range(begin, stop):
-            bank, _ = scene.step(bank, k)
-        left = (len(bank.x) + 1) // 2 if stop < len(scene.time) else 1
-        bank = bank.chosen(np.argsort(-bank.log, kind="stable")[:left])
-    assert bank.begun is not None
-    path = scene.smoothed(bank.begun)
-    whole = time[: (len(path) - 1) * every + 1]
-    return path if every == 1 else CubicSpline(scene.time, path)(whole)
+    try:
+        path = scene.smoothed(scene.likeliest(_starts(model, estimate, scene)))
+    except np.linalg.LinAlgError:  # what is believed of the states has no bounds
+        path = np.full((1, len(model.states)), np.nan)
+    if every == 1 or not np.isfinite(path).all():
+        return path
+    return CubicSpline(scene.time, path)(time[: (len(path) - 1) * every + 1])
 
 
-def _every(time: Array, outputs: Array) -> int:
+def _every(outputs: Array) -> int:
     """Return how many samples make one of the filter."""
-    steps, pace, seen = np.diff(time), _pace(outputs), np.isfinite(outputs)
-    if np.ptp(steps) >= 0.5 * np.median(steps) or pace == 0.0:
-        return 1
-    every = int(np.clip(TURN / pace, 1, max(len(time) // FEWEST, 1)))
-    told = 2 * every * seen[::every].sum(axis=0) >= seen.sum(axis=0)
-    return every if told.all() else 1  # a slow sensor may be read in between
+    pace, seen = _pace(outputs), np.isfinite(outputs)
+    most = int(np.clip(TURN / max(pace, 1e-12), 1, max(len(outputs) // FEWEST, 1)))
+    whole = seen.sum(axis=0)
+    # A slow sensor may be read in between.
+    return next(k for k in range(most, 0, -1) if (2 * k * seen[::k].sum(axis=0) >= whole).all())
 
 
 def _pace(outputs: Array) -> float:
@@ -112,7 +107,7 @@ def _noise(outputs: Array) -> Array:
     """Return variances of the sensors: what neighbours tell, and not less than `FLOOR`."""
     size = _mean_square(outputs - _mean(outputs))
     found = _mean_square(np.diff(outputs, 2, axis=0)) / 6.0 + FLOOR**2 * size
-    return np.maximum(found, 1e-300)
+    return np.where(found > 0.0, found, 1.0)
 
 
 def _mean(values: Array) -> Array:
@@ -271,13 +266,30 @@ class _Scene:
         good = np.isfinite(told).all((1, 2)) & np.isfinite(missed).all((1, 2))
         if not good.all():
             told[~good], missed[~good], cross[~good] = np.eye(int(seen.sum())), 0.0, 0.0
-        inverse = np.linalg.inv(told)
+        size = np.trace(told, axis1=1, axis2=2)
+        inverse = np.linalg.inv(told + ROUNDED * size[:, None, None] * np.eye(told.shape[1]))
         likely = (missed @ inverse @ np.swapaxes(missed, 1, 2))[:, 0, 0]
         log = bank.log - 0.5 * (likely - np.linalg.slogdet(inverse)[1])
         gain = inverse @ cross
         x = bank.x + (missed @ gain)[:, 0]
         spread = bank.spread - np.swapaxes(cross, 1, 2) @ gain
         return replace(bank, x=x, spread=spread, log=np.where(good, log, -np.inf))
+
+    def likeliest(self, bank: _Bank) -> _Bank:
+        """Return the one filter that is left, as it started."""
+        count = len(self.time)
+        stretch = max(HALVING, count // ROUNDS)
+        for begin in range(0, count, stretch):
+            if len(bank.x) == 1:
+                break
+            ask()
+            stop = min(begin + stretch, count)
+            for k in range(begin, stop):
+                bank, _ = self.step(bank, k)
+            left = (len(bank.x) + 1) // 2 if stop < count else 1
+            bank = bank.chosen(np.argsort(-bank.log, kind="stable")[:left])
+        assert bank.begun is not None
+        return bank.begun
 
     def smoothed(self, bank: _Bank) -> Array:
         """Return the states that one filter finds, smoothed, shape (samples, states)."""
@@ -316,7 +328,8 @@ def _starts(model: Model, estimate: StateEstimate, scene: _Scene) -> _Bank:
     size, turns = _sizes(model, estimate, scene)
     drawn = np.random.default_rng(SEED).random((STARTS, max(len(free), 1)))
     x = np.tile(estimate.values[0], (STARTS, 1))
-    deviation = np.tile(0.1 * size, (STARTS, 1))
+    given = [model.initial.get(s, FREE) != FREE for s in model.states]
+    deviation = np.tile(np.where(given, CERTAIN, 0.1) * size, (STARTS, 1))
     apart = len(drawn) ** (-1.0 / max(len(free), 1))
     for column, i in enumerate(free):
         share = 2.0 * drawn[1:, column] - 1.0

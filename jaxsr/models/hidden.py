@@ -10,7 +10,7 @@ from jaxsr._deadline import ask
 from jaxsr.models.field import Field, Point
 from jaxsr.models.filter_bank import bends, found_along
 from jaxsr.models.inputs import stage_inputs
-from jaxsr.models.model import Model
+from jaxsr.models.model import FREE, Model
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.states import StateEstimate
 
@@ -31,8 +31,9 @@ def with_hidden(
     """Return the estimate with its hidden states integrated, the known ones inserted.
 
     At every sample the known states are put back to what the sensors say (direct insertion), so
-    that what is hidden follows as it does in the machine where its own motion dies out. A
-    coordinate starts from rest at zero, a state of another kind from its first guess; all of them
+    that what is hidden follows as it does in the machine where its own motion dies out. What
+    [initial] gives starts there, another coordinate at zero, a state of another kind from its first
+    guess; all of them
     from `start`, shape (states,), where that is known. Where the model depends on them otherwise
     than in a line, they are sought in the readings, `outputs` of shape (samples, outputs), if
     these are given (`filter_bank`).
@@ -47,12 +48,13 @@ def with_hidden(
         name = model.states[i]
         rate = model.equation_terms[name]
         integrates = rate.is_variable and rate.name in model.states
-        if model.kinematic_parent(name) is not None or integrates:
+        coordinate = model.kinematic_parent(name) is not None or integrates
+        if coordinate and model.initial.get(name, FREE) == FREE:
             values[:, i] = 0.0
         if start is not None:
             values[0, i] = start[i]
     begun = 0
-    if outputs is not None and bends(model, estimate.hidden):
+    if outputs is not None and time.size > 2 and bends(model, estimate.hidden):
         with np.errstate(all="ignore"):
             found = found_along(model, replace(estimate, values=values), time, inputs, outputs)
         if np.isfinite(found).all():
