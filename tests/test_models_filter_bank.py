@@ -205,6 +205,29 @@ def test_sensors_that_say_the_same_or_nothing_are_borne() -> None:
     assert _left_of(model, whole, channels) < FOLLOWED
 
 
+def test_a_sensor_that_reads_an_input_reads_it_now() -> None:
+    """Of a sensor that is read often samples are left out; what it reads of an input is not."""
+    text = MACHINES["one coordinate of that marker"].replace(
+        'x = "0.4*sin(th)"', 'x = "sin(th) + u"'
+    )
+    model = parse_model(text.replace("outputs", 'inputs = ["u"]\noutputs'))
+    time, rng = np.arange(2_000) * 0.01, np.random.default_rng(8)
+    u = np.sin(6.0 * time)
+    run = solve_ivp(
+        lambda _, x: [x[1], -20.0 * np.sin(x[0]) - 0.1 * x[1]],
+        (0.0, time[-1]),
+        [1.5, 0.0],
+        t_eval=time,
+        rtol=1e-9,
+        atol=1e-10,
+    )
+    signal = np.sin(run.y[0]) + u
+    noisy = signal + NOISE * rng.standard_normal(time.size)
+    states = Prepared.build(model, Recording("run", time, {"u": u, "x": noisy})).states.values
+    assert filter_bank._every(noisy[:, None]) > 1
+    assert np.sqrt(np.mean((np.sin(states[:, 0]) + u - signal) ** 2)) < 0.01 * np.std(signal)
+
+
 def test_a_start_that_is_given_stands() -> None:
     text = MACHINES["one coordinate of that marker"] + "[initial]\nth = 0.7\n"
     model = parse_model(text)

@@ -48,9 +48,13 @@ def bends(model: Model, hidden: Collection[str]) -> bool:
 
     Where they do not, a linear smoother is right from any start.
     """
-    terms = [*model.equation_terms.values(), *model.reading_terms.values()]
-    terms += [e for row in model.inertia_terms.values() for e in row.values()]
-    return any(_bends(term, frozenset(hidden)) for term in terms)
+    return any(_bends(term, frozenset(hidden)) for term in _terms(model))
+
+
+def _terms(model: Model) -> list[Term]:
+    """Return all that a model says of rates, masses and readings."""
+    masses = [e for row in model.inertia_terms.values() for e in row.values()]
+    return [*model.equation_terms.values(), *masses, *model.reading_terms.values()]
 
 
 def _bends(term: Term, hidden: frozenset[str]) -> bool:
@@ -77,7 +81,8 @@ def found_along(
     """
     every = _every(outputs)
     rows = slice(0, LONGEST * every, every)
-    scene = _Scene.of(model, time[rows], _means(inputs, every)[rows], outputs[rows], every > 1)
+    held = _means(inputs, every)[rows] if every > 1 else None
+    scene = _Scene.of(model, time[rows], inputs[rows], outputs[rows], held)
     try:
         path = scene.smoothed(scene.likeliest(_starts(model, estimate, scene)))
     except np.linalg.LinAlgError:  # what is believed of the states has no bounds
@@ -188,12 +193,12 @@ class _Scene:
 
     @staticmethod
     def of(
-        model: Model, time: Array, inputs: Array, outputs: Array, averaged: bool = False
+        model: Model, time: Array, inputs: Array, outputs: Array, held: Array | None = None
     ) -> _Scene:
-        """Return the scene; inputs hold over a step where they are averages over it."""
+        """Return the scene; inputs act over a step by their averages, if these are given."""
         simulator = Simulator(model)
-        hold = "zero" if averaged else model.input_hold
-        tables = [stage_inputs(time, u, hold, 1) for u in inputs.T]
+        pushed_by, hold = (inputs, model.input_hold) if held is None else (held, "zero")
+        tables = [stage_inputs(time, u, hold, 1) for u in pushed_by.T]
         stages = [np.stack([t[:, 0] for t in table]) for table in tables]
         pushed = np.array([s in model.dynamic_states for s in model.states])
         field = Field(simulator, simulator.values())
@@ -352,8 +357,7 @@ def _sizes(model: Model, estimate: StateEstimate, scene: _Scene) -> tuple[Array,
     """Return the size that states may have, and which of the hidden ones are angles."""
     mean = float(np.mean(_mean(np.abs(scene.outputs))))
     pace = max(_pace(scene.outputs) / float(np.median(np.diff(scene.time))), 1e-12)
-    terms = [*model.equation_terms.values(), *model.reading_terms.values()]
-    terms += [e for row in model.inertia_terms.values() for e in row.values()]
+    terms = _terms(model)
     turns = np.array([any(_turns(term, s) for term in terms) for s in model.states])
     size = np.where(turns, np.pi, mean)
     for i, state in enumerate(model.states):

@@ -33,10 +33,9 @@ def with_hidden(
     At every sample the known states are put back to what the sensors say (direct insertion), so
     that what is hidden follows as it does in the machine where its own motion dies out. What
     [initial] gives starts there, another coordinate at zero, a state of another kind from its first
-    guess; all of them
-    from `start`, shape (states,), where that is known. Where the model depends on them otherwise
-    than in a line, they are sought in the readings, `outputs` of shape (samples, outputs), if
-    these are given (`filter_bank`).
+    guess; all of them from `start`, shape (states,), where that is known. Where the model depends
+    on them otherwise than in a line, they are sought in the readings, `outputs` of shape (samples,
+    outputs), if these are given (`filter_bank`).
     """
     hidden = [i for i, s in enumerate(model.states) if s in estimate.hidden]
     if not hidden or not model.formulas:
