@@ -19,12 +19,14 @@ hypothesis.settings.load_profile("jaxsr")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Compile steps before workers start: once an installation, and no test's time is for that."""
+    """Compile before workers start: once an installation, and no test's time is for that."""
     if not getattr(session.config.option, "numprocesses", None):
         return
+    from jaxsr.diagnosis.likelihood.evidence import compile_modes
     from jaxsr.models.programs import compile_steps
 
     compile_steps()
+    compile_modes()
 
 
 gc.disable()  # until all tests are there

@@ -21,12 +21,13 @@ def searched(
     def grams(rows: Any, lane: Any, room: Any) -> Any:
         own = evidence(rows[lane.start])
         asked.append(own)
-        return SimpleNamespace(mode=lambda *_: SimpleNamespace(log_evidence=own, noise=1.0))
+        return SimpleNamespace(log_evidence=own, noise=1.0)
 
     every = SimpleNamespace(of=lambda part, latent, noises, start: noises)
     monkeypatch.setattr(module, "System", every)
     monkeypatch.setattr(module, "whitened", lambda noises: noises)
     monkeypatch.setattr(module, "Gram", SimpleNamespace(of=grams))
+    monkeypatch.setattr(module, "modes", lambda modes, *_: modes)
     monkeypatch.setattr(module, "replace", lambda item, **_: item)
     white = Noise(np.ones(2), np.zeros(2), np.zeros(2))
     scales: Any = SimpleNamespace(
@@ -37,7 +38,7 @@ def searched(
     found: Any = SimpleNamespace(
         local=part, latent=part, mode=mode, theta=np.zeros(1), share=0.5, decay=0.9
     )
-    belief: Any = SimpleNamespace(about=lambda _: None, mixing=None)
+    belief: Any = SimpleNamespace(about=lambda _: None, mixing=())
     best, *_ = module.likeliest(found, scales, np.zeros(1, int), belief, stop)
     return best, len(asked)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.evidence import Gram, Mode, Prior
+from jaxsr.diagnosis.likelihood.evidence import Gram, Mode, Prior, modes
 from jaxsr.diagnosis.likelihood.kalman import Latent, System, smoothed
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
 from jaxsr.diagnosis.likelihood.scales import (
@@ -222,15 +222,15 @@ class _Climb:
     ) -> _Point | None:
         prior, mixing = self.belief.about(theta[self.chosen]), self.belief.mixing
         try:
-            modes = [g.mode(mixing, prior) for g in made()]
+            found = modes(made(), range(len(mixing)), prior, mixing)
         except np.linalg.LinAlgError:  # derivatives that are no numbers
             return None
-        logs = np.array([m.log_evidence for m in modes])
+        logs = np.array([m.log_evidence for m in found])
         if not np.isfinite(logs).any():
             return None
         logs = np.where(np.isfinite(logs), logs, -np.inf)
         logs += log_odds(shares)
-        return _Point(theta, path, local, shares, modes, logs)
+        return _Point(theta, path, local, shares, found, logs)
 
     def to_the_mode(self, point: _Point, scales: Scales) -> tuple[_Point, bool]:
         """Linearise, weigh, smooth, and again; return whether the last step was a small one."""

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jaxsr._machine_code import compiled, kept, mark
+from jaxsr.diagnosis.likelihood.bounded_modes import SCALED, Beliefs, Bounded, Modes, fill_modes
 from jaxsr.diagnosis.likelihood.kalman import Whitened
 from jaxsr.diagnosis.likelihood.truncated import Truncated, log_inside
 
-SETTLING, SCALED = 4, 1e-4
-"""Fixed-point steps for the scale of the noise, which converge by a factor of samples a step, and
-the relative step that ends them: of N samples, its square times N is what the log evidence errs by.
-"""
+SETTLING = 4
+"""Fixed-point steps for the scale of the noise, which converge by a factor of samples a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,3 +165,85 @@ class Gram:
         log += found.log_integral - prior.inside
         change = np.clip(change, prior.low, prior.high)
         return Mode(float(log), change, prior.deviation * found.deviation, noise)
+
+
+def modes(
+    grams: Sequence[Gram],
+    chosen: Sequence[int],
+    prior: Prior,
+    mixing: np.ndarray | None = None,
+    scaled: bool = True,
+) -> list[Mode]:
+    """Return the mode of one set of constants beside each of several noises.
+
+    By machine code, in a twentieth of the time that arrays take; by these where it is not there, or
+    has no answer.
+
+    Parameters
+    ----------
+    grams : sequence of Gram
+    chosen : sequence of int
+        Columns, counted from 0.
+    prior : Prior
+        Of the chosen constants, or of combinations of them.
+    mixing : ndarray, shape (constants, constants), optional
+        Changes of the chosen constants, the first, by those that the prior is of.
+    scaled : bool
+        As in `Gram.evidence`.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Innovations, or their derivatives, are no numbers.
+    """
+
+    def by_arrays(gram: Gram) -> Mode:
+        if mixing is None:
+            return gram.evidence(chosen, prior, scaled)
+        return gram.mode(mixing, prior, scaled)
+
+    if not grams or kept(fill_modes, _MADE) is None:
+        return [by_arrays(gram) for gram in grams]
+    at = np.array([0, *(1 + k for k in chosen)])
+    products = np.array([gram.products[at[:, None], at] for gram in grams])
+    if mixing is not None:
+        whole = np.eye(len(at))
+        whole[1:, 1:] = mixing
+        products = whole.T @ products @ whole
+    found = _filled(grams, products, prior, SETTLING if scaled else 0)
+    change, deviation = found.change, found.deviation
+    if mixing is None:
+        change = np.clip(change, prior.low, prior.high)
+    else:
+        change = np.clip(change, prior.low, prior.high) @ mixing.T
+        deviation = np.sqrt(deviation**2 @ (mixing**2).T)
+    numbers = zip(found.log_evidence.tolist(), change, deviation, found.noise.tolist(), strict=True)
+    return [
+        by_arrays(gram) if failed else Mode(*known)
+        for gram, failed, known in zip(grams, found.failed, numbers, strict=True)
+    ]
+
+
+def _filled(grams: Sequence[Gram], products: np.ndarray, prior: Prior, steps: int) -> Modes:
+    """Return what the machine fills; `products` is overwritten."""
+    many, size, own = len(grams), len(prior.mean), prior.deviation
+    (log, noise), (change, deviation) = np.empty((2, many)), np.empty((2, many, size))
+    found = Modes(log, noise, change, deviation, np.zeros(many, bool))
+    determinant, loudest = np.array([(g.log_determinant, g.loudest) for g in grams]).T.copy()
+    beliefs = Beliefs(prior.mean / own, own, prior.low / own, prior.high / own)
+    fill = compiled(fill_modes) or fill_modes
+    room = Bounded.of(size)
+    fill(products, determinant, loudest, grams[0].count, beliefs, steps, room, found)
+    return found
+
+
+_MADE = "from jaxsr.diagnosis.likelihood.evidence import compile_modes; compile_modes()"
+
+
+def compile_modes() -> None:
+    """Compile the machine, once an installation: it takes ten seconds."""
+    one, none = np.ones(1), np.full(1, np.inf)
+    if compiled(fill_modes) is not None:
+        prior = Prior(np.zeros(1), one, -none, none)
+        _filled([Gram(np.ones((2, 2)), 0.0, 1)], np.ones((1, 2, 2)), prior, SETTLING)
+        mark(fill_modes)

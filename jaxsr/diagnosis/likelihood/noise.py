@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxsr._deadline import never
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate
-from jaxsr.diagnosis.likelihood.evidence import Gram, Mode, Prior
+from jaxsr.diagnosis.likelihood.evidence import Gram, Mode, Prior, modes
 from jaxsr.diagnosis.likelihood.kalman import Latent, System, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
 from jaxsr.diagnosis.likelihood.scales import Scales, log_odds
@@ -223,16 +223,22 @@ class _Scene:
         ]
         noises, count = [noise for noise, *_ in every], self.part.defect.shape[1]
         rows = whitened(System.of(self.part, forces, noises, self.scales.start))
-        modes = []
-        for k, noise in enumerate(noises):
-            room = replace(self.scales, noise=noise).loudest
-            gram = Gram.of(rows, slice(k * count, (k + 1) * count), room)
-            try:
-                modes.append(gram.mode(self.mixing, self.prior))
-            except np.linalg.LinAlgError:  # innovations that are no numbers
-                modes.append(Mode(-np.inf, self.prior.mean, self.prior.deviation, 1.0))
-        logs = np.array([m.log_evidence for m in modes]) + float(log_odds(share))
-        return modes, np.nan_to_num(logs, nan=-np.inf)
+        grams = [
+            Gram.of(rows, slice(k * count, (k + 1) * count), replace(self.scales, noise=n).loudest)
+            for k, n in enumerate(noises)
+        ]
+        found = self._modes(grams)
+        logs = np.array([m.log_evidence for m in found]) + float(log_odds(share))
+        return found, np.nan_to_num(logs, nan=-np.inf)
+
+    def _modes(self, grams: Sequence[Gram]) -> list[Mode]:
+        """Return the modes beside each noise; no evidence where innovations are no numbers."""
+        try:
+            return modes(grams, range(len(self.mixing)), self.prior, self.mixing)
+        except np.linalg.LinAlgError:
+            if len(grams) > 1:
+                return [mode for gram in grams for mode in self._modes([gram])]
+            return [Mode(-np.inf, self.prior.mean, self.prior.deviation, 1.0)]
 
 
 def _sweeps(sensors: Sequence[int]) -> Iterator[list[Sequence[int]]]:

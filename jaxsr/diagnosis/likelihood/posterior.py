@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import expit
 
 from jaxsr.diagnosis.likelihood.course import Course, followed
-from jaxsr.diagnosis.likelihood.evidence import Mode
+from jaxsr.diagnosis.likelihood.evidence import Mode, modes
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
 from jaxsr.diagnosis.likelihood.loop import odds_of_force, search
 from jaxsr.diagnosis.likelihood.offered import offered
@@ -155,7 +155,7 @@ def _weighed(table: Table, free: Collection[int]) -> Mode:
     """Weigh the given model with some of its free parameters free and the others as given."""
     base = list(table.base)
     prior = _held(table, free).prior(base)
-    return max((g.evidence(base, prior) for g in table.grams), key=lambda m: m.log_evidence)
+    return max(modes(table.grams, base, prior), key=lambda m: m.log_evidence)
 
 
 def _held(table: Table, free: Collection[int]) -> Table:

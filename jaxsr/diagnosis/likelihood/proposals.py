@@ -11,6 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
+from jaxsr.diagnosis.likelihood.evidence import modes
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -241,9 +242,9 @@ def _gains(
     double : ndarray, shape (columns, columns)
     """
     prior = table.prior(base)
-    modes = [g.evidence(base, prior) for g in table.grams]
-    best = int(np.argmax([m.log_evidence for m in modes]))
-    products, noise = table.grams[best].products, modes[best].noise
+    found = modes(table.grams, base, prior)
+    best = int(np.argmax([m.log_evidence for m in found]))
+    products, noise = table.grams[best].products, found[best].noise
     deviation = table.belief.deviation
     scale = deviation / np.sqrt(noise)
     mean = table.belief.mean - table.value

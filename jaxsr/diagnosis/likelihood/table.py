@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.reduced import lean
 from jaxsr.diagnosis.likelihood.estimate import Belief
-from jaxsr.diagnosis.likelihood.evidence import Gram, Prior
+from jaxsr.diagnosis.likelihood.evidence import Gram, Prior, modes
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
 from jaxsr.diagnosis.likelihood.scales import Scales, grams
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
@@ -68,10 +68,10 @@ class Table:
         """Return the log evidence of a set of columns, the latent force of its best size."""
         at, prior = list(chosen), self.prior(chosen)
         try:
-            modes = [g.evidence(at, prior) for g in self.grams]
+            found = modes(self.grams, at, prior)
         except np.linalg.LinAlgError:  # columns that are no numbers
             return -np.inf
-        return max(m.log_evidence if np.isfinite(m.log_evidence) else -np.inf for m in modes)
+        return max(m.log_evidence if np.isfinite(m.log_evidence) else -np.inf for m in found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.estimate import Belief, Estimate
-from jaxsr.diagnosis.likelihood.evidence import Prior
+from jaxsr.diagnosis.likelihood.evidence import Prior, modes
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
 from jaxsr.diagnosis.likelihood.scales import Scales, grams, log_odds, sizes_about
 from jaxsr.models.least_squares import Problem
@@ -81,11 +81,12 @@ def width_step(
     # Beside a likelier width another force may be left, or none.
     shares = sizes_about(found.share, scales.shares)
     try:
-        modes = [g.mode(mixing, prior) for g in grams(local, scales, shares)]
+        every = range(1 + len(chosen))
+        found_modes = modes(grams(local, scales, shares), every, prior, mixing)
     except np.linalg.LinAlgError:
         return None
     steps = []
-    for share, mode in zip(shares, modes, strict=True):
+    for share, mode in zip(shares, found_modes, strict=True):
         # What one constant more costs, all widths have to pay.
         cost = np.log(mode.deviation[0] / BROAD) if mode.deviation[0] > 0.0 else np.nan
         log = mode.log_evidence - cost + float(log_odds(share))
