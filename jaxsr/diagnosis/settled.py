@@ -37,7 +37,7 @@ from jaxsr.diagnosis.judging.noise_ratio import (
     residual_to_noise,
     root_mean_square,
 )
-from jaxsr.diagnosis.judging.parsimony import fewest
+from jaxsr.diagnosis.judging.parsimony import fewer_do, fewest
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, REMOVED
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.paths import path_over
@@ -191,9 +191,10 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled:
         case.compared.told |= found.asked
     arena = as_wide_as_a_jump(arena, leader.width)
     asked = [frozenset(h.members) for h in found.hypotheses]
-    pairs = zip(starts[1:], [h for h in shown if h.members], strict=True)
-    guessed = {members for (members, _), h in pairs if frozenset(h.members) not in asked}
-    arena, entries = _entered(case, arena, entry, starts, found, guessed)
+    pairs = [(m, h) for (m, _), h in zip(starts[1:], shown, strict=True)]
+    guessed = {m for m, h in pairs if frozenset(h.members) not in asked}
+    parts = {m for m, h in pairs if h in smaller and h not in rivals}
+    arena, entries = _entered(case, arena, entry, starts, found, guessed, parts)
     null_entry = next(e for e in entries if not e.members)
     wanted = starts[1][0] if leader.members else ()
     chosen = next(e for e in entries if e.members == wanted)
@@ -264,11 +265,13 @@ def _entered(
     starts: Sequence[Start],
     found: Posterior,
     guessed: Collection[tuple[int, ...]],
+    parts: Collection[tuple[int, ...]],
 ) -> tuple[Arena, list[Entry]]:
     """Estimate the sets in free run, every reading weighed by what the leading one leaves.
 
     They are sought along the path that the evidence found. Those `guessed`, which it did not
-    estimate, are asked where that one leaves more than the sensors' noise.
+    estimate, are asked where that one leaves more than the sensors' noise. Of its `parts`, the
+    smallest first, none is where fewer members explain as much, which are told then (`plainest`).
     """
     entries, path, near = [null], None, False
     start, starts = starts[0][1], starts[1:]
@@ -288,7 +291,10 @@ def _entered(
     for number, (members, start) in enumerate(starts):
         if number and stop():
             break
-        if members in guessed and residual_to_noise(arena, entries[1]) <= ABOVE_NOISE:
+        above = residual_to_noise(arena, entries[1]) > ABOVE_NOISE if number else False
+        if members in guessed and not above:
+            continue
+        if members in parts and above and fewer_do(entries[1], arena, entries[2:], len(members)):
             continue
         case.progress.update(number / len(starts), leading(arena, entries))
         entries.append(enter(arena, members, start, path, stop, near=near))

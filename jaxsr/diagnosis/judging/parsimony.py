@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxsr._result import Verdict
 from jaxsr.diagnosis.contest.arena import Arena, neutral_values
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.noise_ratio import ratios_to_noise
@@ -55,6 +56,28 @@ def fewest(chosen: Entry, arena: Arena, inside: Sequence[Entry]) -> Entry:
     usable = [e for e in inside if e.fit.usable]
     enough = [e for e in usable if left_for_gained(arena, chosen, e) >= 1.0]
     return min(enough, key=lambda e: (len(e.members), e.fit.cost), default=chosen)
+
+
+def fewer_do(chosen: Entry, arena: Arena, inside: Sequence[Entry], than: int) -> bool:
+    """Whether fewer members than some number are `fewest`, whatever sets of more would leave.
+
+    Parameters
+    ----------
+    chosen : Entry
+    arena : Arena
+    inside : sequence of Entry
+        Sets that were estimated. Those of some of its members count in which each of its verdicts
+        has one: whatever is claimed, they say it.
+    than : int
+    """
+    every = arena.super_model.candidates
+
+    def verdicts(entry: Entry) -> set[Verdict]:
+        return {every[i].verdict for i in entry.members}
+
+    fewer = [e for e in inside if {*e.members} < {*chosen.members} and len(e.members) < than]
+    fewer = [e for e in fewer if verdicts(e) == verdicts(chosen)]
+    return fewest(chosen, arena, fewer) is not chosen
 
 
 def worth_their_constants(chosen: Entry, arena: Arena, entries: Sequence[Entry]) -> list[Entry]:
