@@ -12,7 +12,8 @@ from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.contest.uncertainty import half_widths
 from jaxsr.diagnosis.mechanisms import sites_of
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
-from jaxsr.diagnosis.mechanisms.play import play, springs_of
+from jaxsr.diagnosis.mechanisms.play import play
+from jaxsr.diagnosis.mechanisms.springs import springs_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.expressions import to_text
 from jaxsr.models import Model, Simulator, apply_edit, parse_model

@@ -14,6 +14,7 @@ from jaxsr.diagnosis.mechanisms.dissipative import dissipative
 from jaxsr.diagnosis.mechanisms.elastic import elastic
 from jaxsr.diagnosis.mechanisms.external import external
 from jaxsr.diagnosis.mechanisms.gain_by_state import gain_by_state
+from jaxsr.diagnosis.mechanisms.hardening import hardening
 from jaxsr.diagnosis.mechanisms.inertial import inertial
 from jaxsr.diagnosis.mechanisms.load import load_dependent
 from jaxsr.diagnosis.mechanisms.measurement import measurement, wrong_values
@@ -31,6 +32,7 @@ FAMILIES: list[Family] = [
     coupled,
     elastic,
     play,
+    hardening,
     inertial,
     coupling,
     periodic,

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.dissipative import is_speed
-from jaxsr.diagnosis.mechanisms.play import summands
 from jaxsr.diagnosis.mechanisms.site import Site
+from jaxsr.diagnosis.mechanisms.springs import summands
 from jaxsr.expressions import Term, to_text
 from jaxsr.expressions.canonical import simplify
 from jaxsr.expressions.derivative import built

@@ -15,7 +15,8 @@ import numpy as np
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.dissipative import is_speed
 from jaxsr.diagnosis.mechanisms.site import Site
-from jaxsr.expressions import evaluate
+from jaxsr.diagnosis.mechanisms.springs import springs_in
+from jaxsr.expressions import evaluate, to_text
 from jaxsr.models.units import dimension
 
 _CONVECTION = "Incropera & DeWitt, Fundamentals of Heat and Mass Transfer (2007), section 9.6"
@@ -52,7 +53,7 @@ def is_store(site: Site) -> bool:
 
 
 def surroundings(site: Site) -> tuple[str, ...]:
-    """Return the inputs and parameters to which a state is compared: it follows differences alone.
+    """Return the inputs and parameters to which a state is compared; else the number that it is.
 
     A rate that stays as it is where the state and some others are all shifted by the same amount
     depends on their differences, in whatever way it is written.
@@ -87,7 +88,15 @@ def surroundings(site: Site) -> tuple[str, ...]:
         for shared in combinations(others, count):
             if abs(rate((x, *shared)) - here) <= SAME * alone:
                 return tuple(s for s in shared if s not in model.states)
-    return ()
+    return _written(site)
+
+
+def _written(site: Site) -> tuple[str, ...]:
+    """Return the number that an equation takes from its state: ``T - 20``."""
+    gaps = {s.deflection for s in springs_in(site.model, site.state, {site.state})}
+    ends = {g.args[1] for g in gaps if g.op == "sub" and g.args[0].is_variable}
+    numbers = [end for end in ends if end.is_constant and end.value > 0.0]
+    return (to_text(numbers[0]),) if len(numbers) == 1 else ()
 
 
 def radiates(site: Site) -> bool:
