@@ -280,6 +280,20 @@ def test_a_command_exports_results_and_models(tmp_path: Path, capsys: Any) -> No
     assert "holds no results" in capsys.readouterr().err
 
 
+def test_a_diagnosis_begins_with_a_simulator_a_model_or_its_file(tmp_path: Path) -> None:
+    """The refusal of a recording without the model's columns comes from the diagnosis itself."""
+    text = '[model]\nstates = ["x"]\noutputs = ["y"]\n[equations]\nx = "-x"\n[readings]\ny = "x"\n'
+    path = tmp_path / "model.toml"
+    path.write_text(text)
+    model = parse_model(text)
+    other = jaxsr.Recording("other", np.arange(50.0), {"z": np.ones(50)})
+    for given in (Simulator(model), model, path, str(path)):
+        with pytest.raises(jaxsr.InputError, match="y"):
+            jaxsr.diagnose(given, [other])
+    with pytest.raises(jaxsr.InputError, match="absent"):
+        jaxsr.diagnose(tmp_path / "absent.toml", [other])
+
+
 def test_recordings_from_arrays_and_pandas() -> None:
     t = np.arange(5) * 0.1
     run = jaxsr.Recording.from_arrays(list(t), {"y": [1, 2, np.nan, 4, 5]}, "bench")

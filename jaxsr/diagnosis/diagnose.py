@@ -52,7 +52,7 @@ from jaxsr.diagnosis.setup import screen_all
 from jaxsr.diagnosis.thinning import prepare_search, time_for
 from jaxsr.diagnosis.unsigned import rectified_sensors
 from jaxsr.diagnosis.verdict import FALSE_CLAIM, Claim, Costs, claimed
-from jaxsr.models import Simulator
+from jaxsr.models import Model, Simulator
 from jaxsr.models.python_base import with_function
 from jaxsr.recordings import Recording
 
@@ -79,7 +79,7 @@ AGAIN = 0.2
 
 
 def diagnose(
-    simulator: Simulator,
+    simulator: Simulator | Model | str | Path,
     data: Sequence[str | Path | Recording],
     *,
     held_out: Sequence[str | Path | Recording] = (),
@@ -93,8 +93,8 @@ def diagnose(
 
     Parameters
     ----------
-    simulator : Simulator
-        The given model.
+    simulator : Simulator, Model or path
+        The given model, or the file that `Simulator.from_file` reads it from.
     data : sequence of path or Recording
         Recordings that every choice rests on.
     held_out : sequence of path or Recording
@@ -130,6 +130,7 @@ def diagnose(
     budget = as_budget(budget)
     began = budget.elapsed  # after the start of the program, which is no measure of what follows
     rng = np.random.default_rng(seed)
+    simulator = Simulator.of(simulator)
     files = simulator.files
     if simulator.function is not None:
         simulator = with_function(simulator.model, simulator.function)
