@@ -1,4 +1,4 @@
-"""Springs of the model that harden, along what stretches them."""
+"""Laws along what stretches the springs of a model, and relative to what its speeds are."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from scipy.integrate import solve_ivp
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis.mechanisms import sites_of
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.dissipative import dissipative, moved_past
 from jaxsr.diagnosis.mechanisms.hardening import hardening
 from jaxsr.diagnosis.mechanisms.play import play
+from jaxsr.expressions import evaluate, to_text
 from jaxsr.models import Model, Simulator, apply_edit, parse_model
 from jaxsr.recordings import Recording
 from tests.test_diagnosis_play import CHAIN, GEAR, POINTS, SCALE, forces
@@ -136,3 +138,41 @@ def test_a_spring_that_hardens_is_named_with_its_constant(between: float, wall: 
     interval = finding.parameters["k3"].interval
     assert interval is not None and interval[0] <= (between or wall) <= interval[1]
     assert ("L" if between else "3.0") in str(finding.edit)
+
+
+BELT = parse_model(
+    """
+[model]
+states = ["q", "v"]
+inputs = ["belt"]
+outputs = ["y"]
+[equations]
+q = "v"
+v = "(-k*q - c*(v - belt) - d*(0 - v) - e*(2.0 - v))/m"
+[readings]
+y = "q"
+[parameters]
+m = { value = 2.0, unit = "kg" }
+k = { value = 50.0, bounds = [20.0, 90.0] }
+c = { value = 1.5, bounds = [0.0, 9.0] }
+d = { value = 0.0 }
+e = { value = -0.1 }
+"""
+)
+"""A mass on a belt, in a wind of 2 m/s."""
+
+
+def test_what_a_speed_is_relative_to_is_a_belt_or_a_wind() -> None:
+    (site,) = sites_of(BELT, {s: np.linspace(-1.0, 1.0, 21) for s in ("q", "v", "belt")})
+    assert [to_text(other) for other in moved_past(site)] == ["belt", "2.0"]
+    found = {c.sentence: c for c in dissipative(site) if c.mechanism == "coulomb_friction"}
+    assert [s.partition("past ")[2] for s in found] == ["", "belt.", "2.0."]
+    v, belt = np.linspace(-3.0, 3.0, 7), 0.5
+    for other, name in ((0.0, "{site}."), (belt, "belt."), (2.0, "2.0.")):
+        candidate = next(c for s, c in found.items() if s.endswith(name))
+        edit = candidate.edit(BELT, {"Fc": "Fc"}, {"Fc": 0.8})
+        values = {"q": 0.0, "v": v, "belt": belt, "Fc": 0.8}
+        values |= {n: p.value for n, p in BELT.parameters.items()}
+        moved = evaluate(apply_edit(BELT, edit).equation_terms["v"], values)
+        pulled = moved - evaluate(BELT.equation_terms["v"], values)
+        np.testing.assert_allclose(pulled, -0.4 * np.sign(v - other), atol=1e-12)

@@ -9,6 +9,9 @@ import numpy as np
 
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Site, inverse_unit
+from jaxsr.diagnosis.mechanisms.springs import springs_in
+from jaxsr.expressions import evaluate, to_text
+from jaxsr.expressions.term import Term
 from jaxsr.models.units import dimension
 
 _FRICTION = "Armstrong-Helouvry, Dupont & Canudas de Wit, Automatica 30 (1994)"
@@ -17,9 +20,38 @@ _VARIES = "Dry friction along {site} depends on the position."
 
 def dissipative(site: Site) -> Iterator[Candidate]:
     """Yield friction and drag at an equation of motion."""
-    v, f = site.state, site.force_unit
+    v = site.state
     if site.position is None and site.others and not is_speed(site):
         return
+
+    yield Candidate(
+        "viscous_damping",
+        "dissipative",
+        site.name,
+        (ParameterSpec("Fv", site.per(v), low=0.0),),
+        "A resistance in proportion to velocity acts along {site}.",
+        terms=((v, f"- {{Fv}}*{v}"),),
+        source=_FRICTION,
+    )
+    yield from _along(site, v)
+    for other in moved_past(site):
+        yield from _along(site, f"({v} - {to_text(other)})", other)
+    yield from position_dependent(site)
+
+
+def moved_past(site: Site) -> list[Term]:
+    """Return what the model takes the speed relative to: a belt, wind or a current, c*(v - b).
+
+    They are numbers, parameters or inputs.
+    """
+    gaps = (s.deflection for s in springs_in(site.model, site.state, {site.state}))
+    ends = (g.args[1] for g in gaps if g.op == "sub" and g.args[0].is_variable)
+    return list(dict.fromkeys(ends))
+
+
+def _along(site: Site, w: str, other: Term | None = None) -> Iterator[Candidate]:
+    """Yield friction and drag that oppose a speed w: that of a site, or relative to another."""
+    v, f, past = site.state, site.force_unit, "" if other is None else f" past {to_text(other)}"
 
     def make(name: str, term: str, *specs: ParameterSpec, sentence: str, source: str = _FRICTION):
         return Candidate(
@@ -27,58 +59,60 @@ def dissipative(site: Site) -> Iterator[Candidate]:
         )
 
     yield make(
-        "viscous_damping",
-        f"- {{Fv}}*{v}",
-        ParameterSpec("Fv", site.per(v), low=0.0),
-        sentence="A resistance in proportion to velocity acts along {site}.",
-    )
-    yield make(
         "coulomb_friction",
-        f"- {{Fc}}*sign({v})",
+        f"- {{Fc}}*sign({w})",
         ParameterSpec("Fc", f, low=0.0),
-        sentence="Dry friction of constant size opposes the motion along {site}.",
+        sentence=f"Dry friction of constant size opposes the motion along {{site}}{past}.",
     )
-    if site.reverses:
+    if other is None and site.reverses:
         yield make(
             "asymmetric_friction",
-            f"- {{Fa}}*Abs({v})",
+            f"- {{Fa}}*Abs({w})",
             ParameterSpec("Fa", site.per(v)),
             sentence="The viscous resistance along {site} differs between the two directions.",
         )
     yield make(
         "quadratic_drag",
-        f"- {{kd}}*{v}*Abs({v})",
+        f"- {{kd}}*{w}*Abs({w})",
         ParameterSpec("kd", site.per(v, v), low=0.0),
-        sentence="A drag that grows with the square of velocity acts along {site}.",
+        sentence=f"A drag that grows with the square of velocity acts along {{site}}{past}.",
         source="Batchelor, An Introduction to Fluid Dynamics (1967), section 5.11",
     )
     speeds = site.scale.get(v)
     if speeds is None:
         return
-    top = max(abs(speeds[0]), abs(speeds[-1]))
+    top = max(abs(speeds[0]), abs(speeds[-1])) + (0.0 if other is None else _most(site, other))
     vs_unit = site.model.units.get(v)
     # The Gaussian peak first; the exponential one (n = 1) has a sharper tip and longer tails.
     for power, shares in (("**2", (0.02, 0.06, 0.2)), ("", (0.05, 0.15))):
         for share in shares:
             yield make(
                 "stribeck_friction",
-                f"- ({{Fc}} + ({{Fs}} - {{Fc}})*exp(-(Abs({v})/{{vs}}){power}))*sign({v})",
+                f"- ({{Fc}} + ({{Fs}} - {{Fc}})*exp(-(Abs({w})/{{vs}}){power}))*sign({w})",
                 ParameterSpec("Fc", f, low=0.0),
                 ParameterSpec("Fs", f, low=0.0, floor="Fc"),
                 ParameterSpec("vs", vs_unit, 1e-3 * top, top, share * top, False),
-                sentence="Dry friction along {site} is higher near standstill (Stribeck effect).",
+                sentence=f"Dry friction along {{site}}{past} is higher near standstill (Stribeck "
+                "effect).",
             )
     for power in (0.5, 1.5, 3.0):
         yield make(
             "power_law_drag",
-            f"- {{kd}}*sign({v})*Abs({v})**{{p}}",
+            f"- {{kd}}*sign({w})*Abs({w})**{{p}}",
             # kd is the force at |v| = 1 in the model's unit, whatever p becomes.
             ParameterSpec("kd", f, low=0.0),
             ParameterSpec("p", "1", 0.2, 5.0, power, False),
-            sentence="A drag that grows with a power of velocity acts along {site}.",
+            sentence=f"A drag that grows with a power of velocity acts along {{site}}{past}.",
             source="Nayfeh & Mook, Nonlinear Oscillations (1979), section 3.3",
         )
-    yield from position_dependent(site)
+
+
+def _most(site: Site, speed: Term) -> float:
+    """Return the largest size of a speed that is a number, a parameter or an input."""
+    parameters = {n: p.value for n, p in site.model.parameters.items()}
+    inputs = {u: site.scale.get(u, np.zeros(1)) for u in site.model.inputs}
+    ends = [{u: float(values[k]) for u, values in inputs.items()} for k in (0, -1)]
+    return max(abs(float(evaluate(speed, {**parameters, **end}))) for end in ends)
 
 
 def is_speed(site: Site) -> bool:

@@ -24,7 +24,8 @@ class Spring:
         The rate whose equation it is.
     deflection : Term
         A position, or a sum or difference of positions, each divided or multiplied by parameters
-        where gears or levers stand between them, less the length at which the spring is at rest.
+        where gears or levers stand between them, less the length at which the spring is at rest
+        or what moves its other end.
     stiffness : Term
         Of parameters, with its sign.
     """
@@ -42,7 +43,7 @@ def springs_of(model: Model) -> list[Spring]:
 
 
 def springs_in(model: Model, state: str, positions: Collection[str]) -> list[Spring]:
-    """Return what pulls in one equation in proportion to positions, or to levels as if they were.
+    """Return what pulls in one equation in proportion to positions, or to rates as if they were.
 
     Parameters
     ----------
@@ -106,12 +107,17 @@ def _constant(term: Term, model: Model) -> bool:
     return term.variables <= model.parameters.keys()
 
 
+def _length(term: Term, model: Model) -> bool:
+    """Whether a term may be the length of a spring, or what drives its other end."""
+    return term.variables <= model.parameters.keys() | {*model.inputs}
+
+
 def _is_deflection(term: Term, model: Model, positions: Collection[str]) -> bool:
     """Whether a term is a position, or a sum of positions with constant factors and lengths."""
     if term.is_variable:
         return term.name in positions
     if term.op in ("add", "sub"):
-        moving = [a for a in term.args if not _constant(a, model)]  # the rest is a free length
+        moving = [a for a in term.args if not _length(a, model)]
         return bool(moving) and all(_is_deflection(a, model, positions) for a in moving)
     if term.op not in ("mul", "div"):
         return False
@@ -135,11 +141,17 @@ def _oriented(deflection: Term, model: Model) -> tuple[Term, float]:
     """Return a difference with its names in order, a length last, and the sign that this takes."""
     if deflection.op == "sub":
         first, second = deflection.args
-        lengths = _constant(first, model), _constant(second, model)
+        lengths = _length(first, model), _length(second, model)
         ordered = to_text(first) <= to_text(second) if lengths[0] == lengths[1] else lengths[1]
         if not ordered:
-            return Term.apply("sub", second, first), -1.0
+            return _less(second, first), -1.0
+        return _less(first, second), 1.0
     return deflection, 1.0
+
+
+def _less(first: Term, second: Term) -> Term:
+    none = second.is_constant and second.value == 0.0
+    return first if none else Term.apply("sub", first, second)
 
 
 def _product(factors: Sequence[tuple[Term, bool]], sign: float) -> Term:
