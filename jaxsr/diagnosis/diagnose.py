@@ -53,6 +53,7 @@ from jaxsr.diagnosis.thinning import prepare_search, time_for
 from jaxsr.diagnosis.unsigned import rectified_sensors
 from jaxsr.diagnosis.verdict import FALSE_CLAIM, Claim, Costs, claimed
 from jaxsr.models import Model, Simulator
+from jaxsr.models.given import simulator_of
 from jaxsr.models.python_base import with_function
 from jaxsr.recordings import Recording
 
@@ -130,7 +131,7 @@ def diagnose(
     budget = as_budget(budget)
     began = budget.elapsed  # after the start of the program, which is no measure of what follows
     rng = np.random.default_rng(seed)
-    simulator = Simulator.of(simulator)
+    simulator = simulator_of(simulator)
     files = simulator.files
     if simulator.function is not None:
         simulator = with_function(simulator.model, simulator.function)

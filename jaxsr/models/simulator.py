@@ -73,13 +73,6 @@ class Simulator(Exported, eqx.Module):
         """
         return Simulator._read(path, model).read_from(path, model)
 
-    @staticmethod
-    def of(given: Simulator | Model | str | Path) -> Simulator:
-        """Return a simulator as it is; that of a model, or of a file as `from_file` reads it."""
-        if isinstance(given, Simulator):
-            return given
-        return Simulator(given) if isinstance(given, Model) else Simulator.from_file(given)
-
     def read_from(self, *paths: str | Path | None) -> Simulator:
         """Return the simulator as one that was read from these files, none of them for None."""
         names = (re.sub(r"\.py:[^/\\]*$", ".py", str(path)) for path in paths if path is not None)

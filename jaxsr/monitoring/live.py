@@ -12,6 +12,7 @@ from jaxsr._result import InputError
 from jaxsr.diagnosis.answer import Answer
 from jaxsr.diagnosis.setup import open_recording, prepare
 from jaxsr.models import Model, Simulator
+from jaxsr.models.given import simulator_of
 from jaxsr.models.segments import Prepared
 from jaxsr.monitoring.alarm import HINTS, Alarm
 from jaxsr.monitoring.alternatives import Alternative, alternatives
@@ -90,14 +91,11 @@ def monitor(
 
 def _model_of(given: Answer | Simulator | Model | str | Path) -> Model:
     """Return the model of whatever stands for one."""
-    if isinstance(given, Answer | Simulator):
-        found = given.model
-    elif isinstance(given, Model):
-        found = given
-    else:
-        path = Path(given)
-        found = Simulator.from_file(path / "explained.toml" if path.is_dir() else path).model
-    return found
+    if isinstance(given, Answer):
+        return given.model
+    if isinstance(given, str | Path) and Path(given).is_dir():
+        given = Path(given) / "explained.toml"
+    return simulator_of(given).model
 
 
 def _gains(
