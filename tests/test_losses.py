@@ -10,6 +10,7 @@ from store_plants import BODY, CIRCUIT, LEAK, LOSSES, TANKS, WHOLE
 
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.dissipative import dissipative
 from jaxsr.diagnosis.mechanisms.losses import losses, surroundings
 from jaxsr.diagnosis.mechanisms.site import Site, sites_of
 from jaxsr.models import Model, Simulator, apply_edit, parse_model
@@ -126,3 +127,30 @@ def test_losses_of_a_temperature_are_named_over_seeds(name: str, seed: int) -> N
 @pytest.mark.parametrize("name", sorted(WHOLE))
 def test_nothing_is_lost_where_nothing_is_missing_over_seeds(name: str, seed: int) -> None:
     _nothing(name, seed)
+
+
+def test_surroundings_may_be_a_number() -> None:
+    number = replace(BODY, equations={**BODY.equations, "Tb": "(h*(Th - Tb) - k*(Tb - 21.5))/Cb"})
+    of = site(number, "Tb")
+    assert surroundings(of) == ("21.5",)
+    told = {term for c in offered(of) for _, term in c.terms if c.mechanism == "quadratic_drag"}
+    assert "- {kd}*(Tb - 21.5)*Abs(Tb - 21.5)" in told
+
+
+def test_a_store_alone_is_offered_no_law_twice() -> None:
+    text = """
+[model]
+states = ["T"]
+inputs = ["P"]
+outputs = ["y"]
+[equations]
+T = "(P - k*(T - 20))/C"
+[readings]
+y = "T"
+[parameters]
+k = 1.0
+C = 100.0
+"""
+    of = site(parse_model(text), "T", 30.0, 60.0)
+    terms = [c.terms for c in (*dissipative(of), *losses(of)) if len(c.parameters) == 1]
+    assert len(set(terms)) == len(terms)

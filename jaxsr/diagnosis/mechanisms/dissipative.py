@@ -42,8 +42,10 @@ def dissipative(site: Site) -> Iterator[Candidate]:
 def moved_past(site: Site) -> list[Term]:
     """Return what the model takes the speed relative to: a belt, wind or a current, c*(v - b).
 
-    They are numbers, parameters or inputs.
+    They are numbers, parameters or inputs. What a store is compared to are its `surroundings`.
     """
+    if site.position is None and not is_speed(site):
+        return []
     gaps = (s.deflection for s in springs_in(site.model, site.state, {site.state}))
     ends = (g.args[1] for g in gaps if g.op == "sub" and g.args[0].is_variable)
     return list(dict.fromkeys(ends))

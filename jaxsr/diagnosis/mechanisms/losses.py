@@ -53,7 +53,7 @@ def is_store(site: Site) -> bool:
 
 
 def surroundings(site: Site) -> tuple[str, ...]:
-    """Return the inputs and parameters to which a state is compared; else the number that it is.
+    """Return the inputs and parameters to which a state is compared, else a number.
 
     A rate that stays as it is where the state and some others are all shifted by the same amount
     depends on their differences, in whatever way it is written.
