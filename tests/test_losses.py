@@ -154,3 +154,10 @@ C = 100.0
     of = site(parse_model(text), "T", 30.0, 60.0)
     terms = [c.terms for c in (*dissipative(of), *losses(of)) if len(c.parameters) == 1]
     assert len(set(terms)) == len(terms)
+
+
+def test_what_exchanges_with_a_store_alone_leaks_to_the_surroundings_of_that() -> None:
+    told = {t for c in offered(site(BODY, "Th")) for _, t in c.terms if c.mechanism[-4:] == "drag"}
+    assert {"- {kd}*Th*Abs(Th)", "- {kd}*(Th - Ta)*Abs(Th - Ta)"} <= told
+    apart = replace(BODY, units={"Th": "K", "Tb": "m"})
+    assert not any("Ta" in t for c in offered(site(apart, "Th")) for _, t in c.terms)

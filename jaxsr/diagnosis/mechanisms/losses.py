@@ -36,13 +36,22 @@ def losses(site: Site) -> Iterator[Candidate]:
     if not is_store(site):
         return
     x = site.state
-    around = surroundings(site)
+    around = surroundings(site) or _of_others(site)
     if site.others:  # a store alone has the laws of a speed as well
         yield from _of_gap(site, x, "level")
     for y in around:
         yield from _of_gap(site, f"{x} - {y}", f"difference to {y}")
         if radiates(site):
             yield _radiation(site, y)
+
+
+def _of_others(site: Site) -> tuple[str, ...]:
+    """Return the surroundings that other stores of the model have: one that hangs on them alone
+    has none of its own, and what leaks from it goes there.
+    """
+    unit = site.model.units.get(site.state)
+    stores = [o for o in site.others if is_store(o) and o.model.units.get(o.state) == unit]
+    return tuple(dict.fromkeys(y for o in stores for y in surroundings(o)))
 
 
 def is_store(site: Site) -> bool:
