@@ -47,9 +47,8 @@ def test_machine_code_has_what_arrays_have() -> None:
     for _ in range(200):
         size = int(rng.integers(0, 12))
         grams, prior = drawn(rng, size)
-        scaled = bool(rng.integers(2))
-        found = modes(grams, range(size), prior, scaled=scaled)
-        wanted = [gram.evidence(range(size), prior, scaled) for gram in grams]
+        found = modes(grams, range(size), prior)
+        wanted = [gram.evidence(range(size), prior) for gram in grams]
         assert_alike(found, wanted, prior)
         held += any((m.change == prior.low).any() or (m.change == prior.high).any() for m in found)
     assert held > 50

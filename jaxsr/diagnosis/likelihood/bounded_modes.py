@@ -105,7 +105,7 @@ def fill_modes(
     prior : Beliefs
         Means and bounds in their deviations.
     steps : int
-        Fixed-point steps for the scale of the noise; 0 for one that is known.
+        Fixed-point steps for the scale of the noise.
     room : Bounded
     found : Modes
     """
@@ -121,7 +121,7 @@ def fill_modes(
                 whole[1 + i, j] *= prior.deviation[i]
                 whole[j, 1 + i] *= prior.deviation[i]
         noise, left, number = 1.0, np.nan, 0
-        for _ in range(max(steps, 1)):
+        for _ in range(steps):
             number = settle(whole, prior.mean, noise, room)
             if number < 0:
                 left = np.nan
@@ -132,7 +132,7 @@ def fill_modes(
                 for j in range(size):
                     along += whole[1 + i, 1 + j] * mode[j]
                 left += along * mode[i]
-            if not left > 0.0 or steps == 0:
+            if not left > 0.0:
                 break
             before, noise = noise, min(max(left / count, 1e-300), loudest[choice])
             if abs(noise - before) <= SCALED * noise:

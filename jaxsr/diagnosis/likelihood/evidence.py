@@ -172,7 +172,6 @@ def modes(
     chosen: Sequence[int],
     prior: Prior,
     mixing: np.ndarray | None = None,
-    scaled: bool = True,
 ) -> list[Mode]:
     """Return the mode of one set of constants beside each of several noises.
 
@@ -188,8 +187,6 @@ def modes(
         Of the chosen constants, or of combinations of them.
     mixing : ndarray, shape (constants, constants), optional
         Changes of the chosen constants, the first, by those that the prior is of.
-    scaled : bool
-        As in `Gram.evidence`.
 
     Raises
     ------
@@ -199,8 +196,8 @@ def modes(
 
     def by_arrays(gram: Gram) -> Mode:
         if mixing is None:
-            return gram.evidence(chosen, prior, scaled)
-        return gram.mode(mixing, prior, scaled)
+            return gram.evidence(chosen, prior)
+        return gram.mode(mixing, prior)
 
     if not grams or kept(fill_modes, _MADE) is None:
         return [by_arrays(gram) for gram in grams]
@@ -210,7 +207,7 @@ def modes(
         whole = np.eye(len(at))
         whole[1:, 1:] = mixing
         products = whole.T @ products @ whole
-    found = _filled(grams, products, prior, SETTLING if scaled else 0)
+    found = _filled(grams, products, prior)
     change, deviation = found.change, found.deviation
     if mixing is None:
         change = np.clip(change, prior.low, prior.high)
@@ -224,7 +221,7 @@ def modes(
     ]
 
 
-def _filled(grams: Sequence[Gram], products: np.ndarray, prior: Prior, steps: int) -> Modes:
+def _filled(grams: Sequence[Gram], products: np.ndarray, prior: Prior) -> Modes:
     """Return what the machine fills; `products` is overwritten."""
     many, size, own = len(grams), len(prior.mean), prior.deviation
     (log, noise), (change, deviation) = np.empty((2, many)), np.empty((2, many, size))
@@ -233,7 +230,7 @@ def _filled(grams: Sequence[Gram], products: np.ndarray, prior: Prior, steps: in
     beliefs = Beliefs(prior.mean / own, own, prior.low / own, prior.high / own)
     fill = compiled(fill_modes) or fill_modes
     room = Bounded.of(size)
-    fill(products, determinant, loudest, grams[0].count, beliefs, steps, room, found)
+    fill(products, determinant, loudest, grams[0].count, beliefs, SETTLING, room, found)
     return found
 
 
@@ -245,5 +242,5 @@ def compile_modes() -> None:
     one, none = np.ones(1), np.full(1, np.inf)
     if compiled(fill_modes) is not None:
         prior = Prior(np.zeros(1), one, -none, none)
-        _filled([Gram(np.ones((2, 2)), 0.0, 1)], np.ones((1, 2, 2)), prior, SETTLING)
+        _filled([Gram(np.ones((2, 2)), 0.0, 1)], np.ones((1, 2, 2)), prior)
         mark(fill_modes)

@@ -10,14 +10,9 @@ from scipy.linalg import get_lapack_funcs
 from scipy.optimize import lsq_linear
 from scipy.special import erfcx, log_ndtr, ndtri_exp
 
-_potrf, _potrs, _trtri = get_lapack_funcs(("potrf", "potrs", "trtri"), dtype=np.float64)
+from jaxsr.diagnosis.likelihood.bounded_modes import NORMAL, ROUNDING, STEEP
 
-NORMAL = 1.959964
-"""Deviations of a normal distribution about its mean that 95 % of it lie within."""
-_STEEP = 1e4
-"""Slope, in the root of the curvature, from which a fall is exponential to any digit."""
-_ROUNDING = 1e-10
-"""Slope at a bound, in the largest that there is, that is none."""
+_potrf, _potrs, _trtri = get_lapack_funcs(("potrf", "potrs", "trtri"), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +95,7 @@ class Truncated:
     def _reach(self) -> np.ndarray:
         """How far from their bounds 95 % of what is held lies, the other bound left aside."""
         root = np.sqrt(self._curvature)
-        near = np.minimum(self.slope / root, _STEEP)
+        near = np.minimum(self.slope / root, STEEP)
         beyond = -ndtri_exp(np.log(0.05) + log_ndtr(-near))
         return np.minimum((beyond - near) / root, -np.log(0.05) / np.maximum(self.slope, 1e-300))
 
@@ -136,7 +131,7 @@ def _held_inside(
         else:
             slope = matrix @ mode - right
             pulled = np.where(held, np.where(mode <= low, -slope, slope), 0.0)
-            if pulled.max() <= _ROUNDING * (1.0 + np.abs(slope).max()):
+            if pulled.max() <= ROUNDING * (1.0 + np.abs(slope).max()):
                 return mode, held
             held[np.argmax(pulled)] = False  # the density is larger inside
         free = ~held
@@ -150,7 +145,7 @@ def _by_library(
     right: np.ndarray, low: np.ndarray, high: np.ndarray, factor: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the mode inside bounds, and what is held there, by bounded least squares."""
-    apart = _ROUNDING * (1.0 + np.minimum(np.abs(low), np.abs(high)))  # it wants room between
+    apart = ROUNDING * (1.0 + np.minimum(np.abs(low), np.abs(high)))  # it wants room between
     half = np.linalg.solve(factor, right)
     found = lsq_linear(factor.T, half, (low - apart, high + apart), method="bvls")
     return np.clip(found.x, low, high), found.active_mask != 0

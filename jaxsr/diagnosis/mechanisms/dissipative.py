@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Site, inverse_unit
-from jaxsr.diagnosis.mechanisms.springs import springs_in
+from jaxsr.diagnosis.mechanisms.springs import compared_to
 from jaxsr.expressions import evaluate, to_text
 from jaxsr.expressions.term import Term
 from jaxsr.models.units import dimension
@@ -42,13 +42,11 @@ def dissipative(site: Site) -> Iterator[Candidate]:
 def moved_past(site: Site) -> list[Term]:
     """Return what the model takes the speed relative to: a belt, wind or a current, c*(v - b).
 
-    They are numbers, parameters or inputs. What a store is compared to are its `surroundings`.
+    What a store is compared to are its `surroundings`.
     """
     if site.position is None and not is_speed(site):
         return []
-    gaps = (s.deflection for s in springs_in(site.model, site.state, {site.state}))
-    ends = (g.args[1] for g in gaps if g.op == "sub" and g.args[0].is_variable)
-    return list(dict.fromkeys(ends))
+    return compared_to(site.model, site.state)
 
 
 def _along(site: Site, w: str, other: Term | None = None) -> Iterator[Candidate]:

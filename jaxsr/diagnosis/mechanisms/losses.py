@@ -15,7 +15,7 @@ import numpy as np
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.dissipative import is_speed
 from jaxsr.diagnosis.mechanisms.site import Site
-from jaxsr.diagnosis.mechanisms.springs import springs_in
+from jaxsr.diagnosis.mechanisms.springs import compared_to
 from jaxsr.expressions import evaluate, to_text
 from jaxsr.models.units import dimension
 
@@ -102,8 +102,7 @@ def surroundings(site: Site) -> tuple[str, ...]:
 
 def _written(site: Site) -> tuple[str, ...]:
     """Return the number that an equation takes from its state: ``T - 20``."""
-    gaps = {s.deflection for s in springs_in(site.model, site.state, {site.state})}
-    ends = {g.args[1] for g in gaps if g.op == "sub" and g.args[0].is_variable}
+    ends = compared_to(site.model, site.state)
     numbers = [end for end in ends if end.is_constant and end.value > 0.0]
     return (to_text(numbers[0]),) if len(numbers) == 1 else ()
 

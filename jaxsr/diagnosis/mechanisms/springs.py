@@ -65,6 +65,16 @@ def springs_in(model: Model, state: str, positions: Collection[str]) -> list[Spr
     return found
 
 
+def compared_to(model: Model, state: str) -> list[Term]:
+    """Return what an equation takes from its state: T - 20, v - belt.
+
+    Numbers, parameters or inputs.
+    """
+    gaps = (s.deflection for s in springs_in(model, state, {state}))
+    ends = (g.args[1] for g in gaps if g.op == "sub" and g.args[0].is_variable)
+    return list(dict.fromkeys(ends))
+
+
 def force_of(model: Model, spring: Spring) -> str | None:
     """Return the stiffness of a spring as a force's, where it was read off a rate."""
     if model.base is None:
