@@ -205,7 +205,7 @@ def _decided(
     case: Case, costs: Costs, reading: float, rng: np.random.Generator
 ) -> tuple[Decided, Weights | None, Claim | None]:
     """Decide by the evidence where it can, else by a contest of free runs."""
-    evidence = decided_by_posterior(case, costs)
+    evidence = decided_by_posterior(case, costs, rng)
     if evidence is not None:
         return evidence
     if with_many_equations(case):
@@ -213,13 +213,15 @@ def _decided(
     return decided_among_few(case, reading, rng), None, None
 
 
-def decided_by_posterior(case: Case, costs: Costs) -> tuple[Decided, Weights, Claim] | None:
+def decided_by_posterior(
+    case: Case, costs: Costs, rng: np.random.Generator
+) -> tuple[Decided, Weights, Claim] | None:
     """Decide by the evidence of the recordings.
 
     None where nothing was weighed, or free runs do not bear it out: something is there then that
     the posterior does not see. Where time ended its search, what was not asked about stays open.
     """
-    found = weighed(case)
+    found = weighed(case, rng)
     if found is None or len(found.hypotheses) == 1:
         return None
     decision = case.failures.attempt(

@@ -39,7 +39,10 @@ from jaxsr.diagnosis.judging.noise_ratio import (
 )
 from jaxsr.diagnosis.judging.parsimony import fewer_do, fewest
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, REMOVED
+from jaxsr.diagnosis.laws.written import Writer
+from jaxsr.diagnosis.likelihood.course import Course
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.later import Written
 from jaxsr.diagnosis.likelihood.paths import path_over
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
@@ -62,7 +65,7 @@ Renamed = Mapping[str, str]
 Settled = tuple[tuple[Arena, list[Entry], Entry, Detection], float, StoppedBy]
 
 
-def weighed(case: Case) -> Posterior | None:
+def weighed(case: Case, rng: np.random.Generator) -> Posterior | None:
     """Return the posterior; None where it cannot be had, or not in time."""
     model = case.simulator.model
     if case.search.exhausted:
@@ -82,9 +85,14 @@ def weighed(case: Case) -> Posterior | None:
         text = best_so_far(labels, left, "the force that re-calibration lacks")
         case.progress.update(min(patience.elapsed / patience.seconds, 1.0), text)
 
+    writer = Writer(rng, lambda: patience.remaining)
+
+    def write(state: State, course: Course) -> Sequence[Written]:
+        return case.failures.attempt("writing laws", lambda: writer(state, course), [])
+
     return case.failures.attempt(
         "weighing mechanisms",
-        lambda: posterior(model, told, case.screened, stop, tell),
+        lambda: posterior(model, told, case.screened, stop, tell, write),
         None,
     )
 

@@ -129,7 +129,10 @@ def laws_along(
     seconds = min(SECONDS, SHARE * case.search.remaining)
     if not seconds > 0.0 or entry.fit.path is None:
         return []
-    index, size = case.simulator.model.states.index(curve.state), sizes_of(case)[curve.variable]
+    index, size = (
+        case.simulator.model.states.index(curve.state),
+        sizes_of(case.simulator.model, case.prepared)[curve.variable],
+    )
     own = arena.super_model.index(entry.members[-1])
     visits = entry.fit.path[case.simulator.model.states.index(curve.variable)]
     grid, onto = _sight(curve, visits, _root_of_precision(entry, own))
@@ -147,7 +150,8 @@ def laws_along(
     site = next(s for s in sites_of(case.simulator.model, {}) if s.state == curve.state)
     signals = {s: x.ravel() for s, x in zip(site.model.states, entry.fit.path, strict=False)}
     return [
-        named(site, law_of(p, {curve.variable: size}), signals) or (as_candidate(case, index, p),)
+        named(site, law_of(p, {curve.variable: size}), signals)
+        or (as_candidate(case.simulator.model, case.prepared, index, p),)
         for p in fit[:LAWS]
     ]
 

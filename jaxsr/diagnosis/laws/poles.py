@@ -7,8 +7,9 @@ from itertools import product
 
 import numpy as np
 
-from jaxsr.diagnosis.case import Case
 from jaxsr.expressions import Term, evaluate
+from jaxsr.models import Model
+from jaxsr.models.segments import Prepared
 
 BEYOND = 0.1
 """Share of a signal's range, on either side of it, that a simulation may reach as well."""
@@ -19,11 +20,11 @@ Ranges = Mapping[str, tuple[float, float]]
 """Lowest and highest value of every signal that a law may hang on."""
 
 
-def ranges_of(case: Case) -> Ranges:
+def ranges_of(model: Model, prepared: Sequence[Prepared]) -> Ranges:
     """Return the ranges of states and inputs, a little beyond what was recorded."""
-    model, found = case.simulator.model, {}
-    states = np.concatenate([p.states.values for p in case.prepared])
-    inputs = np.concatenate([p.inputs for p in case.prepared])
+    found = {}
+    states = np.concatenate([p.states.values for p in prepared])
+    inputs = np.concatenate([p.inputs for p in prepared])
     columns = [*zip(model.states, states.T, strict=True), *zip(model.inputs, inputs.T, strict=True)]
     for name, values in columns:
         values = values[np.isfinite(values)]

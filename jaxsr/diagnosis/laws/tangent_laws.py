@@ -123,7 +123,7 @@ def laws_at(case: Case, place: Place, rng: np.random.Generator) -> list[Law]:
     seconds = min(SECONDS, SHARE * case.search.remaining)
     if not seconds > 0.0:
         return []
-    view, sizes = place.view, sizes_of(case)
+    view, sizes = place.view, sizes_of(case.simulator.model, case.prepared)
     scaled = {name: values / sizes[name] for name, values in view.variables.items()}
     found = propose(
         rng,
@@ -151,7 +151,10 @@ def laws_at(case: Case, place: Place, rng: np.random.Generator) -> list[Law]:
     shortest = chosen_among(laws, nothing, n)
     mechanisms = {tuple(c.label for c, _ in name(p)): name(p) for p in shortest if name(p)}
     rest = [p for p in chosen_among(nameless, nothing, n) if not name(p)]
-    return [*mechanisms.values(), *((as_candidate(case, state, p),) for p in rest)]
+    return [
+        *mechanisms.values(),
+        *((as_candidate(case.simulator.model, case.prepared, state, p),) for p in rest),
+    ]
 
 
 def chosen_among(

@@ -7,7 +7,6 @@ from functools import reduce
 
 import numpy as np
 
-from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.criteria import independent_residuals
@@ -17,6 +16,8 @@ from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, UNNAMED, Candidate, 
 from jaxsr.evolution.propose import Proposal
 from jaxsr.expressions import Term, to_text
 from jaxsr.expressions.description import description_length, estimated_length, opened
+from jaxsr.models import Model
+from jaxsr.models.segments import Prepared
 
 MAX_TERMS = 2
 CROWD = 2
@@ -106,19 +107,21 @@ def nameless(arena: Arena, entry: Entry) -> bool:
     return any(arena.super_model.candidates[i].mechanism == UNNAMED for i in entry.members)
 
 
-def sizes_of(case: Case) -> dict[str, float]:
+def sizes_of(model: Model, prepared: Sequence[Prepared]) -> dict[str, float]:
     """Rms of every state to two digits, by which the search divides."""
     sizes = {}
-    for i, name in enumerate(case.simulator.model.states):
-        values = np.concatenate([item.states.values[:, i] for item in case.prepared])
+    for i, name in enumerate(model.states):
+        values = np.concatenate([item.states.values[:, i] for item in prepared])
         rms = float(np.sqrt(np.nanmean(values**2)))
         sizes[name] = float(f"{rms:.2g}") if np.isfinite(rms) and rms > 0 else 1.0
     return sizes
 
 
-def as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
+def as_candidate(
+    model: Model, prepared: Sequence[Prepared], state: int, proposal: Proposal
+) -> ProposedForce:
     """Write a proposal as a candidate; constants inside its terms are estimated as well."""
-    name, sizes = case.simulator.model.states[state], sizes_of(case)
+    name, sizes = model.states[state], sizes_of(model, prepared)
     inner: list[float] = []
     terms = [_written(term, sizes, inner) for term in proposal.terms]
     pieces = [f"{{c{k}}}*({to_text(term, 6)})" for k, term in enumerate(terms, 1)]
@@ -141,7 +144,7 @@ def as_candidate(case: Case, state: int, proposal: Proposal) -> ProposedForce:
         sentence="A force that matches no named mechanism acts along {site}; the search wrote it.",
         terms=((name, "+ " + " + ".join(pieces)),),
         tried=choices(*map(opened, proposal.terms)),
-        physical=without_poles(terms, ranges_of(case)),
+        physical=without_poles(terms, ranges_of(model, prepared)),
         source="evolutionary sparse regression",
     )
     return candidate, np.array([*proposal.coefficients, *inner])

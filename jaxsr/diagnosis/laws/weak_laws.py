@@ -73,8 +73,10 @@ def propose_instead(
     if not good:
         return None
     site = next(s for s in sites_of(case.simulator.model, {}) if s.state == state)
-    law = law_of(good[0], sizes_of(case))
-    return named(site, law, _signals(case)) or (as_candidate(case, index, good[0]),)
+    law = law_of(good[0], sizes_of(case.simulator.model, case.prepared))
+    return named(site, law, _signals(case)) or (
+        as_candidate(case.simulator.model, case.prepared, index, good[0]),
+    )
 
 
 def _signals(case: Case) -> dict[str, np.ndarray]:
@@ -117,7 +119,7 @@ def _search(
     seconds = min(SECONDS, SHARE * case.search.remaining)
     if not seconds > 0.0:
         return []
-    rows, sizes = system.state == state, sizes_of(case)
+    rows, sizes = system.state == state, sizes_of(case.simulator.model, case.prepared)
     weight = np.zeros(rows.size)
     for index in np.unique(system.state):
         own = system.state == index

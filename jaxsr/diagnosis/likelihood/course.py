@@ -100,7 +100,7 @@ def _motion(
     With them comes what free parameters do along every equation, seen through the same windows.
     """
     model = work.columns.given
-    forces, columns = _missing(work, null, table)
+    forces, columns = left_over(work, null, table)
     narrow = max(width / 3.0, NARROWEST * max(float(np.median(np.diff(p.time))) for p in prepared))
     grid = WeakGrid.build(model, prepared, narrow)
     names = [model.time, *model.states, *model.inputs]
@@ -111,10 +111,10 @@ def _motion(
     residual, basis, told = {}, {}, {}
     for k, index in enumerate(work.force_states):
         state = model.states[index]
-        residual[state] = grid.integrate(_whole(work, prepared, forces[k]))
+        residual[state] = grid.integrate(whole(work, prepared, forces[k]))
         told[state] = np.zeros((len(residual[state]), len(columns[k])))
         if told[state].size:
-            every = np.stack([_whole(work, prepared, c) for c in columns[k]], -1)
+            every = np.stack([whole(work, prepared, c) for c in columns[k]], -1)
             told[state] = grid.integrate(every)
         basis[state] = _orthonormal(told[state])
     motion = Motion(
@@ -145,34 +145,41 @@ def _reach(told: dict[str, np.ndarray], size: dict[str, float]) -> dict[str, np.
     return {state: every[a:b] for state, (a, b) in zip(told, pairwise(edges), strict=True)}
 
 
-def _missing(work: Workspace, null: Hypothesis, table: Table) -> tuple[np.ndarray, np.ndarray]:
-    """Return the smoothed forces, and what re-calibration can do, in units of the forces.
+def left_over(work: Workspace, found: Hypothesis, table: Table) -> tuple[np.ndarray, np.ndarray]:
+    """Return the forces that a set leaves, smoothed, and what re-calibration can do beside them.
+
+    Parameters
+    ----------
+    found : Hypothesis
+        Of members without states of their own.
+    table : Table
+        About it.
 
     Returns
     -------
     forces : ndarray, shape (forces, samples, pieces)
     columns : ndarray, shape (forces, free parameters, samples, pieces)
     """
-    problem, theta = work.narrow, in_columns(work, null.theta)
+    problem, theta = work.narrow, in_columns(work, found.theta)
     free = list(work.columns.base_index())
     active = [*work.scales.forces, *free]
-    args = problem.simulator, problem.stepping, problem.segments, theta, null.path
+    args = problem.simulator, problem.stepping, problem.segments, theta, found.path
     local, m = linearised(*args, active), len(work.scales.forces)
     scales = replace(table.scales, forces=tuple(range(m)))
-    share = null.share or float(scales.shares[1])
+    share = found.share or float(scales.shares[1])
     latent = scales.latent(local, share)
     system = System.of(local.moved(np.zeros(len(active))), [latent], [scales.noise], scales.start)
-    n = len(null.path)
+    n = len(found.path)
     forces = smoothed(system, n + m)[n:]
     own = [local.by_constant[:, :, s, k] for k, s in enumerate(work.force_states)]
-    columns = np.zeros((m, len(free), *null.path.shape[1:]))
+    columns = np.zeros((m, len(free), *found.path.shape[1:]))
     for k, s in enumerate(work.force_states):
         size = np.where(own[k] == 0.0, np.inf, own[k])
         columns[k, :, :-1] = np.moveaxis(local.by_constant[:, :, s, m:], -1, 0) / size
     return forces, columns
 
 
-def _whole(work: Workspace, prepared: Sequence[Prepared], pieces: np.ndarray) -> np.ndarray:
+def whole(work: Workspace, prepared: Sequence[Prepared], pieces: np.ndarray) -> np.ndarray:
     """Return a signal of the pieces, shape (samples, pieces), along all recordings; else zero."""
     found = [np.zeros(p.time.size) for p in prepared]
     segments = work.narrow.segments

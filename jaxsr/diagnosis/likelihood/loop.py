@@ -22,6 +22,7 @@ from jaxsr.diagnosis.likelihood.proposals import (
 from jaxsr.diagnosis.likelihood.state import Members, State, believable
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.mechanisms.candidate import UNNAMED
 
 TRIED = 6
 """Proposals that are estimated about one leader at a time."""
@@ -42,21 +43,28 @@ FOLLOWED = 6
 
 def begun(work: Workspace, near: Hypothesis | None = None) -> State:
     """Estimate re-calibration alone, from where it led before."""
-    theta, path = work.theta.copy(), work.narrow.segments.course
-    if near is None:
-        table = tabled(work, theta, path)
-    else:
-        base = work.super_model.base_index()
-        theta[base] = near.theta[base]
-        table = tabled(work, theta, near.path, near.noise, near.decay)
+    table = first_table(work, near)
     null = hypothesis(work, table, (), near)
     if null is not None and null.share:
         null = _without_force_if_likelier(work, table, null)
     return State(work, table, {(): null})
 
 
+def first_table(work: Workspace, near: Hypothesis | None) -> Table:
+    """Return the table about re-calibration, from where it led before."""
+    theta = work.theta.copy()
+    if near is None:
+        return tabled(work, theta, work.narrow.segments.course)
+    base = work.super_model.base_index()
+    theta[base] = near.theta[base]
+    return tabled(work, theta, near.path, near.noise, near.decay)
+
+
 def search(
-    work: Workspace, near: Hypothesis | None = None, tell: Callable[[State], None] | None = None
+    work: Workspace,
+    near: Hypothesis | None = None,
+    tell: Callable[[State], None] | None = None,
+    most: int = MOST_MEMBERS + 1,
 ) -> State:
     """Grow the leading set until nothing that was offered adds to it, or time is over.
 
@@ -71,19 +79,47 @@ def search(
         Re-calibration as it was estimated before.
     tell : callable, optional
         Hears what is known before each step.
+    most : int
+        Members of a leader to which nothing is added yet.
     """
     state = begun(work, near)
+    return state if state.known[()] is None else grown(state, tell, most)
+
+
+def weighed(state: State, members: Members, near: Hypothesis) -> State:
+    """Estimate a set from where another stands."""
+    known, due = _estimated(state, near, [members])
+    return replace(state, known=known, due=(*state.due, *due))
+
+
+def _inexact(state: State) -> bool:
+    """Whether the leader has a law without a name and leaves a force: that may be its own error,
+    and says nothing for what would be added.
+    """
+    every = state.work.super_model.candidates
+    return any(every[i].mechanism == UNNAMED for i in state.leader.members) and forced(state)
+
+
+def grown(
+    state: State, tell: Callable[[State], None] | None = None, most: int = MOST_MEMBERS + 1
+) -> State:
+    """Grow the leading set until nothing that was offered adds to it, or time is over.
+
+    Parameters
+    ----------
+    most : int
+        Members of a leader to which nothing is added yet.
+    """
     null = state.known[()]
-    if null is None:
-        return state
-    while not work.stop():
+    assert null is not None  # there is no search without re-calibration
+    while not state.work.stop() and len(state.leader.members) < most:
         if state.leader.members not in state.grown:
             if tell is not None:
                 tell(state)
             state = step(state)
             continue
         left = memories_left(state)
-        if not left or not _forced(state):
+        if not left or not forced(state):
             break
         known, due = _estimated(state, null, left)
         state = replace(state, known=known, due=(*state.due, *due))
@@ -106,7 +142,7 @@ def memories_left(state: State) -> list[Members]:
     return [(i,) for label, i in best.items() if label not in asked][:MEMORIES]
 
 
-def _forced(state: State) -> bool:
+def forced(state: State) -> bool:
     """Whether the leader leaves a force: what accounts for it was not found."""
     leader = state.leader
     return leader.share > 0.0 and odds_of_force(state, leader) > PROMISING
@@ -133,7 +169,7 @@ def step(state: State) -> State:
         state = replace(state, known=known, rivalled=rivalled, due=())
         if state.leader.members != leader.members:
             return state  # nothing is added to what is not the best of its kind
-    if len(leader.members) == MOST_MEMBERS:
+    if len(leader.members) == MOST_MEMBERS or _inexact(state):
         return replace(state, grown=state.grown | {leader.members})
     plain, others = _additions(state, here, leader)
     proposed = [(*leader.members, i) for i in (*plain[:TRIED], *others)]

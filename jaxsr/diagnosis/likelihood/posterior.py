@@ -11,7 +11,8 @@ from scipy.special import expit
 from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.evidence import Mode, modes
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
-from jaxsr.diagnosis.likelihood.loop import odds_of_force, search
+from jaxsr.diagnosis.likelihood.later import MANY, Write, with_laws
+from jaxsr.diagnosis.likelihood.loop import MOST_MEMBERS, odds_of_force, search
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.likelihood.table import Table, tabled
@@ -171,6 +172,7 @@ def posterior(
     screened: Screened | None = None,
     stop: Callable[[], bool] = lambda: False,
     tell: Callable[[State], None] | None = None,
+    write: Write | None = None,
 ) -> Posterior | None:
     """Search by evidence; None where not even re-calibration can be followed.
 
@@ -184,9 +186,11 @@ def posterior(
         Whether time is over.
     tell : callable, optional
         Hears what is known before each step of the search.
+    write : callable, optional
+        Writes laws for what a search leaves, which are weighed beside the others.
     """
     course = followed(model, prepared, stop)
-    return None if course is None else posterior_along(model, course, screened, stop, tell)
+    return None if course is None else posterior_along(model, course, screened, stop, tell, write)
 
 
 def posterior_along(
@@ -195,15 +199,18 @@ def posterior_along(
     screened: Screened | None = None,
     stop: Callable[[], bool] = lambda: False,
     tell: Callable[[State], None] | None = None,
+    write: Write | None = None,
 ) -> Posterior | None:
     """Search by evidence from what re-calibration follows (`followed`)."""
     seen = () if screened is None else screened.super_model.candidates
     super_model = SuperModel.build(model, offered(model, course, seen))
     work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise, stop)
-    state = search(work, course.null, tell)
+    state = search(work, course.null, tell, MOST_MEMBERS + 1 if write is None else MANY)
     null = state.known[()]
     if null is None:
         return None
+    if write is not None:
+        state = with_laws(state, course, write, tell)
     found = Posterior.of(state)
     if found.leader.share and found.timely:
         found = replace(found, something_else=float(expit(odds_of_force(state, found.leader))))

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxsr.diagnosis.likelihood.evidence import modes
 from jaxsr.diagnosis.likelihood.table import Table
-from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate
+from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, UNNAMED, Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import as_late
 from jaxsr.diagnosis.screening.screen import CONTAINED
@@ -38,6 +38,8 @@ def exclusive(super_model: SuperModel, members: Sequence[int]) -> bool:
 def _excluded(first: Candidate, second: Candidate) -> bool:
     if first.site != second.site:
         return False
+    if UNNAMED in (first.mechanism, second.mechanism):  # one law stands for all forces there
+        return not (first.states or second.states)
     if first.mechanism != second.mechanism:
         pair = {first.mechanism, second.mechanism}
         return any(pair <= group for group in CONTAINED) and not _facing(first, second)

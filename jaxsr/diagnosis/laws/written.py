@@ -1,0 +1,274 @@
+"""Laws without a name for what a search by evidence leaves, written by the evolution.
+
+Several forces at one equation may imitate one that has no name, and so may a force that is left.
+What acts there, all together, is read off the path that the evidence follows; the evolution writes
+laws for it. Each is a candidate as others are: its evidence is weighed, and its price is the number
+of laws that take as many bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jaxsr.diagnosis.laws.naming import named
+from jaxsr.diagnosis.laws.poles import BEYOND
+from jaxsr.diagnosis.laws.tangent_laws import SECONDS, SHARE
+from jaxsr.diagnosis.laws.unnamed import (
+    FORCES,
+    MAX_TERMS,
+    UNNAMED,
+    ProposedForce,
+    as_candidate,
+    estimable,
+    has_a_name,
+    law_of,
+    sizes_of,
+)
+from jaxsr.diagnosis.likelihood.course import Course, left_over, whole
+from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
+from jaxsr.diagnosis.likelihood.later import Written
+from jaxsr.diagnosis.likelihood.loop import about, forced
+from jaxsr.diagnosis.likelihood.state import Members, State
+from jaxsr.diagnosis.likelihood.table import Table
+from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.mechanisms.site import Site, sites_of
+from jaxsr.diagnosis.setup import state_scale
+from jaxsr.evolution import SearchConfig, propose
+from jaxsr.evolution.config import SizeLimits
+from jaxsr.evolution.propose import Proposal
+from jaxsr.expressions import Term, evaluate, parse
+
+SEVERAL = 2
+"""Forces of a leader at one equation from which one law may stand for them."""
+CLEARLY, MOST = 0.7, 6
+"""Share of a simpler law's error from which another is weighed beside it, and laws that are."""
+POPULATION = 120
+"""Of the search for a law, as of those in free run."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """An equation at which a law may be missing.
+
+    Attributes
+    ----------
+    site : Site
+    rest : tuple of int
+        Members of the leader that stay beside the law.
+    force : ndarray, shape (rows,)
+        What acts there beside the given model, seen through the windows of the motion.
+    reach : ndarray, shape (rows, free parameters)
+        What re-calibration does there.
+    signals : dict of str to ndarray, shape (samples,)
+        States, inputs and time along the path of the set about which the law is written.
+    base : ndarray, shape (free parameters,)
+        Those of the given model, of that set.
+    """
+
+    site: Site
+    rest: Members
+    force: np.ndarray
+    reach: np.ndarray
+    signals: dict[str, np.ndarray]
+    base: np.ndarray
+
+
+@dataclass(eq=False)
+class Writer:
+    """Writes laws for what a search by evidence leaves, from what was written before on.
+
+    Attributes
+    ----------
+    rng : numpy.random.Generator
+    remaining : callable
+        Seconds that are left.
+    known : dict of str to list of sets of terms
+        What the evolution ended with at an equation.
+    """
+
+    rng: np.random.Generator
+    remaining: Callable[[], float]
+    known: dict[str, list[tuple[Term, ...]]] = field(default_factory=dict)
+
+    def __call__(self, state: State, course: Course) -> list[Written]:
+        """Return laws, and what of the leader stays beside each."""
+        found: list[Written] = []
+        for place in places(state, course):
+            seconds = min(SECONDS, SHARE * self.remaining())
+            if not seconds > 0.0:
+                break
+            proposed = self._proposed(state.work, course, place, seconds)
+            found += [
+                Written(*law, place.rest, place.base)
+                for law in laws_of(state.work, place, proposed)
+            ]
+        return found
+
+    def _proposed(
+        self, work: Workspace, course: Course, place: Place, seconds: float
+    ) -> list[Proposal]:
+        """Let the evolution explain what acts at a place, re-calibration moving along."""
+        model, state = work.super_model.given, place.site.state
+        sizes = sizes_of(model, work.prepared)
+        found = propose(
+            self.rng,
+            place.force,
+            {name: place.signals[name] / sizes[name] for name in model.states},
+            view=course.motion.integrate,
+            fixed=place.reach,
+            config=SearchConfig(population=POPULATION, sizes=SizeLimits(terms=MAX_TERMS)),
+            guesses=self.known.get(state, ()),
+            budget=seconds,
+        )
+        self.known[state] = [p.terms for p in found]
+        return found
+
+
+def places(state: State, course: Course) -> list[Place]:
+    """Return the equations at which the leader has several forces, or leaves the largest one.
+
+    What it has elsewhere stays beside a law there, and does not: it may imitate the law as well.
+    Beside members with states of their own no path tells what acts, so that these do not stay.
+    """
+    work, leader, null = state.work, state.leader, state.known[()]
+    own, every = _forces(work, leader), work.super_model.candidates
+    asked, left = [s for s, members in own.items() if len(members) >= SEVERAL], forced(state)
+    if null is None or not (asked or left):
+        return []
+    alone, found = _Acting.of(work, course, null, state.table), list[Place]()
+    if any(every[i].states for i in leader.members):
+        beside = asked or [alone.largest(state.table)]
+    else:
+        table = about(work, leader)
+        acting = _Acting.of(work, course, leader, table)
+        asked += [acting.largest(table)] if left else []
+        found = [acting.at(s, tuple(own.get(s, ()))) for s in dict.fromkeys(asked)]
+        beside = [p.site.state for p in found if p.rest]
+    return found + [alone.at(s, ()) for s in dict.fromkeys(beside)]
+
+
+def _forces(work: Workspace, found: Hypothesis) -> dict[str, list[int]]:
+    """Return the members of a set that are forces along one equation, by its state."""
+    every, at = work.super_model.candidates, dict[str, list[int]]()
+    for i in found.members:
+        if _acts(work, i):
+            at.setdefault(every[i].terms[0][0], []).append(i)
+    return at
+
+
+@dataclass(frozen=True, eq=False)
+class _Acting:
+    """What acts along the path of a set beside the given model.
+
+    Attributes
+    ----------
+    forces : ndarray, shape (forces, samples, pieces)
+        What the set leaves, smoothed.
+    columns : ndarray, shape (forces, free parameters, samples, pieces)
+        What re-calibration does, as forces.
+    signals : dict of str to ndarray, shape (samples,)
+    """
+
+    work: Workspace
+    course: Course
+    found: Hypothesis
+    forces: np.ndarray
+    columns: np.ndarray
+    signals: dict[str, np.ndarray]
+
+    @staticmethod
+    def of(work: Workspace, course: Course, found: Hypothesis, table: Table) -> _Acting:
+        """Read it off the table about the set."""
+        model = work.super_model.given
+        paths = [whole(work, work.prepared, values) for values in found.path]
+        signals = {**course.motion.signals, **dict(zip(model.states, paths, strict=True))}
+        return _Acting(work, course, found, *left_over(work, found, table), signals)
+
+    @property
+    def states(self) -> list[str]:
+        """The states along whose equations forces act."""
+        return [self.work.super_model.given.states[s] for s in self.work.force_states]
+
+    def largest(self, table: Table) -> str:
+        """Return the state along whose equation most is left, in its net force."""
+        rms = np.sqrt(np.mean(self.forces**2, axis=(1, 2)))
+        return self.states[int(np.argmax(rms / np.maximum(table.scales.size, 1e-300)))]
+
+    def at(self, state: str, own: Members) -> Place:
+        """Return an equation, with what is left along it and the forces of its `own` members."""
+        work, k = self.work, self.states.index(state)
+        acting = whole(work, work.prepared, self.forces[k])
+        for i in own:
+            acting = acting + _force(work, self.found, i, self.signals)
+        reach = [whole(work, work.prepared, c) for c in self.columns[k]]
+        seen = self.course.motion.integrate(np.stack([acting, *reach], -1))
+        rest = tuple(i for i in self.found.members if i not in own)
+        model = work.super_model.given
+        site = next(
+            s for s in sites_of(model, state_scale(model, work.prepared)) if s.state == state
+        )
+        base = self.found.theta[work.super_model.base_index()]
+        return Place(site, rest, seen[:, 0], seen[:, 1:], self.signals, base)
+
+
+def laws_of(work: Workspace, place: Place, proposed: Sequence[Proposal]) -> list[ProposedForce]:
+    """Return laws among proposals, each the simplest that explains so much of what acts.
+
+    What is smoothed does not tell by how much one is better: the evidence does. Those that are
+    named forces, or sums of them, are left out: these were asked.
+    """
+    model, sizes = work.super_model.given, sizes_of(work.super_model.given, work.prepared)
+    state = model.states.index(place.site.state)
+    chosen, least = list[Proposal](), np.inf
+    for law in sorted(proposed, key=lambda p: (p.size, p.loss)):
+        if law.loss < CLEARLY * least and estimable(law):
+            form = law_of(law, sizes)
+            if not _finite_around(form, place.signals):
+                continue
+            least = law.loss
+            if not (has_a_name(law) or named(place.site, form, place.signals)):
+                chosen.append(law)
+    return [as_candidate(model, work.prepared, state, p) for p in chosen[-MOST:]]
+
+
+def _finite_around(law: Term, signals: Mapping[str, np.ndarray]) -> bool:
+    """Whether a law is a number where the motion leads, and a little beyond its ranges.
+
+    Where it is none it makes none of every set, were its coefficient zero.
+    """
+    for reach in (1.0, 1.0 + 2.0 * BEYOND):
+        middle = {n: 0.5 * (x.min() + x.max()) for n, x in signals.items()}
+        wider = {n: middle[n] + reach * (x - middle[n]) for n, x in signals.items()}
+        with np.errstate(all="ignore"):
+            if not np.isfinite(evaluate(law, wider)).all():
+                return False
+    return True
+
+
+def _acts(work: Workspace, number: int) -> bool:
+    """Whether a candidate is a force along one equation that states and inputs tell."""
+    candidate, names = work.super_model.candidates[number], work.super_model.names[number]
+    force = candidate.family in (*FORCES, UNNAMED) or candidate.passing
+    apart = candidate.replaced or candidate.states or len(candidate.terms) != 1
+    if apart or not force:
+        return False
+    model, term = work.super_model.given, parse(candidate.terms[0][1].format(**names))
+    return term.variables <= {*names.values(), *model.states, *model.inputs, model.time, "t"}
+
+
+def _force(
+    work: Workspace, found: Hypothesis, number: int, signals: Mapping[str, np.ndarray]
+) -> np.ndarray:
+    """Return the force of a member, shape (samples,)."""
+    ((_, text),) = work.super_model.candidates[number].terms
+    values = {full: found.constants[full][0] for full in found.names[number].values()}
+    with np.errstate(all="ignore"):
+        force = evaluate(parse(text.format(**found.names[number])), {**signals, **values})
+    size = next(iter(signals.values())).size
+    return np.nan_to_num(np.broadcast_to(np.asarray(force, dtype=float), (size,)))
+
+
+__all__ = ["Writer"]

@@ -1,0 +1,100 @@
+"""Laws that come to a search later: written for what it leaves, and weighed as all others are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxsr.diagnosis.likelihood.course import Course
+from jaxsr.diagnosis.likelihood.loop import first_table, grown, weighed
+from jaxsr.diagnosis.likelihood.state import Members, State
+from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+
+MANY = 3
+"""Members of a leader from which laws are written before more are added: few plants lack as many
+effects, and a law that has no name asks for as many as may be."""
+ROUNDS = 3
+"""Times that laws are written, each about what those before leave."""
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """A law that was written.
+
+    Attributes
+    ----------
+    law : Candidate
+    values : ndarray, shape (its constants,)
+        That it was written with.
+    rest : tuple of int
+        Candidates of the search that stay beside it.
+    base : ndarray, shape (free parameters,)
+        Those of the given model beside which it was written.
+    """
+
+    law: Candidate
+    values: np.ndarray
+    rest: Members
+    base: np.ndarray
+
+
+Write = Callable[[State, Course], Sequence[Written]]
+"""Writes laws for what a search leaves."""
+
+
+def with_laws(
+    state: State,
+    course: Course,
+    write: Write,
+    tell: Callable[[State], None] | None = None,
+) -> State:
+    """Weigh laws that are written beside the members that stay with each, and grow what leads.
+
+    Once more as long as one leads that did not before: about its path what is left is smaller. Then
+    larger sets are asked.
+
+    Parameters
+    ----------
+    state : State
+        At the end of a search along `course`, for a leader of fewer than `MANY` members.
+    tell : callable, optional
+        Hears what is known before each step.
+    """
+    for _ in range(ROUNDS):
+        before, count = state.leader.members, len(state.work.super_model.candidates)
+        laws = () if state.work.stop() else write(state, course)
+        if not laws:
+            break
+        state = _widened(state, course, laws)
+        for number, written in enumerate(laws, count):
+            begun = state.leader.theta.copy()
+            begun[state.work.super_model.base_index()] = written.base
+            near = replace(state.leader, theta=begun)
+            state = weighed(state, (*written.rest, number), near)
+        state = grown(state, tell, MANY)
+        if state.leader.members == before:
+            break
+    return grown(state, tell)
+
+
+def _widened(state: State, course: Course, laws: Sequence[Written]) -> State:
+    """Return what is known, with laws as further candidates at the values they were written with.
+
+    Numbers and names of the candidates before stay.
+    """
+    before = state.work.super_model
+    every = SuperModel.build(before.given, [*before.candidates, *(w.law for w in laws)])
+    args = course.prepared, course.seconds, course.null.noise, state.work.stop
+    work, first = Workspace.build(every, *args), len(state.work.theta)
+    theta = work.theta.copy()
+    for number, written in enumerate(laws, len(before.candidates)):
+        theta[every.index(number)] = written.values
+    known = {
+        members: None if h is None else replace(h, theta=np.append(h.theta, theta[first:]))
+        for members, h in state.known.items()
+    }
+    return replace(state, work=work, table=first_table(work, course.null), known=known)
