@@ -274,7 +274,7 @@ def test_the_start_of_the_program_takes_nothing_of_the_search(
     class Seen(BaseException):
         pass
 
-    def see(case: Any, costs: Any) -> None:
+    def see(case: Any, costs: Any, rng: Any) -> None:
         raise Seen(case)
 
     course = importlib.import_module("jaxsr.diagnosis.diagnose")

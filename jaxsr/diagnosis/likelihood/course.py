@@ -176,7 +176,25 @@ def left_over(work: Workspace, found: Hypothesis, table: Table) -> tuple[np.ndar
     for k, s in enumerate(work.force_states):
         size = np.where(own[k] == 0.0, np.inf, own[k])
         columns[k, :, :-1] = np.moveaxis(local.by_constant[:, :, s, m:], -1, 0) / size
-    return forces, columns
+    count = problem.segments.count
+    return _at_samples(forces, count), _at_samples(columns, count)
+
+
+def _at_samples(held: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Return at the samples what acts in the steps from each to the next.
+
+    Parameters
+    ----------
+    held : ndarray, shape (..., samples, pieces)
+        A step's value in the place of its first sample.
+    count : ndarray, shape (pieces,)
+        Samples of the pieces.
+    """
+    found = held.copy()
+    found[..., 1:, :] = 0.5 * (held[..., 1:, :] + held[..., :-1, :])
+    pieces = np.arange(len(count))
+    found[..., count - 1, pieces] = held[..., count - 2, pieces]  # no step leaves the last
+    return found
 
 
 def whole(work: Workspace, prepared: Sequence[Prepared], pieces: np.ndarray) -> np.ndarray:
