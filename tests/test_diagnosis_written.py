@@ -152,7 +152,7 @@ def test_laws_are_the_simplest_of_their_error() -> None:
         Workspace, SimpleNamespace(super_model=SuperModel.build(model, []), prepared=[item])
     )
     site = next(s for s in sites_of(model, {}) if s.state == "v")
-    place = Place(site, (), np.zeros(4), np.zeros((4, 1)), signals, np.array([6.0]))
+    place = Place(site, (), np.zeros(4), np.zeros((4, 1)), signals, np.array([6.0]), np.ones(1))
     proposed = [
         proposal("v", 1.0),  # has a name
         proposal("q*v", 0.5),

@@ -9,13 +9,12 @@ of laws that take as many bits.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from jaxsr.diagnosis.laws.naming import named
 from jaxsr.diagnosis.laws.poles import BEYOND
-from jaxsr.diagnosis.laws.tangent_laws import SECONDS, SHARE
 from jaxsr.diagnosis.laws.unnamed import (
     FORCES,
     MAX_TERMS,
@@ -43,6 +42,10 @@ from jaxsr.expressions import Term, evaluate, parse
 
 SEVERAL = 2
 """Forces of a leader at one equation from which one law may stand for them."""
+SECONDS, SHARE = 4.0, 0.25
+"""Longest search at an equation, and the largest share of the time left that one may take."""
+SURE = 1e-3
+"""Share of its mean square to which what acts is known, where it is smoothed."""
 CLEARLY, MOST = 0.7, 6
 """Share of a simpler law's error from which another is weighed beside it, and laws that are."""
 POPULATION = 120
@@ -66,6 +69,8 @@ class Place:
         States, inputs and time along the path of the set about which the law is written.
     base : ndarray, shape (free parameters,)
         Those of the given model, of that set.
+    deviation : ndarray, shape (free parameters,)
+        How far they are believed to be from there.
     """
 
     site: Site
@@ -74,24 +79,33 @@ class Place:
     reach: np.ndarray
     signals: dict[str, np.ndarray]
     base: np.ndarray
+    deviation: np.ndarray
+
+    @property
+    def believed(self) -> np.ndarray:
+        """Rows that hold re-calibration to what is believed of it, shape (free parameters, same).
+
+        A law that is all but one of its columns would explain anything by their difference. What
+        acts is known to `SURE` of itself.
+        """
+        fixed = np.linalg.lstsq(self.reach, self.force, rcond=1e-9)[0]
+        left = float(np.mean((self.force - self.reach @ fixed) ** 2))
+        return np.diag(np.sqrt(SURE * left) / self.deviation)
 
 
 @dataclass(eq=False)
 class Writer:
-    """Writes laws for what a search by evidence leaves, from what was written before on.
+    """Writes laws for what a search by evidence leaves.
 
     Attributes
     ----------
     rng : numpy.random.Generator
     remaining : callable
         Seconds that are left.
-    known : dict of str to list of sets of terms
-        What the evolution ended with at an equation.
     """
 
     rng: np.random.Generator
     remaining: Callable[[], float]
-    known: dict[str, list[tuple[Term, ...]]] = field(default_factory=dict)
 
     def __call__(self, state: State, course: Course) -> list[Written]:
         """Return laws, and what of the leader stays beside each."""
@@ -111,20 +125,23 @@ class Writer:
         self, work: Workspace, course: Course, place: Place, seconds: float
     ) -> list[Proposal]:
         """Let the evolution explain what acts at a place, re-calibration moving along."""
-        model, state = work.super_model.given, place.site.state
+        model = work.super_model.given
         sizes = sizes_of(model, work.prepared)
-        found = propose(
+        believed, none = place.believed, np.zeros(len(place.base))
+
+        def view(columns: np.ndarray) -> np.ndarray:
+            rows = course.motion.integrate(columns)
+            return np.concatenate([rows, np.zeros((len(none), rows.shape[1]))])
+
+        return propose(
             self.rng,
-            place.force,
+            np.concatenate([place.force, none]),
             {name: place.signals[name] / sizes[name] for name in model.states},
-            view=course.motion.integrate,
-            fixed=place.reach,
+            view=view,
+            fixed=np.concatenate([place.reach, believed]),
             config=SearchConfig(population=POPULATION, sizes=SizeLimits(terms=MAX_TERMS)),
-            guesses=self.known.get(state, ()),
             budget=seconds,
         )
-        self.known[state] = [p.terms for p in found]
-        return found
 
 
 def places(state: State, course: Course) -> list[Place]:
@@ -170,6 +187,8 @@ class _Acting:
     columns : ndarray, shape (forces, free parameters, samples, pieces)
         What re-calibration does, as forces.
     signals : dict of str to ndarray, shape (samples,)
+    deviation : ndarray, shape (free parameters,)
+        Of what is believed of them.
     """
 
     work: Workspace
@@ -178,6 +197,7 @@ class _Acting:
     forces: np.ndarray
     columns: np.ndarray
     signals: dict[str, np.ndarray]
+    deviation: np.ndarray
 
     @staticmethod
     def of(work: Workspace, course: Course, found: Hypothesis, table: Table) -> _Acting:
@@ -185,7 +205,8 @@ class _Acting:
         model = work.super_model.given
         paths = [whole(work, work.prepared, values) for values in found.path]
         signals = {**course.motion.signals, **dict(zip(model.states, paths, strict=True))}
-        return _Acting(work, course, found, *left_over(work, found, table), signals)
+        deviation = table.belief.deviation[list(table.base)]
+        return _Acting(work, course, found, *left_over(work, found, table), signals, deviation)
 
     @property
     def states(self) -> list[str]:
@@ -211,7 +232,7 @@ class _Acting:
             s for s in sites_of(model, state_scale(model, work.prepared)) if s.state == state
         )
         base = self.found.theta[work.super_model.base_index()]
-        return Place(site, rest, seen[:, 0], seen[:, 1:], self.signals, base)
+        return Place(site, rest, seen[:, 0], seen[:, 1:], self.signals, base, self.deviation)
 
 
 def laws_of(work: Workspace, place: Place, proposed: Sequence[Proposal]) -> list[ProposedForce]:
