@@ -1,0 +1,125 @@
+"""Laws outside the family: told without a name where they act, and nothing told where none does.
+
+    python -m benchmarks.nameless_laws [--quick] [--jobs N] [--seed S] [--machines NAME ...]
+
+Every machine (`benchmarks.nameless_machines`) with the law that its model lacks, by the command as
+it is and, as an ablation, with no laws written beside the search by evidence; and with nothing
+missing. An answer is right where the verdict is, the one finding has no name and its place is that
+of the law. What a recording that was held out keeps of the error that re-calibration leaves is
+`left`. Budgets are of processor time. Writes ``results/nameless_laws.json``; --quick (one machine,
+no file) fails where its answer is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+import jaxsr._clock as clock
+import jaxsr.diagnosis.likelihood.posterior as posterior
+from benchmarks.nameless_machines import HELD_OUT, MACHINES
+from benchmarks.provenance import write
+from jaxsr.diagnosis import diagnose
+from jaxsr.models import Simulator
+
+BUDGET, SEED = 90.0, 0
+QUICK = ("van der Pol",)
+WRITTEN, NONE, NOTHING = "laws written", "none written", "nothing missing"
+
+
+@dataclass(frozen=True)
+class Task:
+    """One diagnosis."""
+
+    machine: str
+    way: str
+    seed: int
+
+
+def diagnosed(task: Task) -> dict[str, Any]:
+    """Return the row of one diagnosis."""
+    if task.way == NONE:
+        posterior.with_laws = lambda state, *_: state
+    machine, lacking = MACHINES[task.machine], task.way != NOTHING
+    # One draw a machine, the same for both ways.
+    rng = np.random.default_rng([task.seed, list(MACHINES).index(task.machine), lacking])
+    recordings = [*machine.recordings(rng, lacking), *machine.recordings(rng, lacking)]
+    began = clock.now()
+    model = Simulator(machine.model)
+    found = diagnose(model, recordings[:2], held_out=recordings[2:3], budget=BUDGET)
+    told = [(f["mechanism"], f["site"]) for f in found.findings]
+    wanted = [(machine.mechanism, f"equation:{machine.state}")] if lacking else []
+    verdict = "structure" if lacking else "nothing"
+    fit = found.document["fit"]["held_out"]
+    return {
+        **asdict(task),
+        "verdict": found.verdict,
+        "findings": told,
+        "term": found.findings[0]["term"] if told else None,
+        "right": found.verdict == verdict and told == wanted,
+        "left": fit["explained"][-1] / fit["recalibrated"][-1],
+        "seconds": round(clock.now() - began, 1),
+    }
+
+
+def told(row: dict[str, Any]) -> str:
+    """Return a row as a line."""
+    what = ", ".join(f"{mechanism} at {site}" for mechanism, site in row["findings"]) or "-"
+    mark = "right" if row["right"] else "WRONG"
+    name = f"{row['machine']}, {row['way']}"
+    return f"{name:48} {mark} {row['verdict']}: {what} (left {row['left']:.3f}, {row['seconds']} s)"
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return how many answers are right, by way, on machines seen and held out."""
+
+    def counted(way: str, held: bool) -> dict[str, Any]:
+        own = [r for r in rows if r["way"] == way and (r["machine"] in HELD_OUT) is held]
+        left = float(np.median([r["left"] for r in own])) if own else None
+        return {"right": sum(r["right"] for r in own), "of": len(own), "left": left}
+
+    ways = dict.fromkeys(r["way"] for r in rows)
+    return {w: {"seen": counted(w, False), "held out": counted(w, True)} for w in ways}
+
+
+def main() -> int:
+    """Run, print, write; 1 where the quick machine is wrong."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--machines", nargs="+", choices=list(MACHINES), help="no file written")
+    given = parser.parse_args()
+    os.environ["JAXSR_CLOCK"] = "processor"
+    machines = QUICK if given.quick else given.machines or tuple(MACHINES)
+    ways = (WRITTEN,) if given.quick else (WRITTEN, NONE, NOTHING)
+    tasks = [Task(m, w, given.seed) for m in machines for w in ways]
+    rows: list[dict[str, Any]] = []
+    # A process a task: one leaves laws switched off behind.
+    with ProcessPoolExecutor(
+        given.jobs, mp_context=get_context("spawn"), max_tasks_per_child=1
+    ) as pool:
+        for row in pool.map(diagnosed, tasks):
+            rows.append(row)
+            print(told(row), flush=True)
+    counts = summary(rows)
+    for way, parts in counts.items():
+        text = ", ".join(f"{part}: {c['right']} of {c['of']}" for part, c in parts.items())
+        print(f"{way}: {text}")
+    if given.quick:
+        return int(not all(row["right"] for row in rows))
+    if not given.machines:
+        document = {"budget_s": BUDGET, "summary": counts, "rows": rows}
+        write("nameless_laws", "laws that are none of those offered", [given.seed], document)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
