@@ -8,14 +8,16 @@ of laws that take as many bits.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, combinations_with_replacement
 
 import numpy as np
 
 from jaxsr.diagnosis.laws.naming import named
-from jaxsr.diagnosis.laws.poles import BEYOND
 from jaxsr.diagnosis.laws.unnamed import (
+    CUBIC,
     FORCES,
     MAX_TERMS,
     UNNAMED,
@@ -44,6 +46,8 @@ SEVERAL = 2
 """Forces of a leader at one equation from which one law may stand for them."""
 SECONDS, SHARE = 4.0, 0.25
 """Longest search at an equation, and the largest share of the time left that one may take."""
+AROUND = 1.05
+"""Range, in that of the path about which a law is written, over which other paths may lead."""
 SURE = 1e-3
 """Share of its mean square to which what acts is known, where it is smoothed."""
 CLEARLY, MOST = 0.7, 6
@@ -61,8 +65,9 @@ class Place:
     site : Site
     rest : tuple of int
         Members of the leader that stay beside the law.
-    force : ndarray, shape (rows,)
-        What acts there beside the given model, seen through the windows of the motion.
+    force, left : ndarray, shape (rows,)
+        What acts there beside the given model, seen through the windows of the motion, and what of
+        it the set leaves about which the law is written.
     reach : ndarray, shape (rows, free parameters)
         What re-calibration does there.
     signals : dict of str to ndarray, shape (samples,)
@@ -76,10 +81,16 @@ class Place:
     site: Site
     rest: Members
     force: np.ndarray
+    left: np.ndarray
     reach: np.ndarray
     signals: dict[str, np.ndarray]
     base: np.ndarray
     deviation: np.ndarray
+
+    def beside(self, rows: np.ndarray, columns: np.ndarray | None = None) -> float:
+        """Return the mean square that re-calibration, and some forces, leave of rows."""
+        known = self.reach if columns is None else np.concatenate([self.reach, columns], axis=1)
+        return float(np.mean((rows - known @ np.linalg.lstsq(known, rows, rcond=1e-9)[0]) ** 2))
 
     @property
     def believed(self) -> np.ndarray:
@@ -88,9 +99,7 @@ class Place:
         A law that is all but one of its columns would explain anything by their difference. What
         acts is known to `SURE` of itself.
         """
-        fixed = np.linalg.lstsq(self.reach, self.force, rcond=1e-9)[0]
-        left = float(np.mean((self.force - self.reach @ fixed) ** 2))
-        return np.diag(np.sqrt(SURE * left) / self.deviation)
+        return np.diag(np.sqrt(SURE * self.beside(self.force)) / self.deviation)
 
 
 @dataclass(eq=False)
@@ -149,22 +158,47 @@ def places(state: State, course: Course) -> list[Place]:
 
     What it has elsewhere stays beside a law there, and does not: it may imitate the law as well.
     Beside members with states of their own no path tells what acts, so that these do not stay.
+    Where it has but one force, a law of the states must leave clearly less than that does.
     """
     work, leader, null = state.work, state.leader, state.known[()]
     own, every = _forces(work, leader), work.super_model.candidates
-    asked, left = [s for s, members in own.items() if len(members) >= SEVERAL], forced(state)
-    if null is None or not (asked or left):
+    several = [s for s, members in own.items() if len(members) >= SEVERAL]
+    left = forced(state)
+    if null is None or not (several or left):
         return []
-    alone, found = _Acting.of(work, course, null, state.table), list[Place]()
+    alone = _Acting.of(work, course, null, state.table)
     if any(every[i].states for i in leader.members):
-        beside = asked or [alone.largest(state.table)]
-    else:
-        table = about(work, leader)
-        acting = _Acting.of(work, course, leader, table)
-        asked += [acting.largest(table)] if left else []
-        found = [acting.at(s, tuple(own.get(s, ()))) for s in dict.fromkeys(asked)]
-        beside = [p.site.state for p in found if p.rest]
-    return found + [alone.at(s, ()) for s in dict.fromkeys(beside)]
+        return [alone.at(s, ()) for s in several or [alone.largest(state.table)]]
+    table = about(work, leader)
+    acting = _Acting.of(work, course, leader, table)
+    asked = [*several, acting.largest(table)] if left else several
+    found = list[Place]()
+    for name in dict.fromkeys(asked):
+        place = acting.at(name, tuple(own.get(name, ())))
+        known = place.beside(place.left)
+        instead = [alone.at(name, ())] if place.rest else []
+        for p in (place, *instead):
+            if name in several or _least(p, course) < CLEARLY * known:
+                found.append(p)
+    return found
+
+
+def _least(place: Place, course: Course) -> float:
+    """Return the mean square that cubic laws of the states leave of what acts at a place.
+
+    Of many states, squares or the states alone: as many columns as a quarter of the rows.
+    """
+    states = [place.signals[name] for name in place.site.model.states]
+    states = [x / (np.max(np.abs(x)) + 1e-300) for x in states]
+    for degree in (CUBIC, 2, 1):
+        count = math.comb(len(states) + degree, degree)
+        if count <= len(place.force) // 4:
+            sets = chain.from_iterable(
+                combinations_with_replacement(states, d) for d in range(degree + 1)
+            )
+            columns = np.stack([np.prod([1.0 + 0.0 * states[0], *s], axis=0) for s in sets], -1)
+            return place.beside(place.force, course.motion.integrate(columns))
+    return 0.0
 
 
 def _forces(work: Workspace, found: Hypothesis) -> dict[str, list[int]]:
@@ -221,18 +255,18 @@ class _Acting:
     def at(self, state: str, own: Members) -> Place:
         """Return an equation, with what is left along it and the forces of its `own` members."""
         work, k = self.work, self.states.index(state)
-        acting = whole(work, work.prepared, self.forces[k])
-        for i in own:
-            acting = acting + _force(work, self.found, i, self.signals)
+        left = whole(work, work.prepared, self.forces[k])
+        acting = left + sum(_force(work, self.found, i, self.signals) for i in own)
         reach = [whole(work, work.prepared, c) for c in self.columns[k]]
-        seen = self.course.motion.integrate(np.stack([acting, *reach], -1))
+        seen = self.course.motion.integrate(np.stack([acting, left, *reach], -1))
         rest = tuple(i for i in self.found.members if i not in own)
         model = work.super_model.given
         site = next(
             s for s in sites_of(model, state_scale(model, work.prepared)) if s.state == state
         )
         base = self.found.theta[work.super_model.base_index()]
-        return Place(site, rest, seen[:, 0], seen[:, 1:], self.signals, base, self.deviation)
+        told = seen[:, 0], seen[:, 1], seen[:, 2:]
+        return Place(site, rest, *told, self.signals, base, self.deviation)
 
 
 def laws_of(work: Workspace, place: Place, proposed: Sequence[Proposal]) -> list[ProposedForce]:
@@ -260,7 +294,7 @@ def _finite_around(law: Term, signals: Mapping[str, np.ndarray]) -> bool:
 
     Where it is none it makes none of every set, were its coefficient zero.
     """
-    for reach in (1.0, 1.0 + 2.0 * BEYOND):
+    for reach in (1.0, AROUND):
         middle = {n: 0.5 * (x.min() + x.max()) for n, x in signals.items()}
         wider = {n: middle[n] + reach * (x - middle[n]) for n, x in signals.items()}
         with np.errstate(all="ignore"):
