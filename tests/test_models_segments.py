@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from jaxsr.diagnosis.contest.reduced import restepped
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.models import parse_model
+from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments, build_segments, cut, unbroken
 from jaxsr.recordings import Recording
 
@@ -44,6 +46,17 @@ def test_segments_have_the_inputs_of_coarser_and_of_finer_steps(hold, many, few)
     for found, expected in ((fine.coarsened(few), coarse), (coarse.refined(many // few), fine)):
         np.testing.assert_allclose(found.length, expected.length, rtol=1e-12)
         np.testing.assert_allclose(found.stages, expected.stages, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("hold", ["zero", "linear"])
+@pytest.mark.parametrize("old", [1, 2, 3, 8, 11])
+@pytest.mark.parametrize("new", [1, 2, 3, 8, 11])
+def test_any_number_of_steps_follows_any_other(hold: str, old: int, new: int) -> None:
+    """A memory of eleven steps had no two of implicit steps beside dry friction."""
+    steps = Stepping("rk4", old, ()), Stepping("rk4", new, ())
+    found, expected = restepped(segments_of(hold, old), steps[1], steps[0]), segments_of(hold, new)
+    np.testing.assert_allclose(found.length, expected.length, rtol=1e-12)
+    np.testing.assert_allclose(found.stages, expected.stages, rtol=1e-12, atol=1e-12)
 
 
 def test_angles_without_a_unit_are_known_by_their_sine():

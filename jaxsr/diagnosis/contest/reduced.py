@@ -162,12 +162,17 @@ def _resolving(stepping: Stepping, candidates: Sequence[Candidate]) -> Stepping:
 
 
 def restepped(segments: Segments, new: Stepping, old: Stepping) -> Segments:
-    """Return segments with the steps between samples of another stepping."""
-    if new.substeps < old.substeps:
+    """Return segments with the steps between samples of another stepping.
+
+    Between samples inputs are lines or constants, which one step draws as well.
+    """
+    if new.substeps == old.substeps:
+        return segments
+    if old.substeps % new.substeps == 0:
         return segments.coarsened(new.substeps)
-    if new.substeps > old.substeps:
-        return segments.refined(new.substeps // old.substeps)
-    return segments
+    if new.substeps % old.substeps:
+        segments, old = segments.coarsened(1), replace(old, substeps=1)
+    return segments.refined(new.substeps // old.substeps)
 
 
 def _parameter_names(
