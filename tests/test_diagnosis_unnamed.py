@@ -13,9 +13,11 @@ from scipy.integrate import solve_ivp
 from jaxsr._progress import Budget
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis.laws import weak_laws
-from jaxsr.diagnosis.laws.unnamed import _written
+from jaxsr.diagnosis.laws.natural import Natural
 from jaxsr.diagnosis.laws.weak_laws import _search, _worst_state
 from jaxsr.diagnosis.screening.weak_system import WeakSystem
+from jaxsr.evolution.config import PrimitiveSet
+from jaxsr.evolution.create import random_term
 from jaxsr.expressions import evaluate, parse, to_text
 from jaxsr.models import Simulator, parse_model
 from jaxsr.recordings import Recording
@@ -125,17 +127,55 @@ def test_a_proposal_is_written_in_the_states_themselves():
     """Scaled states and inner constants as parameters: the same values as the search saw."""
     sizes = {"q": 0.031, "v": 1.0}
     term = parse("exp(-0.7*q**2)*v/(2 + 1.3*q)")
-    inner: list[float] = []
-    text = to_text(_written(term, sizes, inner), 6).format(a1="a1", a2="a2", a3="a3")
-    assert sorted(abs(a) for a in inner) == [0.7, 1.3, 2.0] and "**2" in text
+    natural = Natural(sizes)
+    factor, written = natural.of(term)
+    text = to_text(written, 6).format(a1="a1", a2="a2", a3="a3")
+    assert len(natural.inner) == 3 and "**2" in text
     rng = np.random.default_rng(0)
     q, v = 0.03 * rng.normal(size=20), rng.normal(size=20)
-    own = dict(zip(("a1", "a2", "a3"), inner, strict=True))
+    own = dict(zip(("a1", "a2", "a3"), natural.inner, strict=True))
     np.testing.assert_allclose(
-        evaluate(parse(text), {"q": q, "v": v, **own}),
+        factor * evaluate(parse(text), {"q": q, "v": v, **own}),
         evaluate(term, {"q": q / 0.031, "v": v}),
         rtol=1e-12,
     )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_any_law_keeps_its_values_over_the_states_themselves(seed: int) -> None:
+    """Two hundred random laws: sizes go into a factor and into constants, and nowhere else."""
+    rng = np.random.default_rng(seed)
+    sizes = {"x": 5.0, "y": 0.031}
+    z = {n: rng.uniform(0.2, 1.5, 50) for n in sizes}
+    signals = {n: sizes[n] * z[n] for n in sizes}
+    for _ in range(200):
+        term = random_term(rng, list(sizes), PrimitiveSet(real_exponents=0.3), 12)
+        natural = Natural(sizes)
+        factor, written = natural.of(term)
+        own = {f"{{a{k}}}": value for k, value in enumerate(natural.inner, 1)}
+        with np.errstate(all="ignore"):
+            expected = np.asarray(evaluate(term, z)) + np.zeros(50)
+            near = np.asarray(evaluate(term, {n: x * (1.0 + 1e-13) for n, x in z.items()}))
+            found = factor * np.asarray(evaluate(written, {**signals, **own})) + np.zeros(50)
+            # Waves of exponentials are rounding.
+            good = np.abs(near - expected) < 1e-10 * np.abs(expected)
+        np.testing.assert_allclose(found[good], expected[good], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "natural", "inner"),
+    [
+        ("x**2*y/(x + 0.6)", "x**2*y/(x + {a1})", [3.0]),
+        ("y*exp(3.2*x)", "y*exp({a1}*x)", [0.64]),
+        ("1/(x - 0.5)**2", "1/(x - {a1})**2", [2.5]),
+        ("Abs(y)*y", "Abs(y)*y", []),
+    ],
+)
+def test_a_law_reads_as_people_write_it(text: str, natural: str, inner: list[float]) -> None:
+    written = Natural({"x": 5.0, "y": 0.031})
+    _, term = written.of(parse(text))
+    assert to_text(term, 6) == natural
+    np.testing.assert_allclose(written.inner, inner)
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.criteria import independent_residuals
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
+from jaxsr.diagnosis.laws.natural import Natural
 from jaxsr.diagnosis.laws.poles import ranges_of, without_poles
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, UNNAMED, Candidate, ParameterSpec
 from jaxsr.evolution.propose import Proposal
@@ -121,11 +122,12 @@ def as_candidate(
     model: Model, prepared: Sequence[Prepared], state: int, proposal: Proposal
 ) -> ProposedForce:
     """Write a proposal as a candidate; constants inside its terms are estimated as well."""
-    name, sizes = model.states[state], sizes_of(model, prepared)
-    inner: list[float] = []
-    terms = [_written(term, sizes, inner) for term in proposal.terms]
+    name, natural = model.states[state], Natural(sizes_of(model, prepared))
+    factors, terms = zip(*(natural.of(term) for term in proposal.terms), strict=True)
     pieces = [f"{{c{k}}}*({to_text(term, 6)})" for k, term in enumerate(terms, 1)]
-    coefficients = [ParameterSpec(f"c{k}") for k in range(1, len(proposal.terms) + 1)]
+    values = proposal.coefficients * np.array(factors)
+    most = np.maximum(REACH * np.abs(values), UNLIMITED)  # of cubes of small states
+    coefficients = [ParameterSpec(f"c{k}", low=-m, high=m) for k, m in enumerate(most.tolist(), 1)]
     constants = [
         ParameterSpec(
             f"a{k}",
@@ -134,7 +136,7 @@ def as_candidate(
             neutral=value,
             coefficient=False,
         )
-        for k, value in enumerate(inner, 1)
+        for k, value in enumerate(natural.inner, 1)
     ]
     candidate = Candidate(
         mechanism=UNNAMED,
@@ -147,7 +149,7 @@ def as_candidate(
         physical=without_poles(terms, ranges_of(model, prepared)),
         source="evolutionary sparse regression",
     )
-    return candidate, np.array([*proposal.coefficients, *inner])
+    return candidate, np.array([*values, *natural.inner])
 
 
 def choices(*terms: Term) -> float:
@@ -173,24 +175,6 @@ def length_of(proposal: Proposal, rows: float) -> float:
     """Return twice the nats that write a proposal down, its constants estimated from `rows`."""
     bits = sum(estimated_length(t, rows) + 0.5 * np.log2(max(rows, 2.0)) for t in proposal.terms)
     return 2.0 * np.log(2.0) * bits
-
-
-def _written(term: Term, sizes: dict[str, float], inner: list[float], within: str = "") -> Term:
-    """Divide states by their sizes, and put parameters for constants.
-
-    Whole numbers stay but where they are added to something: exponents are no estimates.
-    """
-    if term.is_variable:
-        size = sizes[term.name]
-        return term if size == 1.0 else Term.apply("div", term, Term.constant(size))
-    if term.is_constant:
-        if term.value == round(term.value) and within not in ("add", "sub"):
-            return term
-        inner.append(term.value)
-        return Term.variable(f"{{a{len(inner)}}}")
-    if not term.args:
-        return term
-    return Term.apply(term.op, *(_written(a, sizes, inner, term.op) for a in term.args))
 
 
 def estimable(proposal: Proposal) -> bool:
