@@ -153,7 +153,7 @@ def test_laws_are_the_simplest_of_their_error() -> None:
     )
     site = next(s for s in sites_of(model, {}) if s.state == "v")
     rows = np.zeros(4), np.zeros(4), np.zeros((4, 1))
-    place = Place(site, (), *rows, signals, np.array([6.0]), np.ones(1))
+    place = Place(site, (), *rows, signals, *np.array([[6.0], [1.0], [1.0], [20.0]]))
     proposed = [
         proposal("v", 1.0),  # has a name
         proposal("q*v", 0.5),
@@ -166,6 +166,23 @@ def test_laws_are_the_simplest_of_their_error() -> None:
     assert len(laws) == 3
     for text, part in zip(laws, ("{c1}*(q", "**2", "exp("), strict=True):
         assert part in text
+
+
+def test_what_a_parameter_would_do_beyond_its_bound_is_left_for_the_law() -> None:
+    """Two parameters at 0.3 and 2; the first would go to -0.9, and is held at 0."""
+    rng = np.random.default_rng(0)
+    reach, law = rng.normal(size=(50, 2)), rng.normal(size=50)
+    site = next(s for s in sites_of(parse_model(MODEL), {}) if s.state == "v")
+    force = reach @ [-1.2, 0.5] + law
+    bounds = np.array([0.3, 2.0]), np.ones(2), np.array([0.0, 1.0]), np.array([3.0, 4.0])
+    place = Place(site, (), force, 0.0 * force, reach, {}, *bounds)
+    held = place.held(np.array([-1.2, 0.5]))
+    assert held is not None
+    np.testing.assert_array_equal(held.reach[:, 0], 0.0)
+    np.testing.assert_array_equal(held.reach[:, 1], reach[:, 1])
+    left = held.force - held.reach @ [0.0, 0.5]
+    np.testing.assert_allclose(left, law - 0.9 * reach[:, 0], atol=1e-12)
+    assert held.held(np.array([0.0, 0.5])) is None
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, combinations_with_replacement
 
 import numpy as np
@@ -29,6 +29,7 @@ from jaxsr.diagnosis.laws.unnamed import (
     sizes_of,
 )
 from jaxsr.diagnosis.likelihood.course import Course, left_over, whole
+from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.later import Written
 from jaxsr.diagnosis.likelihood.loop import about, forced
@@ -74,8 +75,8 @@ class Place:
         States, inputs and time along the path of the set about which the law is written.
     base : ndarray, shape (free parameters,)
         Those of the given model, of that set.
-    deviation : ndarray, shape (free parameters,)
-        How far they are believed to be from there.
+    deviation, low, high : ndarray, shape (free parameters,)
+        How far they are believed to be from there, and between what.
     """
 
     site: Site
@@ -86,6 +87,20 @@ class Place:
     signals: dict[str, np.ndarray]
     base: np.ndarray
     deviation: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def held(self, moved: np.ndarray) -> Place | None:
+        """Return the equation with parameters at the bounds beyond which they moved; None if none.
+
+        What they would do there is left for the law.
+        """
+        to = np.clip(self.base + moved, self.low, self.high) - self.base
+        out = to != moved
+        if not out.any():
+            return None
+        force = self.force - self.reach[:, out] @ to[out]
+        return replace(self, force=force, reach=np.where(out, 0.0, self.reach))
 
     def beside(self, rows: np.ndarray, columns: np.ndarray | None = None) -> float:
         """Return the mean square that re-calibration, and some forces, leave of rows."""
@@ -134,23 +149,28 @@ class Writer:
         self, work: Workspace, course: Course, place: Place, seconds: float
     ) -> list[Proposal]:
         """Let the evolution explain what acts at a place, re-calibration moving along."""
-        model = work.super_model.given
+        model, found = work.super_model.given, list[Proposal]()
         sizes = sizes_of(model, work.prepared)
-        believed, none = place.believed, np.zeros(len(place.base))
+        none, open_place = np.zeros(len(place.base)), place
 
         def view(columns: np.ndarray) -> np.ndarray:
             rows = course.motion.integrate(columns)
             return np.concatenate([rows, np.zeros((len(none), rows.shape[1]))])
 
-        return propose(
-            self.rng,
-            np.concatenate([place.force, none]),
-            {name: place.signals[name] / sizes[name] for name in model.states},
-            view=view,
-            fixed=np.concatenate([place.reach, believed]),
-            config=SearchConfig(population=POPULATION, sizes=SizeLimits(terms=MAX_TERMS)),
-            budget=seconds,
-        )
+        while open_place is not None:
+            place = open_place
+            found = propose(
+                self.rng,
+                np.concatenate([place.force, none]),
+                {name: place.signals[name] / sizes[name] for name in model.states},
+                view=view,
+                fixed=np.concatenate([place.reach, place.believed]),
+                config=SearchConfig(population=POPULATION, sizes=SizeLimits(terms=MAX_TERMS)),
+                budget=seconds,
+            )
+            best = min(found, key=lambda p: p.loss, default=None)
+            open_place = None if best is None else place.held(best.fixed)
+        return found
 
 
 def places(state: State, course: Course) -> list[Place]:
@@ -221,8 +241,8 @@ class _Acting:
     columns : ndarray, shape (forces, free parameters, samples, pieces)
         What re-calibration does, as forces.
     signals : dict of str to ndarray, shape (samples,)
-    deviation : ndarray, shape (free parameters,)
-        Of what is believed of them.
+    belief : Belief
+        Of the free parameters.
     """
 
     work: Workspace
@@ -231,7 +251,7 @@ class _Acting:
     forces: np.ndarray
     columns: np.ndarray
     signals: dict[str, np.ndarray]
-    deviation: np.ndarray
+    belief: Belief
 
     @staticmethod
     def of(work: Workspace, course: Course, found: Hypothesis, table: Table) -> _Acting:
@@ -239,8 +259,7 @@ class _Acting:
         model = work.super_model.given
         paths = [whole(work, work.prepared, values) for values in found.path]
         signals = {**course.motion.signals, **dict(zip(model.states, paths, strict=True))}
-        deviation = table.belief.deviation[list(table.base)]
-        return _Acting(work, course, found, *left_over(work, found, table), signals, deviation)
+        return _Acting(work, course, found, *left_over(work, found, table), signals, table.belief)
 
     @property
     def states(self) -> list[str]:
@@ -266,7 +285,10 @@ class _Acting:
         )
         base = self.found.theta[work.super_model.base_index()]
         told = seen[:, 0], seen[:, 1], seen[:, 2:]
-        return Place(site, rest, *told, self.signals, base, self.deviation)
+        belief = (
+            x[: len(base)] for x in (self.belief.deviation, self.belief.low, self.belief.high)
+        )
+        return Place(site, rest, *told, self.signals, base, *belief)
 
 
 def laws_of(work: Workspace, place: Place, proposed: Sequence[Proposal]) -> list[ProposedForce]:
