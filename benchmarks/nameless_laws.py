@@ -57,14 +57,15 @@ def diagnosed(task: Task) -> dict[str, Any]:
     told = [(f["mechanism"], f["site"]) for f in found.findings]
     wanted = [(machine.mechanism, f"equation:{machine.state}")] if lacking else []
     verdict = "structure" if lacking else "nothing"
-    fit = found.document["fit"]["held_out"]
+    fit = found.document["fit"]["held_out"] or {}
+    ends = [(fit.get(which) or [None])[-1] for which in ("explained", "recalibrated")]
     return {
         **asdict(task),
         "verdict": found.verdict,
         "findings": told,
         "term": found.findings[0]["term"] if told else None,
         "right": found.verdict == verdict and told == wanted,
-        "left": fit["explained"][-1] / fit["recalibrated"][-1],
+        "left": None if None in ends else ends[0] / ends[1],  # a free run may end
         "seconds": round(clock.now() - began, 1),
     }
 
@@ -74,7 +75,8 @@ def told(row: dict[str, Any]) -> str:
     what = ", ".join(f"{mechanism} at {site}" for mechanism, site in row["findings"]) or "-"
     mark = "right" if row["right"] else "WRONG"
     name = f"{row['machine']}, {row['way']}"
-    return f"{name:48} {mark} {row['verdict']}: {what} (left {row['left']:.3f}, {row['seconds']} s)"
+    left = "-" if row["left"] is None else f"{row['left']:.3f}"
+    return f"{name:48} {mark} {row['verdict']}: {what} (left {left}, {row['seconds']} s)"
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -82,7 +84,8 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
     def counted(way: str, held: bool) -> dict[str, Any]:
         own = [r for r in rows if r["way"] == way and (r["machine"] in HELD_OUT) is held]
-        left = float(np.median([r["left"] for r in own])) if own else None
+        ends = [np.inf if r["left"] is None else r["left"] for r in own]
+        left = float(np.median(ends)) if own and np.isfinite(np.median(ends)) else None
         return {"right": sum(r["right"] for r in own), "of": len(own), "left": left}
 
     ways = dict.fromkeys(r["way"] for r in rows)
