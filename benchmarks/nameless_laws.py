@@ -58,14 +58,14 @@ def diagnosed(task: Task) -> dict[str, Any]:
     wanted = [(machine.mechanism, f"equation:{machine.state}")] if lacking else []
     verdict = "structure" if lacking else "nothing"
     fit = found.document["fit"]["held_out"] or {}
-    ends = [(fit.get(which) or [None])[-1] for which in ("explained", "recalibrated")]
+    after, before = ((fit.get(which) or [None])[-1] for which in ("explained", "recalibrated"))
     return {
         **asdict(task),
         "verdict": found.verdict,
         "findings": told,
         "term": found.findings[0]["term"] if told else None,
         "right": found.verdict == verdict and told == wanted,
-        "left": None if None in ends else ends[0] / ends[1],  # a free run may end
+        "left": None if after is None or before is None else after / before,  # a run may end
         "seconds": round(clock.now() - began, 1),
     }
 
