@@ -29,7 +29,7 @@ from benchmarks.provenance import write
 from jaxsr.diagnosis import diagnose
 from jaxsr.models import Simulator
 
-BUDGET, SEED = 90.0, 0
+BUDGET, SEED = 120.0, 0
 QUICK = ("van der Pol",)
 WRITTEN, NONE, NOTHING = "laws written", "none written", "nothing missing"
 
