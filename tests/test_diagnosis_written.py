@@ -169,7 +169,10 @@ def test_laws_are_the_simplest_of_their_error() -> None:
 
 
 def test_what_a_parameter_would_do_beyond_its_bound_is_left_for_the_law() -> None:
-    """Two parameters at 0.3 and 2; the first would go to -0.9, and is held at 0."""
+    """Two parameters at 0.3 and 2; the first would go to -0.9, and is held at 0.
+
+    Inside the bounds nothing is, however numbers are rounded.
+    """
     rng = np.random.default_rng(0)
     reach, law = rng.normal(size=(50, 2)), rng.normal(size=50)
     site = next(s for s in sites_of(parse_model(MODEL), {}) if s.state == "v")
@@ -183,6 +186,8 @@ def test_what_a_parameter_would_do_beyond_its_bound_is_left_for_the_law() -> Non
     left = held.force - held.reach @ [0.0, 0.5]
     np.testing.assert_allclose(left, law - 0.9 * reach[:, 0], atol=1e-12)
     assert held.held(np.array([0.0, 0.5])) is None
+    for _ in range(100):
+        assert place.held(rng.uniform([-0.3, -1.0], [2.7, 2.0])) is None
 
 
 @pytest.mark.parametrize(

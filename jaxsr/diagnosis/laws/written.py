@@ -95,10 +95,11 @@ class Place:
 
         What they would do there is left for the law.
         """
-        to = np.clip(self.base + moved, self.low, self.high) - self.base
-        out = to != moved
+        there = self.base + moved
+        out = (there < self.low) | (there > self.high)
         if not out.any():
             return None
+        to = np.clip(there, self.low, self.high) - self.base
         force = self.force - self.reach[:, out] @ to[out]
         return replace(self, force=force, reach=np.where(out, 0.0, self.reach))
 
@@ -135,19 +136,14 @@ class Writer:
         """Return laws, and what of the leader stays beside each."""
         found: list[Written] = []
         for place in places(state, course):
-            seconds = min(SECONDS, SHARE * self.remaining())
-            if not seconds > 0.0:
-                break
-            proposed = self._proposed(state.work, course, place, seconds)
+            proposed = self._proposed(state.work, course, place)
             found += [
                 Written(*law, place.rest, place.base)
                 for law in laws_of(state.work, place, proposed)
             ]
         return found
 
-    def _proposed(
-        self, work: Workspace, course: Course, place: Place, seconds: float
-    ) -> list[Proposal]:
+    def _proposed(self, work: Workspace, course: Course, place: Place) -> list[Proposal]:
         """Let the evolution explain what acts at a place, re-calibration moving along."""
         model, found = work.super_model.given, list[Proposal]()
         sizes = sizes_of(model, work.prepared)
@@ -158,7 +154,9 @@ class Writer:
             return np.concatenate([rows, np.zeros((len(none), rows.shape[1]))])
 
         while open_place is not None:
-            place = open_place
+            place, seconds = open_place, min(SECONDS, SHARE * self.remaining())
+            if not seconds > 0.0:
+                break
             found = propose(
                 self.rng,
                 np.concatenate([place.force, none]),
