@@ -293,6 +293,28 @@ def unread_table() -> str:
     return table(["machine", *head], body)
 
 
+def nameless_table() -> str:
+    """Return laws that are none of those offered, with laws written and with none."""
+    found = result("nameless_laws")
+    rows: dict[str, dict[str, Any]] = {}
+    for row in found["rows"]:
+        rows.setdefault(row["machine"], {})[row["way"]] = row
+    body = []
+    for name, by_way in rows.items():
+        cells = []
+        for way in found["summary"]:
+            row = by_way[way]
+            told = " + ".join(dict.fromkeys(mechanism for mechanism, _ in row["findings"]))
+            cells.append("right" if row["right"] else f"{row['verdict']}: {told or '-'}")
+        left = by_way["laws written"]["left"]
+        body.append((name, *cells, "no free run" if left is None else f"{left:.3f}"))
+    for part in ("seen", "held out"):
+        count = [f"{c[part]['right']} of {c[part]['of']}" for c in found["summary"].values()]
+        left = found["summary"]["laws written"][part]["left"]
+        body.append((f"right, machines {part}", *count, f"median {left:.3f}"))
+    return table(["machine", *found["summary"], "error left, held out"], body)
+
+
 def one_mode_table() -> str:
     """Return models that switch and lack an effect in one mode, in all, or in none."""
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
