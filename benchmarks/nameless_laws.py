@@ -15,9 +15,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -25,6 +23,7 @@ import numpy as np
 import jaxsr._clock as clock
 import jaxsr.diagnosis.likelihood.posterior as posterior
 from benchmarks.nameless_machines import HELD_OUT, MACHINES
+from benchmarks.planted import answers, asked, counted
 from benchmarks.provenance import write
 from jaxsr.diagnosis import diagnose
 from jaxsr.models import Simulator
@@ -80,42 +79,28 @@ def told(row: dict[str, Any]) -> str:
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return how many answers are right, by way, on machines seen and held out."""
-
-    def counted(way: str, held: bool) -> dict[str, Any]:
-        own = [r for r in rows if r["way"] == way and (r["machine"] in HELD_OUT) is held]
-        ends = [np.inf if r["left"] is None else r["left"] for r in own]
-        left = float(np.median(ends)) if own and np.isfinite(np.median(ends)) else None
-        return {"right": sum(r["right"] for r in own), "of": len(own), "left": left}
-
-    ways = dict.fromkeys(r["way"] for r in rows)
-    return {w: {"seen": counted(w, False), "held out": counted(w, True)} for w in ways}
+    """Return how many answers are right and what they leave, on machines seen and held out."""
+    found = counted(rows, HELD_OUT)
+    for way, parts in found.items():
+        for part, counts in parts.items():
+            held = part == "held out"
+            own = [r for r in rows if r["way"] == way and (r["machine"] in HELD_OUT) is held]
+            ends = [np.inf if r["left"] is None else r["left"] for r in own]
+            middle = float(np.median(ends)) if ends else np.inf
+            counts["left"] = middle if np.isfinite(middle) else None
+    return found
 
 
 def main() -> int:
     """Run, print, write; 1 where the quick machine is wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--machines", nargs="+", choices=list(MACHINES), help="no file written")
-    given = parser.parse_args()
+    given = asked(parser, MACHINES, SEED)
     os.environ["JAXSR_CLOCK"] = "processor"
     machines = QUICK if given.quick else given.machines or tuple(MACHINES)
     ways = (WRITTEN,) if given.quick else (WRITTEN, NONE, NOTHING)
     tasks = [Task(m, w, given.seed) for m in machines for w in ways]
-    rows: list[dict[str, Any]] = []
-    # A process a task: one leaves laws switched off behind.
-    with ProcessPoolExecutor(
-        given.jobs, mp_context=get_context("spawn"), max_tasks_per_child=1
-    ) as pool:
-        for row in pool.map(diagnosed, tasks):
-            rows.append(row)
-            print(told(row), flush=True)
+    rows = answers(tasks, diagnosed, told, given.jobs)
     counts = summary(rows)
-    for way, parts in counts.items():
-        text = ", ".join(f"{part}: {c['right']} of {c['of']}" for part, c in parts.items())
-        print(f"{way}: {text}")
     if given.quick:
         return int(not all(row["right"] for row in rows))
     if not given.machines:

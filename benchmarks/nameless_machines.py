@@ -5,36 +5,14 @@ How laws are written and which are weighed was settled on `SEEN`; `HELD_OUT` wer
 
 from __future__ import annotations
 
+from benchmarks.machine_models import free, model_text
 from benchmarks.unread_machines import Machine
-
-
-def _model(
-    states: dict[str, str], inputs: str, readings: dict[str, str], parameters: dict[str, str]
-) -> str:
-    """A model file of equations, readings and free parameters with their bounds."""
-    lines = [
-        "[model]",
-        f"states = {list(states)}",
-        f"inputs = [{inputs}]",
-        f"outputs = {list(readings)}",
-        "[equations]",
-        *(f'{s} = "{rate}"' for s, rate in states.items()),
-        "[readings]",
-        *(f'{y} = "{reading}"' for y, reading in readings.items()),
-        "[parameters]",
-        *(f"{p} = {{ {value} }}" for p, value in parameters.items()),
-    ]
-    return "\n".join(lines).replace("'", '"') + "\n"
-
-
-def _free(value: float, low: float, high: float) -> str:
-    return f"value = {value}, bounds = [{low}, {high}]"
 
 
 def _mass(force: str, term: str, interval: float, drive: float, start: float) -> Machine:
     """A mass of one, its position read."""
-    k, c = _free(9.0, 4.0, 20.0), _free(0.3, 0.0, 3.0)
-    text = _model({"x": "v", "v": force}, '"F"', {"y": "x"}, {"k": k, "c": c})
+    k, c = free(9.0, 4.0, 20.0), free(0.3, 0.0, 3.0)
+    text = model_text({"x": "v", "v": force}, '"F"', {"y": "x"}, {"k": k, "c": c})
     return Machine(text, "v", term, "unnamed", interval, drive, (start, 0.0))
 
 
@@ -42,25 +20,25 @@ SEEN = {
     "van der Pol": _mass("F - k*x - c*v", "- 1.2*(x**2 - 1)*v", 0.02, 2.3, 0.5),
     "magnet": _mass("F - 4*k*x - c*v", "+ 0.5/(0.7 - x)**2", 0.01, 0.7, -0.1),
     "friction by angle": Machine(
-        _model(
+        model_text(
             {"q": "w", "w": "(u - 12*sin(q) - b*w)/1.1"},
             '"u"',
             {"angle": "q", "speed": "w"},
-            {"b": _free(0.3, 0.0, 3.0)},
+            {"b": free(0.3, 0.0, 3.0)},
         ),
         *("w", "- 0.45*(1 + 0.8*cos(2*q))*w*Abs(w)", "unnamed", 0.01, 5.2, (0.3, 0.0)),
     ),
     "prey that hide": Machine(
-        _model(
+        model_text(
             {"x": "a*x - 0.4*x*y", "y": "0.2*x*y - d*y"},
             "",
             {"prey": "x", "hunters": "y"},
-            {"a": _free(1.0, 0.4, 2.0), "d": _free(0.6, 0.2, 1.5)},
+            {"a": free(1.0, 0.4, 2.0), "d": free(0.6, 0.2, 1.5)},
         ),
         *("x", "+ 0.2*x**2*y/(3 + x)", "unnamed", 0.02, 0.0, (3.0, 1.5)),
     ),
     "spring on one side": Machine(
-        _model(
+        model_text(
             {
                 "x1": "v1",
                 "x2": "v2",
@@ -69,34 +47,34 @@ SEEN = {
             },
             '"F"',
             {"y1": "x1", "y2": "x2"},
-            {"k": _free(60.0, 20.0, 200.0), "c": _free(0.6, 0.0, 5.0)},
+            {"k": free(60.0, 20.0, 200.0), "c": free(0.6, 0.0, 5.0)},
         ),
         *("v2", "+ 6*x1**2*(x1 - x2)", "unnamed", 0.01, 8.7, (0.0, 0.0, 0.0, 0.0)),
     ),
     "two tanks": Machine(
-        _model(
+        model_text(
             {"h1": "0.5 + 0.25*q - c1*sqrt(h1)/4", "h2": "(c1*sqrt(h1) - c2*sqrt(h2))/3"},
             '"q"',
             {"y1": "h1", "y2": "h2"},
-            {"c1": _free(1.0, 0.3, 3.0), "c2": _free(0.9, 0.3, 3.0)},
+            {"c1": free(1.0, 0.3, 3.0), "c2": free(0.9, 0.3, 3.0)},
         ),
         *("h1", "- 0.06*h1*h2/(1 + h2)", "unnamed", 0.1, 0.5, (3.0, 3.0)),
     ),
     "reaction": Machine(
-        _model(
+        model_text(
             {"T": "1.5 + 0.04*P - h*(T - 20)/30", "c": "0.05*(1 - c) - k0*c"},
             '"P"',
             {"y1": "T", "y2": "c"},
-            {"h": _free(1.0, 0.3, 3.0), "k0": _free(0.02, 0.0, 0.2)},
+            {"h": free(1.0, 0.3, 3.0), "k0": free(0.02, 0.0, 0.2)},
         ),
         *("c", "- 0.02*c*exp((T - 60)/20)", "unnamed", 1.0, 12.0, (50.0, 0.6)),
     ),
     "torque ripple of the current": Machine(
-        _model(
+        model_text(
             {"i": "(V - R*i - 0.1*w)/0.02", "q": "w", "w": "(0.1*i - b*w)/0.004"},
             '"V"',
             {"current": "i", "angle": "q"},
-            {"R": _free(1.5, 0.5, 4.0), "b": _free(1e-3, 0.0, 1e-2)},
+            {"R": free(1.5, 0.5, 4.0), "b": free(1e-3, 0.0, 1e-2)},
         ),
         *("w", "+ 7.5*i*cos(4*q)", "unnamed", 0.005, 3.5, (0.0, 0.0, 0.0)),
     ),
@@ -107,29 +85,29 @@ HELD_OUT = {
     "eddy current brake": _mass("F - k*x - c*v", "- 3*v/(1 + v**2)", 0.02, 3.5, 0.3),
     "squeezed film": _mass("F - k*x - c*v", "- 0.5*v/(1.5 - x)**3", 0.02, 1.5, 0.2),
     "whirling shaft": Machine(
-        _model(
+        model_text(
             {"x": "vx", "y": "vy", "vx": "F - k*x - 0.4*vx", "vy": "0.3*F - k*y - 0.4*vy"},
             '"F"',
             {"y1": "x", "y2": "y"},
-            {"k": _free(20.0, 8.0, 50.0)},
+            {"k": free(20.0, 8.0, 50.0)},
         ),
         *("vx", "- 6*y*(x**2 + y**2)", "unnamed", 0.01, 6.0, (0.2, 0.1, 0.0, 0.0)),
     ),
     "growth on a substrate": Machine(
-        _model(
+        model_text(
             {"s": "D*(2 - s)*(1 + 0.5*u) - 0.5*s*b", "b": "0.4*s*b - D*b"},
             '"u"',
             {"substrate": "s", "biomass": "b"},
-            {"D": _free(0.3, 0.1, 0.8)},
+            {"D": free(0.3, 0.1, 0.8)},
         ),
         *("b", "- 0.2*s*b**2/(1 + b)", "unnamed", 0.05, 0.7, (1.0, 0.5)),
     ),
     "lift that stalls": Machine(
-        _model(
+        model_text(
             {"a": "w", "w": "e - k*a - c*w"},
             '"e"',
             {"angle": "a", "rate": "w"},
-            {"k": _free(4.0, 1.0, 12.0), "c": _free(0.5, 0.0, 3.0)},
+            {"k": free(4.0, 1.0, 12.0), "c": free(0.5, 0.0, 3.0)},
         ),
         *("w", "+ 3*a*exp(-4*a**2)", "unnamed", 0.02, 1.5, (0.2, 0.0)),
     ),

@@ -137,6 +137,8 @@ def _threshold_row(
     effect: ThresholdEffect, spec: Threshold, needed: float
 ) -> dict[str, Any] | None:
     """Return the first value of a threshold, from where it does nothing, that shows."""
+    if spec.neutral < 0.0:  # a limit at the bottom has no size that it would show from
+        return None
     limit = spec.neutral > 0.0
     top = effect.largest() if limit else spec.high
     ratios = np.geomspace(NEAREST, 1.0 - LEAVES if limit else 1.0, LEVELS)

@@ -12,21 +12,19 @@ from jaxsr.diagnosis.contest.reduced import Reduced, lean
 from jaxsr.diagnosis.likelihood.beliefs import belief_of
 from jaxsr.diagnosis.likelihood.estimate import Estimate
 from jaxsr.diagnosis.likelihood.late_starts import best_shift, late_sensors
+from jaxsr.diagnosis.likelihood.limits import Censored, Limit, at_limits, blind, limits_of
 from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.rounding import Following, at_its_mode
 from jaxsr.diagnosis.likelihood.scales import Scales
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace
-from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import as_late
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import build_segments
 
-STANDING = 4.0
-"""Deviations of the noise below its largest reading in which a sensor stands at its limit."""
 CLEAR = 1.0
 """Log evidence that another noise must gain to be taken."""
 
@@ -129,6 +127,8 @@ class _Begun:
     path: np.ndarray
     follow: Following
     scales: Scales
+    limits: tuple[Limit, ...] = ()
+    censored: Censored | None = None
 
     @staticmethod
     def of(
@@ -142,14 +142,17 @@ class _Begun:
         model, helpers = work.super_model, work.helpers
         fresh = [i for i in members if near is None or i not in near.members]
         chosen = list(model.base_index())
+        limits = tuple(limits_of(model, members))
+        known = {limit.column for limit in limits}  # where a sensor stands it tells them itself
         for i in members:
-            chosen += [j for j in model.index(i) if j not in chosen]
+            chosen += [j for j in model.index(i) if j not in chosen and j not in known]
         theta = work.theta.copy()
         if near is not None:  # what it has and this set has not does nothing here
             theta[chosen] = near.theta[chosen]
         theta = model.switched(members, model.seeded(fresh, theta))
         if near is not None:
             theta = _inherited(model, members, near, theta)
+        theta[[limit.column for limit in limits]] = [limit.value for limit in limits]
         reduced = _alone(work, tuple(sorted({*members, *helpers})), theta)
         pushes = [model.index(i, coefficients_only=True)[0] for i in helpers]
         path = reduced.problem.segments.course.copy()
@@ -163,10 +166,7 @@ class _Begun:
             path[: len(model.given.states)] = work.narrow.segments.course
         places = reduced.active(np.array(chosen, int)), reduced.active(np.array(pushes, int))
         follow = Following(*places, belief_of(work, table, chosen, theta), best, work.stop)
-        begun = _Begun(model, members, chosen, theta, reduced, path, follow, scales)
-        hidden = beyond_limits(work, fresh)
-        if hidden.any():
-            begun = begun.led_on(hidden)
+        begun = _Begun(model, members, chosen, theta, reduced, path, follow, scales, limits)
         # Along the path of a set with jumps no rounder ones have to lead to theirs.
         width = None if near is None else near.width
         # A set without a latent force is not one with a force to which something was added.
@@ -174,7 +174,8 @@ class _Begun:
         if near is not None and {*near.members} < {*members} and (forced or not near.share):
             inside = near.log_evidence
         steps = near.steps if near is not None and begun.sharp else None
-        return replace(begun, follow=replace(follow, width=width, inside=inside, steps=steps))
+        begun = replace(begun, follow=replace(follow, width=width, inside=inside, steps=steps))
+        return begun.beyond(work, limits_of(model, fresh)) if limits else begun
 
     @property
     def sharp(self) -> bool:
@@ -187,18 +188,40 @@ class _Begun:
         theta[self.reduced.parameters] = values
         return theta
 
-    def led_on(self, hidden: np.ndarray) -> _Begun:
-        """Begin with constants and the path on which the other samples lead beyond a limit.
+    def beyond(self, work: Workspace, fresh: Sequence[Limit]) -> _Begun:
+        """Begin without the samples that stand at a limit which the path goes beyond.
 
-        Along a path that follows a sensor at its limit, half of the samples would pull it there.
+        Along a path that follows a sensor at a limit that is new, half of the samples would pull
+        it there, and the noise would be what makes up for that: the other samples lead it on.
         """
-        problem, values = self.reduced.problem, self.theta[self.reduced.parameters]
-        segments = problem.segments
-        outputs = np.where(hidden, np.nan, segments.outputs)
-        blind = replace(problem, segments=replace(segments, outputs=outputs))
+        begun = self
+        if fresh:
+            hidden = at_limits(work, fresh)
+            apart = replace(self.follow, best=-np.inf, inside=-np.inf)  # fewer samples: other logs
+            reduced = replace(self.reduced, problem=blind(self.reduced.problem, hidden))
+            # Readings that stand still have no noise, and sets that take them for others little.
+            noise, decay = Noise.white_of(work.scales.told), work.scales.decay
+            white = replace(self.scales, noise=noise, decay=decay)
+            found = replace(self, reduced=reduced, follow=apart, scales=white).at_the_mode()
+            if found is not None:
+                theta = self.with_values(found[0].theta)
+                begun = replace(self, theta=theta, path=found[0].path, scales=found[2])
+        problem, values = self.reduced.problem, begun.theta[self.reduced.parameters]
+        columns = [list(self.reduced.parameters).index(limit.column) for limit in self.limits]
+        told = Censored.along(work, self.limits, problem, values, columns, begun.path)
+        follow = self.follow
+        inside = -np.inf if fresh else follow.inside - told.log_density
+        follow = replace(follow, best=follow.best - told.log_density, inside=inside)
+        reduced = replace(self.reduced, problem=blind(problem, told.samples))
+        return replace(begun, reduced=reduced, follow=follow, censored=told)
+
+    def led_on(self, hidden: np.ndarray) -> _Begun:
+        """Begin with constants and the path on which the other samples lead."""
+        problem = blind(self.reduced.problem, hidden)
+        values = self.theta[self.reduced.parameters]
         # Fewer samples: another evidence.
         follow = replace(self.follow, best=-np.inf, inside=-np.inf)
-        found = at_its_mode(blind, self.sharp, values, self.path, follow, self.scales)
+        found = at_its_mode(problem, self.sharp, values, self.path, follow, self.scales)
         if found is None:
             return self
         return replace(self, theta=self.with_values(found[1].theta), path=found[1].path)
@@ -247,12 +270,17 @@ class _Begun:
         """Return the hypothesis that an estimate is."""
         model, values = self.model, self.with_values(found.theta)
         names = list(model.model.parameters)
-        deviations = zip(self.chosen, found.mode.deviation, strict=False)
+        told = [*zip(self.chosen, found.mode.deviation, strict=False)]
+        log = found.log_evidence
+        if self.censored is not None:
+            log += self.censored.log_density
+            columns = (limit.column for limit in self.limits)
+            told += [*zip(columns, self.censored.deviation, strict=True)]
         return Hypothesis(
             self.members,
-            found.log_evidence,
+            log,
             found.share,
-            {names[j]: (float(values[j]), float(deviation)) for j, deviation in deviations},
+            {names[j]: (float(values[j]), float(deviation)) for j, deviation in told},
             {i: model.names[i] for i in self.members},
             values,
             found.path[: len(model.given.states)],
@@ -288,26 +316,6 @@ def _inherited(
                 if spec.coefficient and source in known:
                     theta[order.index(model.names[i][spec.name])] = known[source]
     return theta
-
-
-def beyond_limits(work: Workspace, members: Sequence[int]) -> np.ndarray:
-    """Return which samples stand at the limit of a sensor that members say it has.
-
-    Returns
-    -------
-    ndarray of bool, shape (outputs, samples, pieces)
-    """
-    outputs = work.narrow.segments.outputs
-    found = np.zeros(outputs.shape, bool)
-    noise = np.sqrt(work.scales.told)
-    for i in members:
-        candidate = work.super_model.candidates[i]
-        for (output, _), spec in zip(candidate.readings, candidate.parameters, strict=False):
-            if isinstance(spec, Threshold):
-                k = work.super_model.given.outputs.index(output)
-                with np.errstate(invalid="ignore"):
-                    found[k] |= np.abs(outputs[k]) > spec.seed - STANDING * noise[k]
-    return found
 
 
 def _alone(work: Workspace, members: Sequence[int], theta: np.ndarray) -> Reduced:

@@ -9,6 +9,7 @@ from itertools import zip_longest
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
+from jaxsr.diagnosis.likelihood.limits import censored
 from jaxsr.diagnosis.likelihood.proposals import (
     exclusive,
     forms,
@@ -290,6 +291,7 @@ def _without_force_if_likelier(work: Workspace, table: Table, found: Hypothesis)
 def about(work: Workspace, found: Hypothesis) -> Table:
     """Return the table of additions about an estimate's path, with its jumps as round as there."""
     known = found.noise, found.decay, found.width, found.steps
+    work = censored(work, found.members, found.theta, found.path)
     return tabled(work, found.theta, found.path, *known)
 
 

@@ -29,6 +29,11 @@ class Noise:
     correlation: np.ndarray
     smoothing: np.ndarray | None = None
 
+    @staticmethod
+    def white_of(variance: np.ndarray) -> Noise:
+        """Return white noise alone."""
+        return Noise(variance, np.zeros_like(variance), np.zeros_like(variance))
+
     @property
     def poles(self) -> tuple[np.ndarray, np.ndarray]:
         """Poles of the coloured part: its correlation, and that of its filter, 0 where none is."""

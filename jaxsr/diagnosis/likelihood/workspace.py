@@ -135,8 +135,7 @@ def first_noise(model: Model, prepared: Sequence[Prepared]) -> Noise:
     ]
     steps = [uniform_variance(step) for step in steps_of(model, tuple(prepared))]
     white = np.square(np.maximum(levels, 1e-9 * spread(outputs)))
-    white = np.maximum(white, steps)
-    return Noise(white, np.zeros_like(white), np.zeros_like(white))
+    return Noise.white_of(np.maximum(white, steps))
 
 
 def along(work: Workspace, path: np.ndarray) -> tuple[Prepared, ...]:

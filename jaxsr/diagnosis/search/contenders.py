@@ -193,9 +193,9 @@ def _best_variants(screened: Screened) -> set[int]:
 def _reach(screened: Screened, number: int) -> float:
     """Size of the effect of a threshold at its seed; 0 for anything else."""
     candidate = screened.super_model.candidates[number]
-    if not any(isinstance(p, Threshold) for p in candidate.parameters):
-        return 0.0
-    (column,) = screened.super_model.index(number, coefficients_only=True)
-    spec = next(p for p in candidate.parameters if isinstance(p, Threshold))
-    size = float(np.linalg.norm(screened.system.jacobian[:, column]))
-    return abs(spec.seed - spec.neutral) * size
+    ends = [p for p in candidate.parameters if isinstance(p, Threshold)]
+    columns = screened.super_model.index(number, coefficients_only=True)
+    sizes = [float(np.linalg.norm(screened.system.jacobian[:, k])) for k in columns]
+    # A sensor may have a limit at both ends; nothing but thresholds stands beside one.
+    steps = (abs(end.seed - end.neutral) for end in ends)
+    return max((step * size for step, size in zip(steps, sizes, strict=False)), default=0.0)

@@ -1,0 +1,50 @@
+"""Benchmarks of planted machines: diagnoses one by one, and how many are right."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Any, TypeVar
+
+Task = TypeVar("Task")
+Row = dict[str, Any]
+
+
+def asked(
+    parser: argparse.ArgumentParser, machines: Collection[str], seed: int
+) -> argparse.Namespace:
+    """Return what a benchmark was asked for."""
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=seed)
+    parser.add_argument("--machines", nargs="+", choices=list(machines), help="no file written")
+    return parser.parse_args()
+
+
+def answers(
+    tasks: Sequence[Task], diagnosed: Callable[[Task], Row], told: Callable[[Row], str], jobs: int
+) -> list[Row]:
+    """Return and print the rows of all tasks; a process a task, which may leave things switched."""
+    rows: list[Row] = []
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+        for row in pool.map(diagnosed, tasks):
+            rows.append(row)
+            print(told(row), flush=True)
+    return rows
+
+
+def counted(rows: Sequence[Row], held_out: Collection[str]) -> dict[str, dict[str, Row]]:
+    """Return and print how many answers are right, by way, on machines seen and held out."""
+
+    def part(way: str, held: bool) -> Row:
+        own = [r for r in rows if r["way"] == way and (r["machine"] in held_out) is held]
+        return {"right": sum(r["right"] for r in own), "of": len(own)}
+
+    ways = dict.fromkeys(r["way"] for r in rows)
+    found = {way: {"seen": part(way, False), "held out": part(way, True)} for way in ways}
+    for way, parts in found.items():
+        text = ", ".join(f"{name}: {c['right']} of {c['of']}" for name, c in parts.items())
+        print(f"{way}: {text}")
+    return found
