@@ -315,6 +315,23 @@ def nameless_table() -> str:
     return table(["machine", *found["summary"], "error left, held out"], body)
 
 
+def saturated_table() -> str:
+    """Return what is told of sensors at their limits, with readings there censored or not."""
+    found = result("saturated_sensors")
+    rows: dict[tuple[str, str], dict[tuple[str, bool], str]] = {}
+    for row in found["rows"]:
+        told = " + ".join(mechanism for mechanism, _ in row["findings"])
+        cell = "right" if row["right"] else f"{row['verdict']}: {told or '-'}"
+        rows.setdefault((row["machine"], row["ends"]), {})[row["way"], row["lacking"]] = cell
+    ways = [(way, lacking) for way in found["summary"] for lacking in (False, True)]
+    head = [f"{way}{', a law missing' if lacking else ''}" for way, lacking in ways]
+    body = [(*key, *(cells[way] for way in ways)) for key, cells in rows.items()]
+    for part in ("seen", "held out"):
+        count = [f"{c[part]['right']} of {c[part]['of']}" for c in found["summary"].values()]
+        body.append((f"right, machines {part}", "", *(x for c in count for x in (c, ""))))
+    return table(["machine", "limited at", *head], body)
+
+
 def one_mode_table() -> str:
     """Return models that switch and lack an effect in one mode, in all, or in none."""
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}

@@ -143,7 +143,10 @@ class Gram:
         for _ in range(SETTLING if scaled else 1):
             # Scaled by the prior: the identity, and what the data add to it.
             root = prior.deviation / np.sqrt(noise)
-            matrix = inner * np.outer(root, root) + np.eye(len(at))
+            with np.errstate(over="ignore"):
+                matrix = inner * np.outer(root, root) + np.eye(len(at))
+            if not np.isfinite(matrix).all():
+                raise np.linalg.LinAlgError("beside this noise nothing is finite")
             right = -(pull / noise) * prior.deviation + prior.mean / prior.deviation
             found = Truncated.of(matrix, right, low, high)
             change = prior.deviation * found.mode

@@ -202,8 +202,11 @@ class _Begun:
             # Readings that stand still have no noise, and sets that take them for others little.
             noise, decay = Noise.white_of(work.scales.told), work.scales.decay
             white = replace(self.scales, noise=noise, decay=decay)
-            found = replace(self, reduced=reduced, follow=apart, scales=white).at_the_mode()
-            if found is not None:
+            other = replace(self, reduced=reduced, follow=apart)
+            ways = (replace(other, scales=s).at_the_mode() for s in (self.scales, white))
+            known = [way for way in ways if way is not None]
+            if known:
+                found = max(known, key=lambda way: way[0].log_evidence)
                 theta = self.with_values(found[0].theta)
                 begun = replace(self, theta=theta, path=found[0].path, scales=found[2])
         problem, values = self.reduced.problem, begun.theta[self.reduced.parameters]

@@ -65,7 +65,8 @@ class Scales:
     @property
     def loudest(self) -> float:
         """Largest factor on the noise that neighbouring samples leave room for."""
-        return LOUDEST * float(np.min(self.told / self.noise.between_neighbours))
+        with np.errstate(over="ignore", divide="ignore"):  # of readings that stand still
+            return LOUDEST * float(np.min(self.told / self.noise.between_neighbours))
 
     def latent(self, local: LocalModel, share: float, decay: float | None = None) -> Latent:
         """Return the latent force of one size, and one correlation, about a linearisation."""
