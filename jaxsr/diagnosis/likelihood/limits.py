@@ -170,8 +170,10 @@ class Censored:
             read = readings_along(*args, late=True, live=True)[0]
         beyond, log, deviation = np.zeros(read.shape, bool), 0.0, []
         for limit in limits:
-            standing = _Standing.of(work, limit)
-            here = standing.samples & limit.reached(read[limit.output], 0.0)
+            standing, along = _Standing.of(work, limit), read[limit.output]
+            here = standing.samples & limit.reached(along, 0.0)
+            if limit.mirrored:  # at the end where the sensor stands
+                here &= along * problem.segments.outputs[limit.output] > 0.0
             count = int(np.count_nonzero(here))
             log -= count * np.log(standing.width) + 0.5 * np.sum(np.square(standing.off[here]))
             # Where the limit is, of all values that are read.
