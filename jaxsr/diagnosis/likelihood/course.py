@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
 from jaxsr.diagnosis.likelihood.kalman import System, smoothed
+from jaxsr.diagnosis.likelihood.limits import censored
 from jaxsr.diagnosis.likelihood.local import linearised
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace, along, in_columns
@@ -160,6 +161,7 @@ def left_over(work: Workspace, found: Hypothesis, table: Table) -> tuple[np.ndar
     forces : ndarray, shape (forces, samples, pieces)
     columns : ndarray, shape (forces, free parameters, samples, pieces)
     """
+    work = censored(work, found.members, found.theta, found.path)
     problem, theta = work.narrow, in_columns(work, found.theta)
     free = list(work.columns.base_index())
     active = [*work.scales.forces, *free]

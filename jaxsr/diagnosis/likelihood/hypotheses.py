@@ -117,6 +117,10 @@ class _Begun:
     path : ndarray, shape (states, samples, pieces)
     follow : Following
     scales : Scales
+    limits : tuple of Limit
+        Of sensors, by its members.
+    censored : Censored, optional
+        Samples beyond them, which are no readings of `reduced`.
     """
 
     model: SuperModel

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.workspace import Workspace, in_columns
-from jaxsr.diagnosis.mechanisms.limits import CLIPPING, FLAT, MIRRORED
+from jaxsr.diagnosis.mechanisms.limits import CLIPPING, FLAT, GRAIN, MIRRORED
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models.least_squares import Problem
@@ -22,8 +22,6 @@ from jaxsr.models.lifting import readings_along
 
 STANDING = 4.0
 """Deviations of the noise before its limit in which a sensor stands at it."""
-GRAIN = 1e-9
-"""Share of all that is read within which readings are equal."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,8 @@ from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, Candidate
 from jaxsr.diagnosis.mechanisms.site import Threshold
 
 CLIPPING = "clipping"
+GRAIN = 1e-9
+"""Share of all that is read within which readings are equal."""
 FLAT = 3
 """Equal neighbouring readings at an end that show a sensor at its limit."""
 NEVER = 1e-2
@@ -63,7 +65,9 @@ def _ends(values: np.ndarray) -> tuple[float | None, float | None]:
     high, low = _limit(values, values), _limit(values, -values)
     low = None if low is None else -low
     if high is not None and low is not None:
-        return (-high, high) if abs(high + low) <= _noise(values) else (low, high)
+        exact = high == values.max() and low == values.min()
+        apart = GRAIN * float(np.ptp(values)) if exact else _noise(values)
+        return (-high, high) if abs(high + low) <= apart else (low, high)
     if high is None and low is None:
         size = _limit(values, np.abs(values))
         return (None, None) if size is None else (-size, size)
@@ -80,7 +84,7 @@ def _limit(values: np.ndarray, size: np.ndarray) -> float | None:
     spread = float(np.ptp(size))
     if not spread > 0.0:
         return None
-    grain = 1e-9 * spread
+    grain = GRAIN * spread
     flat = [run.size for run in _near_top(size, grain) if run.size >= FLAT]
     # At its other end it may be limited as well.
     below = (size[1:] < size.max() - grain) & (size[1:] > size.min() + grain)
