@@ -11,13 +11,16 @@ from benchmarks.evidence_plants import Dry, cart, drive
 from jaxsr.diagnosis.contest.integration import with_steps
 from jaxsr.diagnosis.likelihood import hypotheses, local, rounding
 from jaxsr.diagnosis.likelihood.loop import begun, search
+from jaxsr.diagnosis.likelihood.posterior import posterior
 from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.likelihood.steps import resolved
 from jaxsr.diagnosis.likelihood.workspace import Workspace, in_columns
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import state_scale
+from jaxsr.models import Simulator, parse_model
 from jaxsr.models.segments import Prepared
+from jaxsr.recordings import Recording
 
 OFFERED = {"constant_force", "viscous_damping", "coulomb_friction", "stribeck_friction"}
 INTERVAL, SAMPLES, MASS = 0.03, 200, 1.3
@@ -120,3 +123,64 @@ def test_a_linearisation_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     finer = with_steps(problem, "rk4", 2 * problem.stepping.substeps)
     local.linearised(finer.simulator, finer.stepping, finer.segments, values, path, active)
     assert len(made) == 3
+
+
+@pytest.mark.parametrize(
+    ("equation", "jumps"),
+    [
+        ("u - Fc*sign(v)", True),
+        ("u - Fc*sign(v - 0.1)*Abs(v)", True),
+        ("u - Fc*sign(v)*Abs(v)**1.5", False),
+        ("u - Fc*sqrt(Abs(v))*sign(v)", False),
+        ("u - Fc*sign(u)", False),
+    ],
+)
+def test_a_model_that_has_dry_friction_of_its_own_jumps(equation: str, jumps: bool) -> None:
+    text = f"""
+[model]
+states = ["v"]
+inputs = ["u"]
+outputs = ["y"]
+[equations]
+v = "{equation}"
+[readings]
+y = "v"
+[parameters]
+Fc = {{ value = 1.0 }}
+"""
+    assert SuperModel.build(parse_model(text), ()).given_jumps is jumps
+
+
+def test_friction_that_the_model_has_is_not_told_once_more() -> None:
+    """A conveyor that all but sticks, read by an encoder; its damping is given wrong."""
+    rng, step, resolution = np.random.default_rng(0), 0.02, 2e-3
+    time = np.arange(900) * step
+    phases = rng.uniform(0.0, 6.0, 4)
+    waves = np.sin(np.outer(time, rng.uniform(0.3, 2.0, 4)) + phases).sum(axis=1)
+    u, v = np.maximum(1.5 + 1.5 * waves, 0.0), np.zeros(time.size)
+    for k in range(time.size - 1):
+        speed, fine = v[k], step / 200.0
+        for _ in range(200):
+            speed += fine * (u[k] - speed - 2.0 * np.tanh(speed / 2e-3)) / 3.0
+        v[k + 1] = speed
+    text = """
+[model]
+input_hold = "zero"
+states = ["v"]
+inputs = ["u"]
+outputs = ["y"]
+[equations]
+v = "(u - c*v - 2.0*sign(v))/3.0"
+[readings]
+y = "v"
+[parameters]
+c = { value = 0.8, bounds = [0.0, 5.0] }
+"""
+    model = Simulator(parse_model(text)).model
+    readings = resolution * np.round(v / resolution)
+    found = posterior(model, [Prepared.build(model, Recording("a", time, {"u": u, "y": readings}))])
+    assert found is not None
+    assert found.leader.members == ()
+    assert found.leader.share == 0.0
+    value, deviation = found.leader.constants["c"]
+    assert abs(value - 1.0) < 4.0 * deviation

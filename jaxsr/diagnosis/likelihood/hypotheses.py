@@ -183,8 +183,9 @@ class _Begun:
 
     @property
     def sharp(self) -> bool:
-        """Whether a member jumps."""
-        return any(self.model.candidates[i].jumps for i in self.members)
+        """Whether a member jumps, or the given model."""
+        model = self.model
+        return model.given_jumps or any(model.candidates[i].jumps for i in self.members)
 
     def with_values(self, values: np.ndarray) -> np.ndarray:
         """Return all parameters, with some values of those that the set has."""

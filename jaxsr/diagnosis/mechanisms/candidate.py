@@ -78,8 +78,17 @@ class AddedState:
     initial: float | str = FREE
 
 
-_CONTINUOUS = re.compile(r"sign\(([^()]*)\)\*Abs\(\1\)")
+_CONTINUOUS = re.compile(
+    r"sign\(([^()]*)\) *\* *(?:sqrt\()?Abs\(\1\)"
+    r"|Abs\(([^()]*)\)\)?(?: *\*\* *[\w.{}]+)? *\* *sign\(\2\)"
+)
 """A power of a rate with its sign."""
+
+
+def jumps_in(texts: Iterable[str]) -> bool:
+    """Whether an expression has a sign that no power of the sign's argument takes to zero."""
+    plain = (_CONTINUOUS.sub("", text) for text in texts)
+    return any(f"{op}(" in text for text in plain for op in SMOOTHED)
 
 
 @dataclass(frozen=True)
@@ -150,8 +159,7 @@ class Candidate:
     @property
     def jumps(self) -> bool:
         """Whether a law jumps: has a sign that no power of the sign's argument takes to zero."""
-        texts = [_CONTINUOUS.sub("", text) for _, text in self.terms]
-        return any(f"{op}(" in text for text in texts for op in SMOOTHED)
+        return jumps_in(text for _, text in self.terms)
 
     @property
     def sharp(self) -> bool:

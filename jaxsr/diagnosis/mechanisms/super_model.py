@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.candidate import Candidate, jumps_in
 from jaxsr.diagnosis.mechanisms.site import Threshold
-from jaxsr.models import Model, apply_edit
+from jaxsr.models import Model, Simulator, apply_edit
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,12 @@ class SuperModel:
                 model = apply_edit(model, candidate.edit(model, names))
             all_names.append(names)
         return SuperModel(model, given, chosen, tuple(all_names))
+
+    @cached_property
+    def given_jumps(self) -> bool:
+        """Whether the given model has laws that jump of its own, as dry friction does."""
+        own = [*self.given.equations.values(), *self.given.definitions.values()]
+        return jumps_in(own) and bool(Simulator(self.given).smoothed_arguments)
 
     def index(self, number: int, coefficients_only: bool = False) -> list[int]:
         """Positions of a candidate's parameters among the model's."""
