@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from jaxsr._result import Verdict
+from jaxsr.diagnosis.mechanisms.jumps import jumps_in
 from jaxsr.models import Edit, Model, Parameter, apply_edit
 from jaxsr.models.balance import Balance
 from jaxsr.models.bracket import add_force
@@ -76,19 +77,6 @@ class AddedState:
     equation: str
     unit: str | None = None
     initial: float | str = FREE
-
-
-_CONTINUOUS = re.compile(
-    r"sign\(([^()]*)\) *\* *(?:sqrt\()?Abs\(\1\)"
-    r"|Abs\(([^()]*)\)\)?(?: *\*\* *[\w.{}]+)? *\* *sign\(\2\)"
-)
-"""A power of a rate with its sign."""
-
-
-def jumps_in(texts: Iterable[str]) -> bool:
-    """Whether an expression has a sign that no power of the sign's argument takes to zero."""
-    plain = (_CONTINUOUS.sub("", text) for text in texts)
-    return any(f"{op}(" in text for text in plain for op in SMOOTHED)
 
 
 @dataclass(frozen=True)

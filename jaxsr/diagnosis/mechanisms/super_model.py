@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxsr.diagnosis.mechanisms.candidate import Candidate, jumps_in
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.jumps import jumps_in
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.models import Model, Simulator, apply_edit
 
