@@ -1,6 +1,7 @@
 """Machines of which one sensor reads no further than its limits, whatever else is left out.
 
-How such readings are weighed was settled on `SEEN`; `HELD_OUT` were made afterwards.
+How such readings are weighed was settled on `SEEN`; `HELD_OUT` were made afterwards, and were run
+before the last two rules.
 """
 
 from __future__ import annotations

@@ -311,7 +311,8 @@ def nameless_table() -> str:
     for part in ("seen", "held out"):
         count = [f"{c[part]['right']} of {c[part]['of']}" for c in found["summary"].values()]
         left = found["summary"]["laws written"][part]["left"]
-        body.append((f"right, machines {part}", *count, f"median {left:.3f}"))
+        middle = "no free run" if left is None else f"{left:.3f}"
+        body.append((f"right, machines {part}", *count, f"median {middle}"))
     return table(["machine", *found["summary"], "error left, held out"], body)
 
 
