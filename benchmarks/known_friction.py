@@ -1,0 +1,134 @@
+"""Dry friction, stops and play that the given model has: its values re-calibrated, no law beside.
+
+    python -m benchmarks.known_friction [--quick] [--jobs N] [--seed S] [--machines NAME ...]
+
+Every machine (`benchmarks.frictional_machines`) has a law with a corner in its own model, all
+values of which are wrong by up to a quarter; nothing else is missing, or one law. By the command as
+it is and, as an ablation, with such laws of the given model rounded over a fixed width. An answer
+is right where the findings beside values are that law at its place, or none, and the verdict says
+so; beside it stands how many of the values are within their intervals of 95 %. Budgets are of
+processor time. Writes ``results/known_friction.json``; --quick (one machine, no file) fails where
+its answer is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+import jaxsr._clock as clock
+from benchmarks.frictional_machines import HELD_OUT, MACHINES
+from benchmarks.planted import answers, asked, counted
+from benchmarks.provenance import write
+from jaxsr.diagnosis import diagnose
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.models import Model, Simulator
+
+BUDGET, SEED = 60.0, 0
+OFF = 0.25
+"""Largest share by which values are wrong."""
+QUICK = ("conveyor",)
+SHARP, ROUNDED = "as the recordings say", "rounded over a fixed width"
+
+
+@dataclass(frozen=True)
+class Task:
+    """One diagnosis."""
+
+    machine: str
+    way: str
+    lacking: bool
+    seed: int
+
+
+def misjudged(model: Model, rng: np.random.Generator) -> Model:
+    """Return a model whose free values are wrong, each inside its bounds."""
+    parameters = dict(model.parameters)
+    for name in model.free_parameters:
+        own = parameters[name]
+        value = own.value * (1.0 + OFF * rng.uniform(0.4, 1.0) * rng.choice([-1.0, 1.0]))
+        parameters[name] = replace(own, value=value)
+    return replace(model, parameters=parameters)
+
+
+def diagnosed(task: Task) -> dict[str, Any]:
+    """Return the row of one diagnosis."""
+    if task.way == ROUNDED:
+        SuperModel.given_jumps = False
+    machine = MACHINES[task.machine]
+    # One draw a machine, the same for both ways.
+    rng = np.random.default_rng([task.seed, list(MACHINES).index(task.machine), task.lacking])
+    recordings, model = machine.recordings(rng, task.lacking), misjudged(machine.model, rng)
+    began = clock.now()
+    found = diagnose(Simulator(model), recordings, budget=BUDGET)
+    laws = [f for f in found.findings if f["mechanism"] != "wrong_value"]
+    told = [(f["mechanism"], f["site"]) for f in laws]
+    wanted = [(machine.mechanism, f"equation:{machine.state}")] if task.lacking else []
+    verdict = "structure" if task.lacking else "parameter"
+    return {
+        **asdict(task),
+        "verdict": found.verdict,
+        "findings": told,
+        "probability": laws[0]["probability"] if laws else None,
+        "right": found.verdict == verdict and told == wanted,
+        "values": [*within(machine.model, found.document["calibration"])],
+        "seconds": round(clock.now() - began, 1),
+    }
+
+
+def within(truth: Model, calibration: dict[str, Any]) -> tuple[int, int]:
+    """Return how many values are inside their intervals of 95 %, and how many there are."""
+    ends = {name: row["ci95"] for name, row in calibration.items()}
+    inside = [low <= truth.parameters[name].value <= high for name, (low, high) in ends.items()]
+    return sum(inside), len(inside)
+
+
+def told(row: dict[str, Any]) -> str:
+    """Return a row as a line."""
+    what = ", ".join(f"{mechanism} at {site}" for mechanism, site in row["findings"]) or "-"
+    mark = "right" if row["right"] else "WRONG"
+    inside, of = row["values"]
+    name = f"{row['machine']}, {'a law missing' if row['lacking'] else 'values'}, {row['way']}"
+    took = f"{inside} of {of} values, {row['seconds']} s"
+    return f"{name:68} {mark} {row['verdict']}: {what} ({took})"
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return how many answers and values are right, on machines seen and held out."""
+    found = counted(rows, HELD_OUT)
+    for way, parts in found.items():
+        for part, counts in parts.items():
+            held = part == "held out"
+            own = [r for r in rows if r["way"] == way and (r["machine"] in HELD_OUT) is held]
+            inside, of = (sum(r["values"][k] for r in own) for k in (0, 1))
+            counts |= {"values inside": inside, "values": of}
+            print(f"{way}, {part}: {inside} of {of} values inside their intervals")
+    return found
+
+
+def main() -> int:
+    """Run, print, write; 1 where the quick machine is wrong."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    given = asked(parser, MACHINES, SEED)
+    os.environ["JAXSR_CLOCK"] = "processor"
+    machines = QUICK if given.quick else given.machines or tuple(MACHINES)
+    ways = (SHARP,) if given.quick else (SHARP, ROUNDED)
+    lacking = (False,) if given.quick else (False, True)
+    tasks = [Task(m, w, missing, given.seed) for m in machines for w in ways for missing in lacking]
+    rows = answers(tasks, diagnosed, told, given.jobs)
+    counts = summary(rows)
+    if given.quick:
+        return int(not all(row["right"] for row in rows))
+    if not given.machines:
+        document = {"budget_s": BUDGET, "summary": counts, "rows": rows}
+        write("known_friction", "friction that the given model has", [given.seed], document)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
