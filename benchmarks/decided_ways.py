@@ -87,8 +87,8 @@ class Way:
         self.found = self.known or self.own["weighed"](case)
         return self.found
 
-    def _borne_out(self, settled: Any, forced: bool) -> bool:
-        self.borne = bool(self.own["borne_out"](settled, forced))
+    def _borne_out(self, settled: Any, leader: Any) -> bool:
+        self.borne = bool(self.own["borne_out"](settled, leader))
         return self.borne or self.name == "evidence"
 
     def _claimed(self, *args: Any, **more: Any) -> Claim:

@@ -113,7 +113,7 @@ HELD_OUT = {
             {"angle": "q"},
             {"g": free(4.0, 1.0, 12.0), "d": free(0.8, 0.1, 4.0), "f": free(0.3, 0.0, 2.0)},
         ),
-        *("w", "- 2.0*sin(q)", "sinusoidal_force", 0.01, 0.9, (0.3, 0.0)),
+        *("w", "- 2.0*sin(q)", "gravity", 0.01, 0.9, (0.3, 0.0)),
     ),
     "joint of a robot": Machine(
         model_text(

@@ -16,22 +16,20 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 import jaxsr._clock as clock
 from benchmarks.frictional_machines import HELD_OUT, MACHINES
-from benchmarks.planted import answers, asked, counted
+from benchmarks.planted import answers, asked, counted, misjudged, with_values, within
 from benchmarks.provenance import write
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.models import Model, Simulator
+from jaxsr.models import Simulator
 
 BUDGET, SEED = 60.0, 0
-OFF = 0.25
-"""Largest share by which values are wrong."""
 QUICK = ("conveyor",)
 SHARP, ROUNDED = "as the recordings say", "rounded over a fixed width"
 
@@ -44,16 +42,6 @@ class Task:
     way: str
     lacking: bool
     seed: int
-
-
-def misjudged(model: Model, rng: np.random.Generator) -> Model:
-    """Return a model whose free values are wrong, each inside its bounds."""
-    parameters = dict(model.parameters)
-    for name in model.free_parameters:
-        own = parameters[name]
-        value = own.value * (1.0 + OFF * rng.uniform(0.4, 1.0) * rng.choice([-1.0, 1.0]))
-        parameters[name] = replace(own, value=value)
-    return replace(model, parameters=parameters)
 
 
 def diagnosed(task: Task) -> dict[str, Any]:
@@ -81,13 +69,6 @@ def diagnosed(task: Task) -> dict[str, Any]:
     }
 
 
-def within(truth: Model, calibration: dict[str, Any]) -> tuple[int, int]:
-    """Return how many values are inside their intervals of 95 %, and how many there are."""
-    ends = {name: row["ci95"] for name, row in calibration.items()}
-    inside = [low <= truth.parameters[name].value <= high for name, (low, high) in ends.items()]
-    return sum(inside), len(inside)
-
-
 def told(row: dict[str, Any]) -> str:
     """Return a row as a line."""
     what = ", ".join(f"{mechanism} at {site}" for mechanism, site in row["findings"]) or "-"
@@ -96,19 +77,6 @@ def told(row: dict[str, Any]) -> str:
     name = f"{row['machine']}, {'a law missing' if row['lacking'] else 'values'}, {row['way']}"
     took = f"{inside} of {of} values, {row['seconds']} s"
     return f"{name:68} {mark} {row['verdict']}: {what} ({took})"
-
-
-def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return how many answers and values are right, on machines seen and held out."""
-    found = counted(rows, HELD_OUT)
-    for way, parts in found.items():
-        for part, counts in parts.items():
-            held = part == "held out"
-            own = [r for r in rows if r["way"] == way and (r["machine"] in HELD_OUT) is held]
-            inside, of = (sum(r["values"][k] for r in own) for k in (0, 1))
-            counts |= {"values inside": inside, "values": of}
-            print(f"{way}, {part}: {inside} of {of} values inside their intervals")
-    return found
 
 
 def main() -> int:
@@ -121,7 +89,7 @@ def main() -> int:
     lacking = (False,) if given.quick else (False, True)
     tasks = [Task(m, w, missing, given.seed) for m in machines for w in ways for missing in lacking]
     rows = answers(tasks, diagnosed, told, given.jobs)
-    counts = summary(rows)
+    counts = with_values(counted(rows, HELD_OUT), rows, HELD_OUT)
     if given.quick:
         return int(not all(row["right"] for row in rows))
     if not given.machines:

@@ -5,9 +5,16 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
+import numpy as np
+
+from jaxsr.models import Model
+
+OFF = 0.25
+"""Largest share by which values are wrong."""
 Task = TypeVar("Task")
 Row = dict[str, Any]
 
@@ -48,3 +55,34 @@ def counted(rows: Sequence[Row], held_out: Collection[str]) -> dict[str, dict[st
         text = ", ".join(f"{name}: {c['right']} of {c['of']}" for name, c in parts.items())
         print(f"{way}: {text}")
     return found
+
+
+def with_values(
+    found: dict[str, dict[str, Row]], rows: Sequence[Row], held_out: Collection[str]
+) -> dict[str, dict[str, Row]]:
+    """Return, and print, counts with how many values are inside their intervals."""
+    for way, parts in found.items():
+        for part, counts in parts.items():
+            held = part == "held out"
+            own = [r for r in rows if r["way"] == way and (r["machine"] in held_out) is held]
+            inside, of = (sum(r["values"][k] for r in own) for k in (0, 1))
+            counts |= {"values inside": inside, "values": of}
+            print(f"{way}, {part}: {inside} of {of} values inside their intervals")
+    return found
+
+
+def misjudged(model: Model, rng: np.random.Generator) -> Model:
+    """Return a model whose free values are wrong, each inside its bounds."""
+    parameters = dict(model.parameters)
+    for name in model.free_parameters:
+        own = parameters[name]
+        value = own.value * (1.0 + OFF * rng.uniform(0.4, 1.0) * rng.choice([-1.0, 1.0]))
+        parameters[name] = replace(own, value=value)
+    return replace(model, parameters=parameters)
+
+
+def within(truth: Model, calibration: dict[str, Any]) -> tuple[int, int]:
+    """Return how many values are inside their intervals of 95 %, and how many there are."""
+    ends = {name: row["ci95"] for name, row in calibration.items()}
+    inside = [low <= truth.parameters[name].value <= high for name, (low, high) in ends.items()]
+    return sum(inside), len(inside)

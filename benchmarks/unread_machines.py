@@ -53,16 +53,23 @@ class Machine:
         """The model, without what it lacks."""
         return parse_model(self.text)
 
-    def recordings(self, rng: np.random.Generator, lacking: bool) -> list[Recording]:
-        """Return recordings of the machine, with what the model lacks if it is `lacking`."""
+    def recordings(
+        self, rng: np.random.Generator, lacking: bool, noise: float = NOISE
+    ) -> list[Recording]:
+        """Return recordings of the machine, with what the model lacks if it is `lacking`.
+
+        `noise` is that of every sensor, in the deviation of what it reads.
+        """
         model = self.model
         if lacking:
             equations = {**model.equations}
             equations[self.state] = f"{equations[self.state]} {self.term}"
             model = replace(model, equations=equations)
-        return [self._recorded(model, rng, number) for number in range(RECORDINGS)]
+        return [self._recorded(model, rng, number, noise) for number in range(RECORDINGS)]
 
-    def _recorded(self, model: Model, rng: np.random.Generator, number: int) -> Recording:
+    def _recorded(
+        self, model: Model, rng: np.random.Generator, number: int, noise: float
+    ) -> Recording:
         time = np.arange(SAMPLES) * self.interval
         rates = rng.uniform(0.5, 9.0, (len(model.inputs), TONES, 1)) * 0.01 / self.interval
         phases = rng.uniform(0.0, 2.0 * np.pi, rates.shape)
@@ -89,7 +96,7 @@ class Machine:
         known |= dict(zip(model.states, run.y, strict=True)) | inputs
         channels = {y: np.asarray(evaluate(e, known)) for y, e in model.reading_terms.items()}
         for y, signal in channels.items():
-            channels[y] = signal + NOISE * np.std(signal) * rng.standard_normal(time.size)
+            channels[y] = signal + noise * np.std(signal) * rng.standard_normal(time.size)
         return Recording(f"run{number}", time, {**inputs, **channels})
 
 

@@ -312,6 +312,17 @@ def test_what_stands_above_the_noise_that_a_sensor_can_have_is_no_noise() -> Non
     assert held.log_evidence < loud.log_evidence - 1000.0
 
 
+def test_what_readings_leave_below_the_finest_noise_is_as_large_as_that() -> None:
+    rng = np.random.default_rng(4)
+    rows = 1e-8 * rng.normal(size=(500, 2))
+    prior = Prior(np.zeros(1), np.ones(1), -NONE * np.ones(1), NONE * np.ones(1))
+    gram = Gram(rows.T @ rows, 0.0, 500, quietest=1.0)
+    assert gram.evidence([0], prior).noise == 1.0
+    # Nothing beside noise: of 500 samples nothing is left, and the column tells nothing.
+    log = gram.evidence([], prior.of([])).log_evidence
+    assert log == pytest.approx(-250.0 * np.log(2.0 * np.pi), abs=1e-6)
+
+
 def test_what_lies_beyond_a_bound_is_no_part_of_the_evidence() -> None:
     """The data ask for a value outside: the integral is over the inside, the mode on the edge."""
     rng = np.random.default_rng(6)

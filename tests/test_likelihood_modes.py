@@ -21,8 +21,8 @@ def drawn(rng: np.random.Generator, size: int) -> tuple[list[Gram], Prior]:
     """Sizes of three noises beside columns far apart in strength; bounds that some modes are at."""
     rows = rng.normal(size=(SAMPLES, 1 + size)) * 10.0 ** rng.uniform(-2.0, 2.0, 1 + size)
     rows[:, 0] += rows[:, 1:] @ rng.normal(size=size)
-    loudest = float(rng.choice([np.inf, 4.0]))
-    grams = [Gram(k * rows.T @ rows, -1.3 * k, SAMPLES, loudest) for k in (0.5, 1.0, 3.0)]
+    factors = rng.choice([1e-300, 1e3]), rng.choice([np.inf, 4e3])
+    grams = [Gram(k * rows.T @ rows, -1.3 * k, SAMPLES, *factors) for k in (0.5, 1.0, 3.0)]
     deviation = 10.0 ** rng.uniform(-2.0, 2.0, size)
     mean = rng.normal(size=size) * deviation
     low = mean + rng.uniform(-3.0, 0.5, size) * deviation

@@ -31,7 +31,7 @@ def searched(
     monkeypatch.setattr(module, "replace", lambda item, **_: item)
     white = Noise(np.ones(2), np.zeros(2), np.zeros(2))
     scales: Any = SimpleNamespace(
-        noise=white, size=1.0, start=None, loudest=1.0, allows=lambda _: True, decays=(0.9,)
+        noise=white, size=1.0, start=None, factors=(0.0, 1.0), allows=lambda _: True, decays=(0.9,)
     )
     part = SimpleNamespace(defect=np.zeros((3, 1)), of=lambda _: part, read=None)
     mode = SimpleNamespace(noise=1.0)

@@ -63,7 +63,9 @@ def tabled(every: SuperModel, columns: dict[int, np.ndarray], y: np.ndarray, at=
     belief = Belief(none, np.ones(len(numbers)), -wide, wide)
     own = {i: (k,) for k, i in enumerate(numbers)}
     noise = Noise(np.ones(1), np.zeros(1), np.zeros(1))
-    scales = Scales((), np.zeros(0), np.zeros(1), 0.0, (), noise, np.ones(1), np.ones(2))
+    scales = Scales(
+        (), np.zeros(0), np.zeros(1), 0.0, (), noise, np.ones(1), np.ones(2), np.zeros(1)
+    )
     return Table([Gram(rows.T @ rows, 0.0, len(y))], (), value, belief, own, {}, scales)
 
 

@@ -73,29 +73,38 @@ def decision(left: float, detected: bool) -> settled.Settled:
 
 
 @pytest.mark.parametrize(
-    ("left", "ratio", "detected", "forced", "stands"),
+    ("left", "ratio", "detected", "force", "noise", "stands"),
     [
-        (0.9, 1.0, False, False, True),
-        (1.019, 1.0, False, False, True),  # of a hundred readings: under a unit of log likelihood
-        (1.03, 1.0, True, False, False),
-        (np.inf, 1.0, False, False, False),
-        (np.nan, 1.0, False, False, False),
-        (0.3, 7.0, True, False, False),
-        (0.08, 7.0, True, True, True),
-        (0.08, 7.0, False, True, False),
-        (0.1, 7.0, True, True, False),  # a law without a name is sought
+        (0.9, 1.0, False, 0.0, 7.0, True),
+        # Of a hundred readings: under a unit of log likelihood.
+        (1.019, 1.0, False, 0.0, 7.0, True),
+        (1.03, 1.0, True, 0.0, 7.0, False),
+        (np.inf, 1.0, False, 0.0, 7.0, False),
+        (np.nan, 1.0, False, 0.0, 7.0, False),
+        (0.3, 7.0, True, 0.0, 7.0, False),
+        (0.08, 7.0, True, 0.0, 7.0, False),
+        (0.08, 7.0, True, 0.0, 1.0, True),  # no more is taken for noise than the sensor has
+        (0.08, 7.0, True, 0.1, 7.0, True),
+        (0.08, 7.0, False, 0.1, 7.0, False),
+        (0.1, 7.0, True, 0.1, 1.0, False),  # a law without a name is sought
     ],
 )
-def test_a_decision_stands_on_noise_or_beside_a_force_on_most_of_the_mismatch(
+def test_a_decision_stands_on_noise_or_explains_most_of_what_no_noise_is(
     monkeypatch: pytest.MonkeyPatch,
     left: float,
     ratio: float,
     detected: bool,
-    forced: bool,
+    force: float,
+    noise: float,
     stands: bool,
 ) -> None:
     monkeypatch.setattr(settled, "residual_to_noise", lambda *_: ratio)
-    assert settled.borne_out(decision(left, detected), forced) == stands
+    monkeypatch.setattr(settled, "sensor_noise", lambda *_: 0.1)
+    own = Noise.white_of(np.array([0.01 * noise**2]))
+    leader: Any = SimpleNamespace(share=force, settled=True, noise=own)
+    assert settled.borne_out(decision(left, detected), leader) == stands
+    leader.settled = False
+    assert settled.borne_out(decision(left, detected), leader) == (stands and ratio == 1.0)
 
 
 def test_a_bias_that_wanders_is_noise_where_the_evidence_says_so(

@@ -227,8 +227,7 @@ def decided_by_posterior(
     decision = case.failures.attempt(
         "estimating what the evidence says", lambda: decided_by_evidence(case, found), None
     )
-    forced = found.leader.share > 0.0 and found.leader.settled
-    if decision is None or not borne_out(decision, forced):
+    if decision is None or not borne_out(decision, found.leader):
         return None
     above = above_noise(decision, found.leader.noise)
     told = explanations(found, case.simulator.model, above)

@@ -36,6 +36,7 @@ from jaxsr.diagnosis.judging.noise_ratio import (
     ratios_to_noise,
     residual_to_noise,
     root_mean_square,
+    sensor_noise,
 )
 from jaxsr.diagnosis.judging.parsimony import fewer_do, fewest
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, REMOVED
@@ -110,14 +111,19 @@ def _left_over(arena: Arena, entry: Entry, noise: Noise) -> float:
     )
 
 
-def borne_out(found: Settled, forced: bool) -> bool:
+def borne_out(found: Settled, leader: Hypothesis) -> bool:
     """Whether free runs bear a decision out.
 
     They do not where the set follows the recordings worse than re-calibration, or leaves more than
-    the sensors' noise, which the evidence takes for noise. Where the evidence has a force beside
-    the set, `forced`, that is what free runs gather of it: the set stands then as long as they
-    detect it and it explains the mismatch, all but what a law without a name is sought for
-    (`laws.newcomers`).
+    the sensors' noise, which the evidence takes for noise. Where it has a force beside the set,
+    that is what free runs gather of it, and where its noise is that which neighbouring samples
+    tell, how round free runs take corners: the set stands then as long as they detect it and it
+    explains the mismatch, all but what a law without a name is sought for (`laws.newcomers`).
+
+    Parameters
+    ----------
+    leader : Hypothesis
+        Of the evidence.
     """
     (arena, entries, chosen, detection), *_ = found
     null = next(e for e in entries if not e.members)
@@ -125,7 +131,15 @@ def borne_out(found: Settled, forced: bool) -> bool:
         return False
     if residual_to_noise(arena, chosen) <= ABOVE_NOISE:
         return True
-    return forced and detection.detected and chosen.fit.cost < REMOVED**2 * null.fit.cost
+    if not (leader.settled and (leader.share > 0.0 or _as_told(arena, leader.noise))):
+        return False
+    return detection.detected and chosen.fit.cost < REMOVED**2 * null.fit.cost
+
+
+def _as_told(arena: Arena, noise: Noise) -> bool:
+    """Whether the evidence takes no more for noise than neighbouring samples tell."""
+    sizes = np.sqrt(noise.white + noise.coloured)
+    return all(size <= ABOVE_NOISE * sensor_noise(arena, k) for k, size in enumerate(sizes))
 
 
 def above_noise(found: Settled, noise: Noise) -> bool:

@@ -17,6 +17,8 @@ from jaxsr.recordings.noise import level_spacing, on_grid
 
 LEVELS = 6
 """Levels from which their spacing tells a step (`quantisation_step`)."""
+BITS = 16
+"""Of a good converter: no sensor of a machine is finer than one over all that it reads."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,20 @@ def steps_of(model: Model, prepared: tuple[Prepared, ...]) -> tuple[float, ...]:
                 step = stated
         found.append(step or 0.0)
     return tuple(found)
+
+
+@lru_cache(maxsize=64)
+def finest_noise(model: Model, prepared: tuple[Prepared, ...]) -> np.ndarray:
+    """Return the variance of every output that no noise is below, in the square of its unit.
+
+    That of its steps, as it is read, or of a good converter's over all that it reads. Recordings
+    without noise are simulated: what their solver and this one leave is no physics, and less than
+    that.
+    """
+    outputs = np.concatenate([item.outputs for item in prepared])
+    reach = np.fmax.reduce(outputs) - np.fmin.reduce(outputs)
+    steps = np.fmax(steps_of(model, prepared), reach / 2.0**BITS)
+    return np.array([uniform_variance(step if step > 0.0 else 1.0) for step in steps])
 
 
 @lru_cache(maxsize=64)

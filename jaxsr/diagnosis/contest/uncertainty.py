@@ -9,7 +9,7 @@ import scipy.special
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.blocks import column_sizes
-from jaxsr.diagnosis.contest.converters import correlated
+from jaxsr.diagnosis.contest.converters import correlated, finest_noise
 from jaxsr.diagnosis.contest.reduced import resolved
 from jaxsr.diagnosis.contest.tangent import Tangent
 from jaxsr.models.least_squares import Fit
@@ -30,12 +30,19 @@ def covariance(arena: Arena, result: Fit) -> np.ndarray:
     motion.
     """
     hessian, gradient = result.normal_equations()
-    used = arena.problem.segments.weights.sum()
     unknowns = result.active.size + np.sum(arena.problem.segments.free_start)
-    length = correlated(result.residual, arena.converters)
-    variance = result.cost / max(used - unknowns, 1.0) * length
+    variance = _of_a_residual(arena, result, int(unknowns))
     blocks = _in_blocks(arena, hessian), _in_blocks(arena, gradient)
     return covariance_of(hessian.sum(0), variance, blocks)
+
+
+def _of_a_residual(arena: Arena, result: Fit, unknowns: int) -> float:
+    """Return the variance of an independent weighted residual, at least the finest noise's."""
+    weights = arena.problem.segments.weights.sum(axis=(1, 2))
+    finest = finest_noise(arena.super_model.given, arena.prepared) / arena.problem.scale**2
+    cost = max(result.cost, float(weights @ finest))
+    length = correlated(result.residual, arena.converters)
+    return cost / max(weights.sum() - unknowns, 1.0) * length
 
 
 def covariance_of(
@@ -226,9 +233,7 @@ def sensitivities(arena: Arena, result: Fit, exclude: tuple[int, ...] = ()) -> S
     gram = total[np.ix_(position, position)] - cross.T @ solved
     strength = np.maximum(np.diag(gram), 0.0)
     angle = np.degrees(np.arcsin(np.sqrt(np.clip(strength / (raw[position] + 1e-300), 0, 1))))
-    used = problem.segments.weights.sum()
-    length = correlated(result.residual, arena.converters)
-    variance = result.cost / max(used - len(base), 1.0) * length
+    variance = _of_a_residual(arena, result, len(base))
     error = np.sqrt(variance) / np.sqrt(strength + 1e-300)  # one root would overflow
     size = np.sqrt(raw[position])
     return Sensitivities(numbers, gram, error, angle, size, float(variance))

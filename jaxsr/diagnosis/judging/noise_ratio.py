@@ -9,12 +9,11 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.colour import colour
-from jaxsr.diagnosis.contest.converters import steps_of
+from jaxsr.diagnosis.contest.converters import finest_noise
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.models.least_squares import LARGEST
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import noise_level
-from jaxsr.recordings.converter import uniform_variance
 
 LIMITED = 10.0
 """Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
@@ -48,7 +47,7 @@ def ratios_to_noise(arena: Arena, entry: Entry) -> list[float]:
             ratios.append(np.inf)
             continue
         rho = colour(residual)
-        ratio = root_mean_square(residual) / max(_noise(arena, k), 1e-300)
+        ratio = root_mean_square(residual) / max(sensor_noise(arena, k), 1e-300)
         # More than such noise can leave is a misfit, whatever its correlation.
         coloured = ratio * np.sqrt((1.0 - rho) / (1.0 + rho))
         ratios.append(float(coloured if coloured < NOISE_ALONE else ratio))
@@ -62,18 +61,18 @@ def root_mean_square(residual: np.ndarray) -> float:
 
 def in_noise(arena: Arena) -> Arena:
     """Return the arena with its outputs weighed by the noise of their sensors."""
-    noise = np.array([_noise(arena, k) for k in range(arena.problem.scale.size)])
+    noise = np.array([sensor_noise(arena, k) for k in range(arena.problem.scale.size)])
     scale = np.where(noise > 0.0, noise, arena.problem.scale)
     return replace(arena, problem=replace(arena.problem, scale=scale))
 
 
-def _noise(arena: Arena, output: int) -> float:
-    """Noise of a sensor over all recordings, as residuals have it, and what its converter makes.
+def sensor_noise(arena: Arena, output: int) -> float:
+    """Return the noise of a sensor over all recordings, as residuals have it, at least the finest.
 
     One recording may show too few levels for its steps to be told.
     """
-    step = steps_of(arena.super_model.given, arena.prepared)[output]
-    return max(_pooled_noise(arena.prepared, output), float(np.sqrt(uniform_variance(step))))
+    finest = finest_noise(arena.super_model.given, arena.prepared)[output]
+    return max(_pooled_noise(arena.prepared, output), float(np.sqrt(finest)))
 
 
 @lru_cache(maxsize=64)

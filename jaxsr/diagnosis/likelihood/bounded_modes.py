@@ -87,7 +87,7 @@ class Bounded(NamedTuple):
 def fill_modes(
     products: Array,
     log_determinant: Array,
-    loudest: Array,
+    factors: tuple[Array, Array],
     count: int,
     prior: Beliefs,
     steps: int,
@@ -100,7 +100,9 @@ def fill_modes(
     ----------
     products : ndarray, shape (choices, 1 + constants, 1 + constants)
         Overwritten: scaled by the deviations of the prior.
-    log_determinant, loudest : ndarray, shape (choices,)
+    log_determinant : ndarray, shape (choices,)
+    factors : (ndarray, ndarray), shape (choices,)
+        Smallest and largest scale of the noise.
     count : int
     prior : Beliefs
         Means and bounds in their deviations.
@@ -110,6 +112,7 @@ def fill_modes(
     found : Modes
     """
     size, mode = len(prior.mean), room.mode
+    quietest, loudest = factors
     outside = 0.0  # log share of the prior inside the bounds
     for i in range(size):
         room.low[i], room.high[i] = prior.low[i], prior.high[i]
@@ -134,7 +137,7 @@ def fill_modes(
                 left += along * mode[i]
             if not left > 0.0:
                 break
-            before, noise = noise, min(max(left / count, 1e-300), loudest[choice])
+            before, noise = noise, min(max(left / count, quietest[choice]), loudest[choice])
             if abs(noise - before) <= SCALED * noise:
                 break
         found.failed[choice] = math.isnan(left)

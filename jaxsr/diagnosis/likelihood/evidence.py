@@ -15,6 +15,8 @@ from jaxsr.diagnosis.likelihood.truncated import Truncated, log_inside
 
 SETTLING = 4
 """Fixed-point steps for the scale of the noise, which converge by a factor of samples a step."""
+QUIETEST = 1e-300
+"""Smallest factor on the noise where nothing is known of the sensors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,21 +76,24 @@ class Gram:
     products : ndarray, shape (1 + constants, 1 + constants)
     log_determinant : float
     count : int
-    loudest : float
-        Largest factor on all variances.
+    quietest, loudest : float
+        Smallest and largest factor on all variances.
     """
 
     products: np.ndarray
     log_determinant: float
     count: int
+    quietest: float = QUIETEST
     loudest: float = np.inf
 
     @staticmethod
-    def of(found: Whitened, lanes: slice, loudest: float = np.inf) -> Gram:
-        """Sum over the lanes of one choice."""
+    def of(
+        found: Whitened, lanes: slice, factors: tuple[float, float] = (QUIETEST, np.inf)
+    ) -> Gram:
+        """Sum over the lanes of one choice; `factors` are the smallest and the largest."""
         rows = found.rows[lanes].reshape(-1, found.rows.shape[-1])
         determinant = float(found.log_determinant[lanes].sum())
-        return Gram(rows.T @ rows, determinant, found.count, loudest)
+        return Gram(rows.T @ rows, determinant, found.count, *factors)
 
     def beside(self, log_density: float) -> Gram:
         """Return the same beside readings of a known log density."""
@@ -155,7 +160,7 @@ class Gram:
                 return Mode(-np.inf, prior.mean, prior.deviation, 1.0)
             before = noise
             if scaled:
-                noise = min(max(float(left) / self.count, 1e-300), self.loudest)
+                noise = min(max(float(left) / self.count, self.quietest), self.loudest)
             if abs(noise - before) <= SCALED * noise:
                 break
         away = change - prior.mean
@@ -229,11 +234,13 @@ def _filled(grams: Sequence[Gram], products: np.ndarray, prior: Prior) -> Modes:
     many, size, own = len(grams), len(prior.mean), prior.deviation
     (log, noise), (change, deviation) = np.empty((2, many)), np.empty((2, many, size))
     found = Modes(log, noise, change, deviation, np.zeros(many, bool))
-    determinant, loudest = np.array([(g.log_determinant, g.loudest) for g in grams]).T.copy()
+    known = [(g.log_determinant, g.quietest, g.loudest) for g in grams]
+    determinant, quietest, loudest = np.array(known).T.copy()
     beliefs = Beliefs(prior.mean / own, own, prior.low / own, prior.high / own)
     fill = compiled(fill_modes) or fill_modes
     room = Bounded.of(size)
-    fill(products, determinant, loudest, grams[0].count, beliefs, SETTLING, room, found)
+    factors = quietest, loudest
+    fill(products, determinant, factors, grams[0].count, beliefs, SETTLING, room, found)
     return found
 
 

@@ -224,7 +224,7 @@ class _Scene:
         noises, count = [noise for noise, *_ in every], self.part.defect.shape[1]
         rows = whitened(System.of(self.part, forces, noises, self.scales.start))
         grams = [
-            Gram.of(rows, slice(k * count, (k + 1) * count), replace(self.scales, noise=n).loudest)
+            Gram.of(rows, slice(k * count, (k + 1) * count), replace(self.scales, noise=n).factors)
             for k, n in enumerate(noises)
         ]
         found = self._modes(grams)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.evidence import Gram
+from jaxsr.diagnosis.likelihood.evidence import QUIETEST, Gram
 from jaxsr.diagnosis.likelihood.kalman import Latent, System, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
@@ -47,6 +47,8 @@ class Scales:
         Variances of the noise that neighbouring samples tell.
     start : ndarray, shape (states,)
         Variances of the states at the start of a piece.
+    finest : ndarray, shape (outputs,)
+        Variances that no sensor's noise is below.
     """
 
     forces: tuple[int, ...]
@@ -57,16 +59,21 @@ class Scales:
     noise: Noise
     told: np.ndarray
     start: np.ndarray
+    finest: np.ndarray
 
     def allows(self, noise: Noise) -> bool:
         """Whether neighbouring samples leave room for some noise."""
         return bool((noise.between_neighbours <= LOUDEST * self.told).all())
 
     @property
-    def loudest(self) -> float:
-        """Largest factor on the noise that neighbouring samples leave room for."""
+    def factors(self) -> tuple[float, float]:
+        """Smallest factor on the noise that leaves every sensor its finest, and largest for which
+        neighbouring samples leave room; of the two, the latter."""
+        noise = self.noise
         with np.errstate(over="ignore", divide="ignore"):  # of readings that stand still
-            return LOUDEST * float(np.min(self.told / self.noise.between_neighbours))
+            loudest = LOUDEST * float(np.min(self.told / noise.between_neighbours))
+        quietest = float(np.max(self.finest / (noise.white + noise.coloured)))
+        return min(max(quietest, QUIETEST), loudest), loudest
 
     def latent(self, local: LocalModel, share: float, decay: float | None = None) -> Latent:
         """Return the latent force of one size, and one correlation, about a linearisation."""
@@ -94,7 +101,7 @@ def grams(
         latent = [scales.latent(local, *c) for c in choices[first : first + together]]
         found = whitened(System.of(local, latent, [scales.noise] * len(latent), scales.start))
         lanes = [slice(k * pieces, (k + 1) * pieces) for k in range(len(latent))]
-        every = (Gram.of(found, lane, scales.loudest) for lane in lanes)
+        every = (Gram.of(found, lane, scales.factors) for lane in lanes)
         results += [g.beside(local.log_apart) for g in every]
     return results
 

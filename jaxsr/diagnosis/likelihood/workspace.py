@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.converters import steps_of
+from jaxsr.diagnosis.contest.converters import finest_noise
 from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.contest.memory_starts import start_of
 from jaxsr.diagnosis.likelihood.scales import Scales
@@ -21,7 +21,6 @@ from jaxsr.models.segments import Prepared, build_segments, unbroken
 from jaxsr.models.simulator import Simulator
 from jaxsr.models.states import spread
 from jaxsr.recordings import noise_level
-from jaxsr.recordings.converter import uniform_variance
 
 LENGTH = 512
 """Samples of a piece: as many passes in time as that, whatever the length of the recordings."""
@@ -117,6 +116,7 @@ class Workspace:
             told if noise is None else noise,
             told.between_neighbours,
             start_of(segments.course),
+            finest_noise(given, tuple(prepared)),
         )
         if given.events:
             narrow = through_jumps(given, narrow, values, scales.noise, scales.start, states)
@@ -127,15 +127,13 @@ class Workspace:
 
 
 def first_noise(model: Model, prepared: Sequence[Prepared]) -> Noise:
-    """Return white noise of the sizes that neighbouring samples tell, at least a converter's."""
+    """Return white noise of the sizes that neighbouring samples tell, at least the finest."""
     outputs = np.concatenate([p.outputs for p in prepared])
     levels = [
         np.median([noise_level(p.time, p.outputs[:, k]) for p in prepared])
         for k in range(outputs.shape[1])
     ]
-    steps = [uniform_variance(step) for step in steps_of(model, tuple(prepared))]
-    white = np.square(np.maximum(levels, 1e-9 * spread(outputs)))
-    return Noise.white_of(np.maximum(white, steps))
+    return Noise.white_of(np.maximum(np.square(levels), finest_noise(model, tuple(prepared))))
 
 
 def along(work: Workspace, path: np.ndarray) -> tuple[Prepared, ...]:
