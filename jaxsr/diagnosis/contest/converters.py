@@ -65,9 +65,9 @@ def steps_of(model: Model, prepared: tuple[Prepared, ...]) -> tuple[float, ...]:
 def finest_noise(model: Model, prepared: tuple[Prepared, ...]) -> np.ndarray:
     """Return the variance of every output that no noise is below, in the square of its unit.
 
-    That of its steps, as it is read, or of a good converter's over all that it reads. Recordings
-    without noise are simulated: what their solver and this one leave is no physics, and less than
-    that.
+    That of its steps, as it is read, or of a good converter's over all that it reads; of a step of
+    one unit where that is always the same. Recordings without noise are simulated: what their
+    solver and this one leave is no physics, and less than that.
     """
     outputs = np.concatenate([item.outputs for item in prepared])
     reach = np.fmax.reduce(outputs) - np.fmin.reduce(outputs)
