@@ -21,13 +21,18 @@ from typing import Any
 
 import numpy as np
 
-import jaxsr._clock as clock
 from benchmarks.frictional_machines import HELD_OUT, MACHINES
-from benchmarks.planted import answers, asked, counted, misjudged, with_values, within
+from benchmarks.planted import (
+    answered_with_values,
+    answers,
+    asked,
+    counted,
+    misjudged,
+    told_with_values,
+    with_values,
+)
 from benchmarks.provenance import write
-from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.models import Simulator
 
 BUDGET, SEED = 60.0, 0
 QUICK = ("conveyor",)
@@ -52,31 +57,7 @@ def diagnosed(task: Task) -> dict[str, Any]:
     # One draw a machine, the same for both ways.
     rng = np.random.default_rng([task.seed, list(MACHINES).index(task.machine), task.lacking])
     recordings, model = machine.recordings(rng, task.lacking), misjudged(machine.model, rng)
-    began = clock.now()
-    found = diagnose(Simulator(model), recordings, budget=BUDGET)
-    laws = [f for f in found.findings if f["mechanism"] != "wrong_value"]
-    told = [(f["mechanism"], f["site"]) for f in laws]
-    wanted = [(machine.mechanism, f"equation:{machine.state}")] if task.lacking else []
-    verdict = "structure" if task.lacking else "parameter"
-    return {
-        **asdict(task),
-        "verdict": found.verdict,
-        "findings": told,
-        "probability": laws[0]["probability"] if laws else None,
-        "right": found.verdict == verdict and told == wanted,
-        "values": [*within(machine.model, found.document["calibration"])],
-        "seconds": round(clock.now() - began, 1),
-    }
-
-
-def told(row: dict[str, Any]) -> str:
-    """Return a row as a line."""
-    what = ", ".join(f"{mechanism} at {site}" for mechanism, site in row["findings"]) or "-"
-    mark = "right" if row["right"] else "WRONG"
-    inside, of = row["values"]
-    name = f"{row['machine']}, {'a law missing' if row['lacking'] else 'values'}, {row['way']}"
-    took = f"{inside} of {of} values, {row['seconds']} s"
-    return f"{name:68} {mark} {row['verdict']}: {what} ({took})"
+    return asdict(task) | answered_with_values(machine, model, recordings, task.lacking, BUDGET)
 
 
 def main() -> int:
@@ -88,7 +69,7 @@ def main() -> int:
     ways = (SHARP,) if given.quick else (SHARP, ROUNDED)
     lacking = (False,) if given.quick else (False, True)
     tasks = [Task(m, w, missing, given.seed) for m in machines for w in ways for missing in lacking]
-    rows = answers(tasks, diagnosed, told, given.jobs)
+    rows = answers(tasks, diagnosed, told_with_values, given.jobs)
     counts = with_values(counted(rows, HELD_OUT), rows, HELD_OUT)
     if given.quick:
         return int(not all(row["right"] for row in rows))

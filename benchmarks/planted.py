@@ -11,7 +11,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxsr.models import Model
+import jaxsr._clock as clock
+from benchmarks.unread_machines import Machine
+from jaxsr.diagnosis import diagnose
+from jaxsr.models import Model, Simulator
+from jaxsr.recordings import Recording
 
 OFF = 0.25
 """Largest share by which values are wrong."""
@@ -86,3 +90,32 @@ def within(truth: Model, calibration: dict[str, Any]) -> tuple[int, int]:
     ends = {name: row["ci95"] for name, row in calibration.items()}
     inside = [low <= truth.parameters[name].value <= high for name, (low, high) in ends.items()]
     return sum(inside), len(inside)
+
+
+def answered_with_values(
+    machine: Machine, model: Model, recordings: Sequence[Recording], lacking: bool, budget: float
+) -> Row:
+    """Return what is told of a machine by a model with wrong values, and lacking a law or none."""
+    began = clock.now()
+    found = diagnose(Simulator(model), list(recordings), budget=budget)
+    laws = [f for f in found.findings if f["mechanism"] != "wrong_value"]
+    told = [(f["mechanism"], f["site"]) for f in laws]
+    wanted = [(machine.mechanism, f"equation:{machine.state}")] if lacking else []
+    return {
+        "verdict": found.verdict,
+        "findings": told,
+        "probability": laws[0]["probability"] if laws else None,
+        "right": found.verdict == ("structure" if lacking else "parameter") and told == wanted,
+        "values": [*within(machine.model, found.document["calibration"])],
+        "seconds": round(clock.now() - began, 1),
+    }
+
+
+def told_with_values(row: Row) -> str:
+    """Return the row of such an answer as a line."""
+    what = ", ".join(f"{mechanism} at {site}" for mechanism, site in row["findings"]) or "-"
+    mark = "right" if row["right"] else "WRONG"
+    inside, of = row["values"]
+    name = f"{row['machine']}, {'a law missing' if row['lacking'] else 'values'}, {row['way']}"
+    took = f"{inside} of {of} values, {row['seconds']} s"
+    return f"{name:68} {mark} {row['verdict']}: {what} ({took})"
