@@ -20,7 +20,7 @@ from jaxsr.models import parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.recordings import Recording
 
-FINE, COARSE = 1e-6, 0.04
+FINE, COARSE = 1e-5, 0.04
 # The position is read twice: finely, and by a converter of a few steps.
 TWICE = SPRUNG.replace('outputs = ["y"]', 'outputs = ["y", "z"]').replace(
     'y = "q"\n', 'y = "q"\nz = "q"\n', 1
