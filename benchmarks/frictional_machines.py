@@ -1,7 +1,7 @@
 """Machines whose own model has a law with a corner: dry friction, a stop, play, a limit of a drive.
 
-How such laws of the given model are integrated was settled on `SEEN`; `HELD_OUT` were made
-afterwards.
+How such laws of the given model are integrated was settled before, on a conveyor like that of
+`SEEN`; no rule came of these or of `HELD_OUT`.
 """
 
 from __future__ import annotations
