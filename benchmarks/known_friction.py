@@ -16,13 +16,14 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from benchmarks.frictional_machines import HELD_OUT, MACHINES
 from benchmarks.planted import (
+    Task,
     answered_with_values,
     answers,
     asked,
@@ -37,16 +38,6 @@ from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 BUDGET, SEED = 60.0, 0
 QUICK = ("conveyor",)
 SHARP, ROUNDED = "as the recordings say", "rounded over a fixed width"
-
-
-@dataclass(frozen=True)
-class Task:
-    """One diagnosis."""
-
-    machine: str
-    way: str
-    lacking: bool
-    seed: int
 
 
 def diagnosed(task: Task) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ import benchmarks.frictional_machines as frictional
 import benchmarks.saturated_machines as saturated
 import jaxsr.diagnosis.contest.converters as converters
 from benchmarks.planted import (
+    Task,
     answered_with_values,
     answers,
     asked,
@@ -43,16 +44,6 @@ LATER = ("filter and converter", "strain gauge", "cart")
 MACHINES = {name: case.machine for name, case in saturated.MACHINES.items()}
 MACHINES |= frictional.HELD_OUT
 HELD_OUT = (*LATER, *frictional.HELD_OUT)
-
-
-@dataclass(frozen=True)
-class Task:
-    """One diagnosis."""
-
-    machine: str
-    way: str
-    lacking: bool
-    seed: int
 
 
 def diagnosed(task: Task) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
@@ -19,8 +19,18 @@ from jaxsr.recordings import Recording
 
 OFF = 0.25
 """Largest share by which values are wrong."""
-Task = TypeVar("Task")
+Asked = TypeVar("Asked")
 Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One diagnosis of a machine, with a law missing or none."""
+
+    machine: str
+    way: str
+    lacking: bool
+    seed: int
 
 
 def asked(
@@ -35,7 +45,7 @@ def asked(
 
 
 def answers(
-    tasks: Sequence[Task], diagnosed: Callable[[Task], Row], told: Callable[[Row], str], jobs: int
+    tasks: Sequence[Asked], diagnosed: Callable[[Asked], Row], told: Callable[[Row], str], jobs: int
 ) -> list[Row]:
     """Return and print the rows of all tasks; a process a task, which may leave things switched."""
     rows: list[Row] = []
@@ -76,7 +86,7 @@ def with_values(
 
 
 def misjudged(model: Model, rng: np.random.Generator) -> Model:
-    """Return a model whose free values are wrong, each inside its bounds."""
+    """Return a model whose free values are wrong by a tenth of them to `OFF`."""
     parameters = dict(model.parameters)
     for name in model.free_parameters:
         own = parameters[name]

@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ import numpy as np
 import jaxsr._clock as clock
 import jaxsr.diagnosis.likelihood.hypotheses as hypotheses
 import jaxsr.diagnosis.likelihood.limits as limits
-from benchmarks.planted import answers, asked, counted
+from benchmarks.planted import Task, answers, asked, counted
 from benchmarks.provenance import write
 from benchmarks.saturated_machines import HELD_OUT, MACHINES
 from jaxsr.diagnosis import diagnose
@@ -32,16 +32,6 @@ from jaxsr.models import Simulator
 BUDGET, SEED = 60.0, 0
 QUICK = ("mass on a spring",)
 CENSORED, AS_OTHERS = "readings at limits censored", "weighed as all others"
-
-
-@dataclass(frozen=True)
-class Task:
-    """One diagnosis."""
-
-    machine: str
-    way: str
-    lacking: bool
-    seed: int
 
 
 def diagnosed(task: Task) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Recordings of a simulator that has no noise: nothing is finer than a converter."""
+"""Recordings of a simulator that has no noise: no sensor is taken for finer than a converter."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_no_noise_is_finer_than_a_step_or_a_converter() -> None:
 
 
 def test_the_factor_on_the_noise_leaves_every_sensor_its_finest_and_what_neighbours_tell() -> None:
-    rng = np.random.default_rng(1)
+    rng, apart = np.random.default_rng(1), 0
     for _ in range(100):
         told, white, coloured = 10.0 ** rng.uniform(-4.0, 4.0, (3, 2))
         noise = Noise(white, coloured, np.array([0.9, 0.0]))
@@ -45,8 +45,10 @@ def test_the_factor_on_the_noise_leaves_every_sensor_its_finest_and_what_neighbo
         near = noise.scaled(loudest).between_neighbours
         assert (near <= LOUDEST * told * (1 + 1e-9)).all() and 0.0 < quietest <= loudest
         if quietest < loudest:
+            apart += 1
             whole = noise.scaled(quietest)
             assert (whole.white + whole.coloured >= finest * (1 - 1e-9)).all()
+    assert 20 < apart < 100  # both are met
 
 
 @pytest.mark.parametrize("lacking", [False, True])

@@ -18,7 +18,7 @@ from jaxsr.recordings.noise import level_spacing, on_grid
 LEVELS = 6
 """Levels from which their spacing tells a step (`quantisation_step`)."""
 BITS = 16
-"""Of a good converter: no sensor of a machine is finer than one over all that it reads."""
+"""Of a good converter: no sensor is taken for finer than one over all that it reads."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.evidence import QUIETEST, Gram
+from jaxsr.diagnosis.likelihood.evidence import Gram
 from jaxsr.diagnosis.likelihood.kalman import Latent, System, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
@@ -73,7 +73,7 @@ class Scales:
         with np.errstate(over="ignore", divide="ignore"):  # of readings that stand still
             loudest = LOUDEST * float(np.min(self.told / noise.between_neighbours))
         quietest = float(np.max(self.finest / (noise.white + noise.coloured)))
-        return min(max(quietest, QUIETEST), loudest), loudest
+        return min(quietest, loudest), loudest
 
     def latent(self, local: LocalModel, share: float, decay: float | None = None) -> Latent:
         """Return the latent force of one size, and one correlation, about a linearisation."""
