@@ -43,7 +43,6 @@ from jaxsr.diagnosis.search.large_contest import decided_among_many, with_many_e
 from jaxsr.diagnosis.settled import (
     above_noise,
     answered,
-    borne_out,
     decided_by_evidence,
     plainest,
     weighed,
@@ -227,7 +226,7 @@ def decided_by_posterior(
     decision = case.failures.attempt(
         "estimating what the evidence says", lambda: decided_by_evidence(case, found), None
     )
-    if decision is None or not borne_out(decision, found.leader):
+    if decision is None:
         return None
     above = above_noise(decision, found.leader.noise)
     told = explanations(found, case.simulator.model, above)

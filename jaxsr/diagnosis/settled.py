@@ -22,29 +22,26 @@ from jaxsr.diagnosis.comparison import opening
 from jaxsr.diagnosis.contest.arena import (
     Arena,
     in_sharpest_widths,
-    in_widths_of_best,
     neutral_values,
 )
-from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.contest.widths import WIDEST
 from jaxsr.diagnosis.explanations import labels_of
+from jaxsr.diagnosis.free_runs import FreeRuns
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
-from jaxsr.diagnosis.judging.leading import best_so_far, leading
+from jaxsr.diagnosis.judging.leading import best_so_far
 from jaxsr.diagnosis.judging.noise_ratio import (
     ratios_to_noise,
     residual_to_noise,
     root_mean_square,
     sensor_noise,
 )
-from jaxsr.diagnosis.judging.parsimony import fewer_do, fewest
+from jaxsr.diagnosis.judging.parsimony import fewest
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, REMOVED
 from jaxsr.diagnosis.laws.written import Writer
 from jaxsr.diagnosis.likelihood.course import Course
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.later import Written
-from jaxsr.diagnosis.likelihood.paths import path_over
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.state import State
@@ -192,15 +189,15 @@ def plainest(found: Settled, claim: Claim, stop: Callable[[], bool]) -> tuple[Se
     return ((arena, entries, plain, detection), headline, stopped), renamed
 
 
-def decided_by_evidence(case: Case, found: Posterior) -> Settled:
-    """Return the decision, its horizon in s, and why the search ended."""
+def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
+    """Return the decision, its horizon in s, and why the search ended; None if not borne out.
+
+    What decides comes first: the leading set, its parts, and laws inside theirs. Sets that they are
+    only compared with have the time that is left.
+    """
     leader, null = found.leader, next(h for h in found.hypotheses if not h.members)
-    smaller = _inside(found)
-    every = zip(found.hypotheses, found.probabilities, strict=True)
-    others = [(h, p) for h, p in every if labels_of(found, h) != labels_of(found, leader)]
-    others = [(h, p) for h, p in others if h.members][:RIVALS]
-    rivals = [h for k, (h, p) in enumerate(others) if k == 0 or p >= TOLD]
-    shown = [h for h in dict.fromkeys([leader, *smaller, *rivals]) if h.members]
+    own, rivals = [leader, *_inside(found)], _rivals(found)
+    shown = [h for h in dict.fromkeys([*own, *rivals]) if h.members]
     super_model, starts = _starts(case, found, [null, *shown])
     opened = opening(case, super_model, starts, led=True)
     assert opened is not None  # a horizon of its own was not asked for
@@ -213,19 +210,29 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled:
         case.compared.told |= found.asked
     arena = as_wide_as_a_jump(arena, leader.width)
     asked = [frozenset(h.members) for h in found.hypotheses]
-    pairs = [(m, h) for (m, _), h in zip(starts[1:], shown, strict=True)]
-    guessed = {m for m, h in pairs if frozenset(h.members) not in asked}
-    parts = {m for m, h in pairs if h in smaller and h not in rivals}
-    arena, entries = _entered(case, arena, entry, starts, found, guessed, parts)
-    null_entry = next(e for e in entries if not e.members)
+    pairs = list(zip(starts[1:], shown, strict=True))
+    runs = FreeRuns.of(case, arena, found)
+    arena, entries = runs.leading(
+        arena,
+        runs.begun(arena, entry, found, starts[0][1]),
+        [start for start, h in pairs if h in own],
+        {start[0] for start, h in pairs if frozenset(h.members) not in asked},
+    )
     wanted = starts[1][0] if leader.members else ()
-    chosen = next(e for e in entries if e.members == wanted)
     count = len({c.label for c in found.candidates})
-    detection = detect_in_noise(null_entry, chosen, count)
     stopped = StoppedBy.CONVERGED
     if not found.timely:
         stopped = StoppedBy.INTERRUPTED if case.budget.interrupted else StoppedBy.BUDGET
-    return (arena, entries, chosen, detection), headline.seconds, stopped
+
+    def decision(arena: Arena, entries: list[Entry]) -> Settled:
+        re_calibrated = next(e for e in entries if not e.members)
+        chosen = next(e for e in entries if e.members == wanted)
+        detection = detect_in_noise(re_calibrated, chosen, count)
+        return (arena, entries, chosen, detection), headline.seconds, stopped
+
+    if not borne_out(decision(arena, entries), leader):
+        return None
+    return decision(*runs.beside(arena, entries, [start for start, h in pairs if h in rivals]))
 
 
 def as_wide_as_a_jump(arena: Arena, width: float | None) -> Arena:
@@ -236,6 +243,15 @@ def as_wide_as_a_jump(arena: Arena, width: float | None) -> Arena:
     if width is None:
         return arena
     return in_sharpest_widths(arena, float(np.clip(width, 1.0, WIDEST)))
+
+
+def _rivals(found: Posterior) -> list[Hypothesis]:
+    """Return what the report compares the leading set with."""
+    leader = found.leader
+    every = zip(found.hypotheses, found.probabilities, strict=True)
+    others = [(h, p) for h, p in every if labels_of(found, h) != labels_of(found, leader)]
+    others = [(h, p) for h, p in others if h.members][:RIVALS]
+    return [h for k, (h, p) in enumerate(others) if k == 0 or p >= TOLD]
 
 
 def _inside(found: Posterior) -> list[Hypothesis]:
@@ -278,51 +294,3 @@ def _starts(
                 theta[order[full]] = item.constants[name][0]
         starts.append((members, theta))
     return super_model, starts
-
-
-def _entered(
-    case: Case,
-    arena: Arena,
-    null: Entry,
-    starts: Sequence[Start],
-    found: Posterior,
-    guessed: Collection[tuple[int, ...]],
-    parts: Collection[tuple[int, ...]],
-) -> tuple[Arena, list[Entry]]:
-    """Estimate the sets in free run, every reading weighed by what the leading one leaves.
-
-    They are sought along the path that the evidence found. Those `guessed`, which it did not
-    estimate, are asked where that one leaves more than the sensors' noise. Of its `parts`, the
-    smallest first, none is where fewer members explain as much, which are told then (`plainest`).
-    """
-    entries, path, near = [null], None, False
-    start, starts = starts[0][1], starts[1:]
-    if len(found.prepared) == len(case.prepared):
-        course = arena.problem.segments, case.prepared, found.prepared, found.rows
-        path = path_over(*course, found.leader.path)
-        pairs = zip(found.prepared, case.prepared, strict=True)
-        near = all(a.time.size == b.time.size for a, b in pairs)
-
-    def stop() -> bool:
-        return case.search.exhausted
-
-    if not found.leader.members and residual_to_noise(arena, null) > ABOVE_NOISE:
-        # Beside an impact the path that the sensors tell may begin on its wrong side.
-        led = enter(arena, (), start, path, stop, near=near)
-        entries = [min(null, led, key=lambda e: e.fit.cost)]
-    for number, (members, start) in enumerate(starts):
-        if number and stop():
-            break
-        above = residual_to_noise(arena, entries[1]) > ABOVE_NOISE if number else False
-        if members in guessed and not above:
-            continue
-        if members in parts and above and fewer_do(entries[1], arena, entries[2:], len(members)):
-            continue
-        case.progress.update(number / len(starts), leading(arena, entries))
-        entries.append(enter(arena, members, start, path, stop, near=near))
-        if number == 0:
-            arena, entries = in_widths_of_best(arena, entries)
-            arena, entries = rescaled(arena, entries, stop)
-    if not starts:
-        arena, entries = rescaled(arena, entries, stop)
-    return in_widths_of_best(arena, entries)
