@@ -272,6 +272,7 @@ DIAGNOSIS = (
     "hurried",
     "verdict",
     "explanations",
+    "free_runs",
     "settled",
     "finding",
     "answer",
