@@ -45,16 +45,17 @@ from jaxsr.expressions import Term, evaluate, parse
 
 SEVERAL = 2
 """Forces of a leader at one equation from which one law may stand for them."""
-SECONDS, SHARE = 4.0, 0.25
-"""Longest search at an equation, and the largest share of the time left that one may take."""
+SHARE = 0.25
+"""Largest share of the time left that the search at one equation may take."""
 AROUND = 1.05
 """Range, in that of the path about which a law is written, over which other paths may lead."""
 SURE = 1e-3
 """Share of its mean square to which what acts is known, where it is smoothed."""
 CLEARLY, MOST = 0.7, 6
 """Share of a simpler law's error from which another is weighed beside it, and laws that are."""
-POPULATION = 120
-"""Of the search for a law, as of those in free run."""
+CONFIG = SearchConfig(population=120, sizes=SizeLimits(terms=MAX_TERMS))
+"""Of the search for a law, which ends by itself where time allows, so that it finds the same on any
+processor; the population is that of the search in free run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,7 @@ class Writer:
             return np.concatenate([rows, np.zeros((len(none), rows.shape[1]))])
 
         while open_place is not None:
-            place, seconds = open_place, min(SECONDS, SHARE * self.remaining())
+            place, seconds = open_place, SHARE * self.remaining()
             if not seconds > 0.0:
                 break
             found = propose(
@@ -163,7 +164,7 @@ class Writer:
                 {name: place.signals[name] / sizes[name] for name in model.states},
                 view=view,
                 fixed=np.concatenate([place.reach, place.believed]),
-                config=SearchConfig(population=POPULATION, sizes=SizeLimits(terms=MAX_TERMS)),
+                config=CONFIG,
                 budget=seconds,
             )
             best = min(found, key=lambda p: p.loss, default=None)
