@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.laws.unnamed import as_candidate
-from jaxsr.diagnosis.laws.written import Place, Writer, _finite_around, laws_of
+from jaxsr.diagnosis.laws.written import CONFIG, Place, Writer, _finite_around, laws_of
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.later import Written, with_laws
 from jaxsr.diagnosis.likelihood.loop import search
@@ -20,7 +20,8 @@ from jaxsr.diagnosis.likelihood.proposals import exclusive
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.evolution.propose import Proposal
+from jaxsr.evolution.loop import SearchInfo
+from jaxsr.evolution.propose import Proposal, propose
 from jaxsr.expressions import evaluate, parse
 from jaxsr.models import parse_model
 from jaxsr.models.segments import Prepared
@@ -138,6 +139,29 @@ def test_a_law_begins_with_the_constants_it_was_written_with() -> None:
             np.testing.assert_array_equal(now.theta[: len(before.theta)], before.theta)
     spring = next(i for i, c in enumerate(every.candidates) if c.mechanism == "cubic_stiffness")
     assert exclusive(after.work.super_model, (spring, number))
+
+
+def written(seed: int, seconds: float | None) -> tuple[int, list[Any]]:
+    """Search for a law that the family lacks: generations, and what was found."""
+    rng = np.random.default_rng(seed)
+    q, v = rng.uniform(-1.0, 1.0, 300), rng.uniform(-2.0, 2.0, 300)
+    force = -1.5 * (q**2 - 0.5) * v + 0.02 * rng.normal(size=300)
+    reached: list[int] = []
+
+    def tell(info: SearchInfo) -> None:
+        reached.append(info.generation)
+
+    signals = {"q": q, "v": v}
+    found = propose(rng, force, signals, config=CONFIG, budget=seconds, progress=tell)
+    return max(reached), [(p.terms, *p.coefficients) for p in found]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_search_for_a_law_ends_by_itself(seed: int) -> None:
+    """Not by time, so that what it finds is the same on any processor."""
+    generations, found = written(seed, None)
+    assert generations < CONFIG.generations
+    assert (generations, found) == written(seed, 600.0)
 
 
 def test_laws_are_the_simplest_of_their_error() -> None:
