@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxsr
+from jaxsr.diagnosis import unsigned
 from jaxsr.diagnosis.rectified import signed
 from jaxsr.diagnosis.setup import prepare
 from jaxsr.diagnosis.unsigned import one_sided, rectified_sensors
@@ -93,10 +94,15 @@ def test_no_sensor_is_told_without_the_time_to_weigh_it(asked: int) -> None:
     assert rectified_sensors(Simulator(SIGNED), items, lambda: next(left, True)) == ()
 
 
-def test_readings_that_are_as_modelled_keep_their_signs() -> None:
+def test_readings_that_are_as_modelled_keep_their_signs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They cost nothing: not even long recordings are thinned for them."""
+    thinned = list[object]()
+    monkeypatch.setattr(unsigned, "for_evidence", lambda _, items: thinned.append(items) or items)
     simulator = Simulator(SIGNED)
     assert not rectified_sensors(simulator, prepare(SIGNED, [recorded(1, lambda q: q)]))
     assert not rectified_sensors(simulator, prepare(SIGNED, [recorded(1, lambda q: q + 5.0)]))
+    assert not thinned
+    assert rectified_sensors(simulator, prepare(SIGNED, [recorded(1, np.abs)])) and thinned
 
 
 @pytest.mark.parametrize(

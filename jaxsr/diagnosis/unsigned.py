@@ -55,16 +55,19 @@ def rectified_sensors(
     model = simulator.model
     if model.events:
         return ()
+    columns = zip(*(p.outputs.T for p in prepared), strict=True)
+    asked = [
+        output
+        for output, parts in zip(model.outputs, columns, strict=True)
+        if absolute(model.reading_terms[output]) is None and one_sided(np.concatenate(parts))
+    ]
+    if not asked:
+        return ()
     found: tuple[Rectified, ...] = ()
     prepared = for_evidence(model, prepared)
     recordings = [p.recording for p in prepared]
-    before: float | None = None
-    for k, output in enumerate(model.outputs):
-        column = np.concatenate([p.outputs[:, k] for p in prepared])
-        if absolute(model.reading_terms[output]) is not None or not one_sided(column):
-            continue
-        if before is None:
-            before = _recalibrated(model, recordings, stop)[0]
+    before = _recalibrated(model, recordings, stop)[0]
+    for output in asked:
         if stop():  # one evidence without the other tells nothing
             return found
         sensor, changed, after = _best_signs(model, recordings, output, stop)

@@ -266,13 +266,13 @@ def _judge_any(
     half = fit.window // 2
     inner = np.arange(half, t.size - half)
     inner = inner[:: max(1, inner.size // _CENTRES)]
-    low, columns = _weights(t, t[inner], fit, (derivative,))
-    high, _ = _weights(t, t[inner], LocalFit(fit.window, fit.degree + 2), (derivative,))
-    difference = low[0] - high[0]
+    windows = _Windows.about(t, t[inner], LocalFit(fit.window, fit.degree + 2))
+    low, high = (windows.weights(p, derivative) for p in (fit.degree, fit.degree + 2))
+    difference = low - high
     # on an irregular grid a few dense places dominate the mean: compare place by place
-    gains = np.sum(low[0] ** 2, axis=1)
+    gains = np.sum(low**2, axis=1)
     expected = noise**2 * np.sum(difference**2, axis=1)
-    apart = np.einsum("ij,ij->i", difference, y[columns])
+    apart = np.einsum("ij,ij->i", difference, y[windows.columns])
     places = min(inner.size, t.size / fit.window)
     bias = float(np.mean(apart**2 - expected))
     doubt = 3.0 * float(np.sqrt(2.0 * np.mean(expected**2) / places))
@@ -308,26 +308,54 @@ def _within_reach(t: np.ndarray, times: np.ndarray, window: int) -> np.ndarray:
 def _weights(
     times: np.ndarray, at: np.ndarray, fit: LocalFit, derivatives: Sequence[int]
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Weights of the samples `columns` in the derivatives at the times `at`.
+    """Weights of the samples `columns` in the derivatives at the times `at`."""
+    windows = _Windows.about(times, at, fit)
+    return [windows.weights(fit.degree, d) for d in derivatives], windows.columns
 
-    In Legendre polynomials, since with powers (as in scipy.signal.savgol_coeffs) a window of 53
-    samples and degree 8 has already lost two digits of the bias.
+
+@dataclass(frozen=True)
+class _Windows:
+    """Windows of samples and the Legendre polynomials over each.
+
+    Not powers (as in scipy.signal.savgol_coeffs), with which a window of 53 samples and degree 8
+    has already lost two digits of the bias.
+
+    Attributes
+    ----------
+    columns : ndarray of int, shape (windows, samples of one)
+    basis : ndarray, shape (windows, samples of one, polynomials)
+    gram : ndarray, shape (windows, polynomials, polynomials)
+        Of a lower degree it is the corner.
+    point, scale : ndarray, shape (windows,)
+        Where in each the fit is evaluated, between -1 and 1, and half its length in seconds.
     """
-    nearest = np.clip(np.searchsorted(times, at), 0, times.size - 1)
-    start = np.clip(nearest - fit.window // 2, 0, times.size - fit.window)
-    columns = start[:, None] + np.arange(fit.window)
-    local = times[columns]
-    centre = (local[:, :1] + local[:, -1:]) / 2.0
-    scale = (local[:, -1:] - local[:, :1]) / 2.0
-    basis = legendre.legvander((local - centre) / scale, fit.degree)
-    gram = np.einsum("iwa,iwb->iab", basis, basis)
-    point = (at - centre[:, 0]) / scale[:, 0]
-    weights = []
-    for d in derivatives:
-        rows = legendre.legval(point, legendre.legder(np.eye(fit.degree + 1), d)).T
-        solved = _solved(gram, rows)
-        weights.append(np.einsum("iwa,ia->iw", basis, solved) / scale**d)
-    return weights, columns
+
+    columns: np.ndarray
+    basis: np.ndarray
+    gram: np.ndarray
+    point: np.ndarray
+    scale: np.ndarray
+
+    @classmethod
+    def about(cls, times: np.ndarray, at: np.ndarray, fit: LocalFit) -> _Windows:
+        """Return the windows about the times `at`, for the degree of `fit` and those below."""
+        nearest = np.clip(np.searchsorted(times, at), 0, times.size - 1)
+        start = np.clip(nearest - fit.window // 2, 0, times.size - fit.window)
+        columns = start[:, None] + np.arange(fit.window)
+        local = times[columns]
+        centre = (local[:, 0] + local[:, -1]) / 2.0
+        scale = (local[:, -1] - local[:, 0]) / 2.0
+        basis = legendre.legvander((local - centre[:, None]) / scale[:, None], fit.degree)
+        gram = basis.swapaxes(1, 2) @ basis
+        return cls(columns, basis, gram, (at - centre) / scale, scale)
+
+    def weights(self, degree: int, derivative: int) -> np.ndarray:
+        """Return the weights of the samples, shape (windows, samples of one)."""
+        form = legendre.legder(np.eye(degree + 1), derivative)
+        rows = legendre.legval(self.point, form).T
+        solved = _solved(self.gram[:, : degree + 1, : degree + 1], rows)
+        weights = (self.basis[:, :, : degree + 1] @ solved[..., None])[..., 0]
+        return weights / self.scale[:, None] ** derivative
 
 
 def _solved(gram: np.ndarray, rows: np.ndarray) -> np.ndarray:
