@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, with_curve, with_nameless, with_unnamed
 from jaxsr.diagnosis.laws.renaming import with_names
-from jaxsr.diagnosis.rectified import signed
+from jaxsr.diagnosis.rectified import Rectified, signed
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.search.believed import believed
 from jaxsr.diagnosis.search.choice import (
@@ -48,12 +48,13 @@ from jaxsr.diagnosis.settled import (
     weighed,
 )
 from jaxsr.diagnosis.setup import screen_all
-from jaxsr.diagnosis.thinning import prepare_search, time_for
+from jaxsr.diagnosis.thinning import Whole, prepare_search, time_for
 from jaxsr.diagnosis.unsigned import rectified_sensors
 from jaxsr.diagnosis.verdict import FALSE_CLAIM, Claim, Costs, claimed
 from jaxsr.models import Model, Simulator
 from jaxsr.models.given import simulator_of
 from jaxsr.models.python_base import with_function
+from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
 
 Decided = tuple[Decision, float, StoppedBy]
@@ -135,46 +136,28 @@ def diagnose(
     if simulator.function is not None:
         simulator = with_function(simulator.model, simulator.function)
     simulator = Simulator(simulator.model.pinned(), files=files)
-    prepared, whole = prepare_search(simulator.model, data, seconds=budget.seconds)
-    failures, telling = Failures(progress), budget.share(SCREENING)
-    rectified = failures.attempt(
-        "telling signs of readings",
-        lambda: rectified_sensors(simulator, prepared, lambda: telling.exhausted),
-        (),
-    )
-    early = budget.share(SCREENING)
-    if rectified:
-        recorded = [p.recording for p in prepared] if whole is None else whole.recordings
-        items = signed(simulator.model, recorded, rectified)
-        prepared, whole = prepare_search(simulator.model, items, seconds=budget.seconds)
-    quiet = ()
-    if whole is None:
-        first = budget.share(HEARING)
-        quiet = failures.attempt(
-            "telling noise of inputs",
-            lambda: idle_noise(simulator, prepared, lambda: first.exhausted),
-            (),
-        )
-        prepared = quieted(simulator.model, prepared, quiet) if quiet else prepared
+    failures = Failures(progress)
+    read = _read(simulator, data, budget, failures)
     progress.stage("screening mechanisms in the weak view")
     last = budget.keeping(max(ENDING * budget.seconds, budget.elapsed - began))
+    early = budget.share(SCREENING)
     with limited(lambda: last.remaining == 0.0):
         screened = failures.attempt(
-            "screening", lambda: screen_all(simulator, prepared, early), None
+            "screening", lambda: screen_all(simulator, read.prepared, early), None
         )
     # What was slow to read and to screen is slow to report.
-    reading = max(budget.elapsed - began, time_for(whole, budget.seconds))
+    reading = max(budget.elapsed - began, time_for(read.whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
-    case = Case(simulator, prepared, screened, budget, search, progress, failures)
-    case = replace(case, quiet=quiet, rectified=rectified)
+    case = Case(simulator, read.prepared, screened, budget, search, progress, failures)
+    case = replace(case, quiet=read.quiet, rectified=read.rectified)
     try:
         with limited(lambda: last.remaining == 0.0):
             (decision, headline, grown), weights, claim = _decided(case, costs, reading, rng)
     except OutOfTime:
         (decision, headline, grown), weights, claim = decided_in_time(case), None, None
     if not any(e.fit.usable for e in decision[1]):
-        raise unsimulable(simulator, prepared)
+        raise unsimulable(simulator, case.prepared)
     if claim is None:
         decision = believed(case, decision, costs.allow, seed)
     arena, good, chosen, detection = decision
@@ -187,17 +170,65 @@ def diagnose(
         chosen=chosen,
         detection=detection,
         headline=headline,
-        horizons=horizons(prepared),
+        horizons=horizons(case.prepared),
         held_out=held_out,
         rng=rng,
         seed=seed,
         command=command,
         stopped=grown,
-        whole=whole,
+        whole=read.whole,
         weights=weights,
         claim=claim,
     )
     return assemble(ingredients)
+
+
+@dataclass(frozen=True)
+class _Read:
+    """What a diagnosis works on.
+
+    Attributes
+    ----------
+    prepared : tuple of Prepared
+    whole : Whole or None
+        All recordings, where that is more than a search should work on.
+    rectified : tuple of Rectified
+        Sensors whose readings have lost their signs; the recordings have them back.
+    quiet : tuple of str
+        Inputs of which noise is recorded that did not act.
+    """
+
+    prepared: tuple[Prepared, ...]
+    whole: Whole | None
+    rectified: tuple[Rectified, ...]
+    quiet: tuple[str, ...]
+
+
+def _read(
+    simulator: Simulator, data: Sequence[str | Path | Recording], budget: Budget, failures: Failures
+) -> _Read:
+    """Read recordings, give readings their signs back, tell noise of inputs that did not act."""
+    model = simulator.model
+    prepared, whole = prepare_search(model, data, seconds=budget.seconds)
+    telling = budget.share(SCREENING)
+    rectified = failures.attempt(
+        "telling signs of readings",
+        lambda: rectified_sensors(simulator, prepared, lambda: telling.exhausted),
+        (),
+    )
+    if rectified:
+        recorded = [p.recording for p in prepared] if whole is None else whole.recordings
+        items = signed(model, recorded, rectified)
+        prepared, whole = prepare_search(model, items, seconds=budget.seconds)
+    if whole is not None:
+        return _Read(prepared, whole, rectified, ())
+    hearing, heard = budget.share(HEARING), prepared
+    quiet = failures.attempt(
+        "telling noise of inputs",
+        lambda: idle_noise(simulator, heard, lambda: hearing.exhausted),
+        (),
+    )
+    return _Read(quieted(model, prepared, quiet) if quiet else prepared, None, rectified, quiet)
 
 
 def _decided(
