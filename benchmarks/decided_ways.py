@@ -40,8 +40,10 @@ from jaxsr.diagnosis.likelihood.posterior import Posterior
 from jaxsr.diagnosis.verdict import Claim
 from jaxsr.models import parse_model
 
-COURSE = importlib.import_module("jaxsr.diagnosis.diagnose")
-PATCHED = ("weighed", "borne_out", "claimed")
+COURSE, SETTLED = map(
+    importlib.import_module, ("jaxsr.diagnosis.diagnose", "jaxsr.diagnosis.settled")
+)
+PATCHED = {"weighed": COURSE, "borne_out": SETTLED, "claimed": COURSE}
 SHOWN = 8
 """Sets of mechanisms that a line keeps."""
 SEED = 0
@@ -72,19 +74,19 @@ class Way:
         self.own: dict[str, Callable[..., Any]] = {}
 
     def __enter__(self) -> Way:
-        self.own = {name: getattr(COURSE, name) for name in PATCHED}
-        for name in PATCHED:
-            setattr(COURSE, name, getattr(self, f"_{name}"))
+        self.own = {name: getattr(module, name) for name, module in PATCHED.items()}
+        for name, module in PATCHED.items():
+            setattr(module, name, getattr(self, f"_{name}"))
         return self
 
     def __exit__(self, *_: object) -> None:
         for name, own in self.own.items():
-            setattr(COURSE, name, own)
+            setattr(PATCHED[name], name, own)
 
-    def _weighed(self, case: Any) -> Posterior | None:
+    def _weighed(self, case: Any, rng: np.random.Generator) -> Posterior | None:
         if self.name == "contest":
             return None
-        self.found = self.known or self.own["weighed"](case)
+        self.found = self.known or self.own["weighed"](case, rng)
         return self.found
 
     def _borne_out(self, settled: Any, leader: Any) -> bool:
