@@ -158,7 +158,7 @@ def written(seed: int, seconds: float | None) -> tuple[int, list[Any]]:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_search_for_a_law_ends_by_itself(seed: int) -> None:
-    """Not by time, so that what it finds is the same on any processor."""
+    """Not by time: given more, it finds the same."""
     generations, found = written(seed, None)
     assert generations < CONFIG.generations
     assert (generations, found) == written(seed, 600.0)

@@ -54,8 +54,8 @@ SURE = 1e-3
 CLEARLY, MOST = 0.7, 6
 """Share of a simpler law's error from which another is weighed beside it, and laws that are."""
 CONFIG = SearchConfig(population=120, sizes=SizeLimits(terms=MAX_TERMS))
-"""Of the search for a law, which ends by itself where time allows, so that it finds the same on any
-processor; the population is that of the search in free run."""
+"""Of the search for a law, which ends by itself where time allows; the population is that of the
+search in free run."""
 
 
 @dataclass(frozen=True, eq=False)
