@@ -74,7 +74,7 @@ def free(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Runs, FreeRuns]
 def asked(runs: Runs, free: FreeRuns, guessed: set[tuple[int, ...]]) -> list[tuple[int, ...]]:
     arena, null = cast("Any", None), cast("Any", SimpleNamespace(members=(), stepping=None))
     starts = [(members, np.zeros(1)) for members in (LEADER, RICH, BESIDE)]
-    arena, entries = free.leading(arena, null, starts, guessed)
+    arena, entries = free.deciding(arena, null, starts, guessed)
     free.beside(arena, entries, [(members, np.zeros(1)) for members in (RICH, RIVAL)])
     return runs.found or []
 

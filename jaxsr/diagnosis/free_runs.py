@@ -29,7 +29,7 @@ class FreeRuns:
     Attributes
     ----------
     case : Case
-    path : array, shape (segments, states), optional
+    path : ndarray, shape (states, samples, segments), optional
         None where it has other recordings than the case.
     near : bool
         Whether that path is as fine as the recordings.
@@ -66,7 +66,7 @@ class FreeRuns:
             return null
         return min(null, self.entered(arena, (), start), key=lambda e: e.fit.cost)
 
-    def leading(
+    def deciding(
         self,
         arena: Arena,
         null: Entry,

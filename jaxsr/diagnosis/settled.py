@@ -212,7 +212,7 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     asked = [frozenset(h.members) for h in found.hypotheses]
     pairs = list(zip(starts[1:], shown, strict=True))
     runs = FreeRuns.of(case, arena, found)
-    arena, entries = runs.leading(
+    arena, entries = runs.deciding(
         arena,
         runs.begun(arena, entry, found, starts[0][1]),
         [start for start, h in pairs if h in own],
