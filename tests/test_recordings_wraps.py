@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsr._result import InputError
-from jaxsr.recordings import Recording, check_recording, check_time_units, unwrap
+from jaxsr.recordings import Recording, check_recording, check_time_units, unwrap, wrapping
 
 TURN = {"0 to 360": (360.0, 0.0), "-180 to 180": (360.0, -180.0)} | {
     "0 to 2 pi": (2.0 * np.pi, 0.0),
@@ -110,3 +110,22 @@ def test_different_rates_and_stated_units_are_not_refused():
     check_time_units([_clock("a", 0.001, 20000), _clock("b", 1.0, 20)])
     check_time_units([_clock("a", 0.001, 500, True), _clock("b", 1.0, 500, True)])
     check_time_units([_clock("a", 0.001, 500)])
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_column_is_passed_over_only_where_no_turn_would_be_found(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng([73, seed])
+    time = np.arange(300) * 0.01
+    turn = rng.choice([360.0, 2.0 * np.pi])
+    angle = np.cumsum(rng.normal(0.0, 0.04 * turn, 300)) + rng.uniform(-1.0, 1.0) * turn
+    folded = np.mod(angle + rng.choice([0.0, 0.5 * turn]), turn) - rng.choice([0.0, 0.5 * turn])
+    folded *= rng.choice([1.0, 1.0, 0.6, 1.5])
+    folded[rng.random(300) < rng.choice([0.0, 0.1])] = np.nan
+    record = Recording("a.csv", time, {"angle": folded})
+    found = unwrap(record)
+    monkeypatch.setattr(wrapping, "_may_turn", lambda values: True)
+    wanted = unwrap(record)
+    np.testing.assert_array_equal(found.channels["angle"], wanted.channels["angle"])
+    assert found.remarks == wanted.remarks

@@ -22,7 +22,7 @@ from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator
 from jaxsr.models.segments import Prepared
-from jaxsr.models.states import output_table
+from jaxsr.models.states import is_absent, role_channel
 from jaxsr.recordings import Recording, check_time_units, read_recording, unwrap
 from jaxsr.views.half_width import FEWEST, LONGEST, SHORTEST, choose_half_widths, sampled_alike
 
@@ -71,14 +71,20 @@ def check_data(model: Model, recordings: Sequence[Recording]) -> None:
     InputError
         No recording has a sample of some output, or no output moves.
     """
-    tables = [output_table(model, r) for r in recordings]
-    moving = False
-    for k, output in enumerate(model.outputs):
-        values = np.concatenate([table[:, k] for table in tables])
-        values = values[np.isfinite(values)]
-        if not values.size:
-            recordings[0].channel(model.column(output))  # says what is wrong with it
-        moving |= bool(values.size and np.ptp(values) > 0.0)
+    moving, seen = False, set[str]()
+    for recording in recordings:
+        held = [y for y in model.outputs if not is_absent(recording, model.column(y))]
+        for output in held or model.outputs:
+            role_channel(model, recording, output)  # says what is wrong with it
+        seen.update(held)
+    for output in model.outputs:
+        column = model.column(output)
+        if output not in seen:
+            recordings[0].channel(column)  # says what is wrong with it
+        values = [r.channels[column] for r in recordings if column in r.channels]
+        low = min(np.fmin.reduce(v, initial=np.inf) for v in values)
+        high = max(np.fmax.reduce(v, initial=-np.inf) for v in values)
+        moving |= bool(high > low)
     if not moving:
         raise InputError(
             f"nothing moves: {', '.join(model.outputs)} are constant throughout",

@@ -56,6 +56,8 @@ def unwrap(recording: Recording, channels: Collection[str] | None = None) -> Rec
     for name, values in recording.channels.items():
         if channels is not None and name not in channels:
             continue
+        if not _may_turn(values):
+            continue
         known = np.flatnonzero(np.isfinite(values))
         found = _turns(recording.time[known], values[known])
         if found is None:
@@ -83,6 +85,13 @@ def _remark(recording: Recording, name: str, found: _Turns, time: float) -> Data
     else:
         word += "it is left so, as it moves too far between samples to count the turns"
     return DataCheck(recording.name, name, "wrap", word, found.period)
+
+
+def _may_turn(values: np.ndarray) -> bool:
+    """Whether a column spans what a jump over the end of a turn does, and no more than a turn."""
+    span = float(np.fmax.reduce(values, initial=-np.inf) - np.fmin.reduce(values, initial=np.inf))
+    most = 1.0 + 2.0 * _EDGE
+    return any((1.0 - _SMALL) * turn < span <= most * turn or np.isinf(span) for turn in PERIODS)
 
 
 def _turns(time: np.ndarray, y: np.ndarray) -> _Turns | None:
