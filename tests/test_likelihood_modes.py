@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.special import erfcx, log_ndtr
 
+from jaxsr import _machine_code as machine_code
 from jaxsr.diagnosis.likelihood import bounded_modes, evidence
 from jaxsr.diagnosis.likelihood.evidence import Gram, Mode, Prior, compile_modes, modes
 
@@ -52,6 +55,15 @@ def test_machine_code_has_what_arrays_have() -> None:
         assert_alike(found, wanted, prior)
         held += any((m.change == prior.low).any() or (m.change == prior.high).any() for m in found)
     assert held > 50
+
+
+def test_it_is_compiled_once_however_a_belief_lies() -> None:
+    grams, prior = drawn(np.random.default_rng(2), 4)
+    parts = (prior.mean, prior.deviation, prior.low, prior.high)
+    strided = Prior(*(np.repeat(part, 2)[::2] for part in parts))
+    assert_alike(modes(grams, range(4), strided), modes(grams, range(4), prior), prior)
+    machine: Any = machine_code.compiled(bounded_modes.fill_modes)
+    assert len(machine.signatures) == 1
 
 
 def test_some_columns_are_weighed_without_the_others() -> None:

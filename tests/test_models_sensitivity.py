@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from jaxsr._machine_code import compiled
 from jaxsr.models import sensitivity
+from jaxsr.models.carrying import carry
 from jaxsr.models.sensitivity import condensed
 
 
@@ -33,3 +35,18 @@ def test_what_is_not_finite_stays_where_it_is(monkeypatch):
     assert np.isfinite(shift[0, :71]).all() and np.isnan(shift[0, 71:]).all()
     monkeypatch.setattr(sensitivity, "compiled", lambda function: None)
     np.testing.assert_allclose(shift, condensed(slopes, defects)[1], rtol=1e-12)
+
+
+def test_it_is_compiled_once_however_arrays_lie():
+    rng = np.random.default_rng(3)
+    slopes, defects = rng.normal(size=(2, 3, 20, 4)), rng.normal(size=(2, 40, 4))
+    lying = (
+        defects[:, :20],
+        defects[:, ::2],
+        np.asfortranarray(defects[:, :20]),
+        np.ascontiguousarray(defects[:, :20].transpose(1, 2, 0)).transpose(2, 0, 1),
+    )
+    for rows in lying:
+        condensed(slopes, rows)
+    machine = compiled(carry)
+    assert machine is not None and len(machine.signatures) == 1

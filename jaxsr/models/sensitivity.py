@@ -98,7 +98,8 @@ def condensed(slopes: Array, defects: Array) -> tuple[Array, Array]:
     shift : ndarray, shape (states, samples, segments)
     """
     n, count, steps, segments = slopes.shape
-    by, left = np.ascontiguousarray(slopes.transpose(2, 3, 0, 1)), defects.transpose(1, 2, 0)
+    by = np.ascontiguousarray(slopes.transpose(2, 3, 0, 1))
+    left = np.ascontiguousarray(defects.transpose(1, 2, 0))  # one layout: compiled once
     carried = np.zeros((steps + 1, segments, n, count + 1))
     carried[0, :, :, :n] = np.eye(n)
     filled = compiled(carry) or _carry

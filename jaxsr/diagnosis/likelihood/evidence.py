@@ -231,7 +231,7 @@ def modes(
 
 def _filled(grams: Sequence[Gram], products: np.ndarray, prior: Prior) -> Modes:
     """Return what the machine fills; `products` is overwritten."""
-    many, size, own = len(grams), len(prior.mean), prior.deviation
+    many, size, own = len(grams), len(prior.mean), np.ascontiguousarray(prior.deviation)
     (log, noise), (change, deviation) = np.empty((2, many)), np.empty((2, many, size))
     found = Modes(log, noise, change, deviation, np.zeros(many, bool))
     known = [(g.log_determinant, g.quietest, g.loudest) for g in grams]
