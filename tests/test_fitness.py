@@ -11,6 +11,7 @@ from jaxsr.evolution import FitnessRule, Individual, SearchConfig, search
 from jaxsr.evolution.fitness import FitnessState, fitness, next_state
 from jaxsr.expressions import Term, parse
 from jaxsr.regression import HardThreshold, Judge, RegressionProblem, aic, bic
+from jaxsr.regression.digits import rounded
 
 NAMES = ["t", "x", "v"]
 
@@ -58,7 +59,9 @@ def test_criteria_rank_as_eqs_10_and_11_on_the_residual_itself(measure, criterio
     _, relative = problem.solve(sets)
     people = [Individual.of(s, loss) for s, loss in zip(sets, relative, strict=True)]
     found = fitness(people, FitnessState(), FitnessRule(measure=measure), problem)
-    exact = [criterion(problem.fit(s).loss * problem.rows, problem.rows, len(s)) for s in sets]
+    total = problem.total
+    left = [total * rounded(problem.fit(s).loss * problem.rows / total) for s in sets]
+    exact = [criterion(rss, problem.rows, len(s)) for rss, s in zip(left, sets, strict=True)]
     # a relative residual shifts every individual by the same N log(total)
     np.testing.assert_allclose(np.diff(found), np.diff(exact), rtol=1e-6)
     assert np.argmin(found) == 1

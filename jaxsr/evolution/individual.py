@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from jaxsr.expressions.term import Term
+from jaxsr.regression.digits import rounded
 
 _PLAIN = frozenset({"neg", "abs", "sign"})
 
@@ -39,7 +40,7 @@ class Individual:
         """Measure a set of terms."""
         return cls(
             tuple(terms),
-            float(loss),
+            float(rounded(loss)),
             complexity(terms),
             sum([term.operators for term in terms]),
         )

@@ -13,10 +13,14 @@ from jaxsr.evolution.individual import Individual, Problem, all_usable
 from jaxsr.evolution.mutate import simpler_terms
 from jaxsr.expressions.editing import edit
 from jaxsr.expressions.term import Term
+from jaxsr.regression.digits import rounded
 
 Terms = tuple[Term, ...]
 _EXACT = 1e-18  # relative loss at which two fits are both exact to rounding
 NEAR = 1e-3  # distance from a whole number, relative to the larger of it and one
+CONSTANT_BITS, UNTOLD = (12, 24), 1e-3
+"""Binary digits of constants, the fewest first; rise of the loss that tells nothing, in that by
+which it falls on average with a constant that explains nothing."""
 _TRIED = 10  # simplifications of one individual whose constants are refined
 
 
@@ -46,9 +50,11 @@ def settled(problem: Problem, moved: Sequence[tuple[Terms, float]]) -> list[tupl
 
     x**1.9999998 and x**2 fit alike; only the latter can be multiplied out, and only it is a law.
     """
+    moved = shortened(problem, moved)
     out = list(moved)
     near = [k for k, (terms, loss) in enumerate(moved) if np.isfinite(loss) and _rounded(terms)]
-    trials = problem.refine_many([edit(_rounded(moved[k][0])) for k in near])
+    whole = [edit(_rounded(moved[k][0])) for k in near]
+    trials = shortened(problem, problem.refine_many(whole))
     for k, (terms, loss) in zip(near, trials, strict=True):
         allowed = max(moved[k][1] * (1.0 + 4.0 / problem.rows), 4.0 * problem.floor)
         if loss <= allowed:
@@ -78,6 +84,32 @@ def _whole(term: Term) -> Term:
     if not term.args:
         return term
     return Term.apply(term.op, *map(_whole, term.args))
+
+
+def shortened(problem: Problem, moved: Sequence[tuple[Terms, float]]) -> list[tuple[Terms, float]]:
+    """Return sets whose refined constants have the digits that the data tell, and no others.
+
+    Those are the fewest with which as much is explained, to `UNTOLD` of what one constant more
+    would; a constant that nothing tells has few.
+    """
+    out, open_sets = list(moved), [k for k, (_, loss) in enumerate(moved) if np.isfinite(loss)]
+    for bits in CONSTANT_BITS:
+        short = [tuple(_rounded_to(bits, t) for t in out[k][0]) for k in open_sets]
+        _, losses = problem.solve(short)
+        left = []
+        for k, terms, loss in zip(open_sets, short, losses.tolist(), strict=True):
+            if loss <= max(moved[k][1] * (1.0 + UNTOLD / problem.rows), problem.floor):
+                out[k] = terms, loss
+            else:
+                left.append(k)
+        open_sets = left
+    return out
+
+
+def _rounded_to(bits: int, term: Term) -> Term:
+    if term.is_constant:
+        return Term.constant(float(rounded(term.value, bits)))
+    return Term.apply(term.op, *[_rounded_to(bits, a) for a in term.args]) if term.args else term
 
 
 def polish(
@@ -122,7 +154,7 @@ def _simplified(problem: Problem, member: Individual, seen: set[Terms]) -> list[
     if not options:
         return []
     _, losses = problem.solve(options)
-    best = [int(k) for k in np.argsort(losses)[:_TRIED]]
+    best = [int(k) for k in np.argsort(rounded(losses), kind="stable")[:_TRIED]]
     seen.update(options[k] for k in best)
     out = [Individual.of(options[k], float(losses[k])) for k in best]
     moved = settled(

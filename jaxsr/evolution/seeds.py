@@ -12,6 +12,7 @@ from jaxsr.evolution.individual import Problem
 from jaxsr.evolution.library import monomials
 from jaxsr.expressions.editing import ONE, edit
 from jaxsr.expressions.term import Term
+from jaxsr.regression.digits import rounded
 
 Terms = tuple[Term, ...]
 _MOST = 130  # monomials of a whole basis
@@ -68,7 +69,7 @@ def best_subsets(problem: Problem, config: SearchConfig, each: int = 6) -> list[
             sets = list(itertools.combinations(usable, size))
             _, losses = problem.solve(sets)
             count = len(sets) if len(usable) <= _ALL and size < _SUBSET else each
-            out += [sets[k] for k in np.argsort(losses, kind="stable")[:count]]
+            out += [sets[k] for k in np.argsort(rounded(losses), kind="stable")[:count]]
     return list(dict.fromkeys(out))
 
 

@@ -8,8 +8,10 @@ import numpy as np
 
 from jaxsr.expressions.printing import kind
 from jaxsr.expressions.term import Term
+from jaxsr.regression.digits import largest, rounded
 from jaxsr.regression.excerpt import Excerpt
 from jaxsr.regression.linear import LinearProblem
+from jaxsr.regression.store import DEPENDENT
 
 Places = tuple[int, ...]
 _ROWS = 600  # rows looked at: evenly spaced ones, an order of merit needs no more
@@ -38,11 +40,13 @@ def beam(
     """
     some = Excerpt(problem, _ROWS)
     terms = [t for t in terms[:_MOST] if problem.admitted([t])]
+    if len(terms) < 2:
+        return []
     with np.errstate(all="ignore"):
         parts = [terms[k : k + _TOGETHER] for k in range(0, len(terms), _TOGETHER)]
-        columns = np.vstack([some.columns(part) for part in parts or [[]]])
-        norms = np.linalg.norm(columns, axis=1)
-    good = np.isfinite(norms) & (norms > 1e-100) & (norms < 1e100)
+        found = [some.norms(part) for part in parts]
+    columns, norms, whole = map(np.concatenate, zip(*found, strict=True))
+    good = (norms > np.maximum(DEPENDENT * whole, 1e-100)) & (norms < 1e100)
     kept = [term for term, ok in zip(terms, good, strict=True) if ok]
     if len(kept) < 2:
         return []
@@ -69,9 +73,7 @@ def _pairs(unit: np.ndarray, y: np.ndarray, count: int) -> list[Places]:
     told = np.where(left > _DEPENDENT, told / np.maximum(left, _DEPENDENT), -1.0)
     first, second = np.triu_indices(len(unit), 1)
     values = told[first, second]
-    count = min(count, len(values))
-    best = np.argpartition(-values, count - 1)[:count]
-    best = best[np.argsort(-values[best], kind="stable")]
+    best = largest(values, count)
     return [(int(first[k]), int(second[k])) for k in best if values[k] > 0.0]
 
 
@@ -85,9 +87,10 @@ def _joined(unit: np.ndarray, y: np.ndarray, sets: list[Places], count: int) -> 
         left = 1.0 - np.sum((unit @ basis) ** 2, axis=1)
         gain = np.where(left > _DEPENDENT, gain**2 / np.maximum(left, _DEPENDENT), -1.0)
         before = float(shares @ shares)
-        for k in np.argsort(-gain, kind="stable")[: max(4, count // len(sets))]:
+        for k in largest(gain, max(4, count // len(sets))):
             if gain[k] > 0.0:
-                found.append((-before - float(gain[k]), tuple(sorted((*places, int(k))))))
+                told = float(rounded(before + gain[k]))
+                found.append((-told, tuple(sorted((*places, int(k))))))
     return [places for _, places in sorted(set(found))[:count]]
 
 

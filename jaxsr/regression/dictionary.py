@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr.expressions.term import Term
+from jaxsr.regression.digits import SINGLE_BITS, largest
 from jaxsr.regression.excerpt import Excerpt
 from jaxsr.regression.signs import Signs, signs_of
 
@@ -72,7 +73,5 @@ class Dictionary:
         left = 1.0 - np.sum(products[:, 1:] ** 2, axis=1)
         gain = np.where(left > _NEW, shares**2 / np.maximum(left, _NEW), -1.0)
         gain[shares * self._signs < 0.0] = -1.0  # it would come in with the wrong sign
-        count = min(count, len(gain))
-        some = np.argpartition(-gain, count - 1)[:count]
-        order = some[np.argsort(-gain[some], kind="stable")]
+        order = largest(gain, count, SINGLE_BITS)
         return [self.terms[k] for k in order if gain[k] > 0.0]

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr.expressions.term import Term
+from jaxsr.regression.digits import rounded
 from jaxsr.regression.gram import Array
 from jaxsr.regression.linear import LinearProblem
+from jaxsr.regression.store import DEPENDENT
 
 _ROWS = 8192  # factored at once
 _DEPENDENT = 1e-11  # diagonal of R, relative to unit columns, below which a column is dependent
@@ -37,10 +39,12 @@ def eliminate(
         Largest first, down to one term; the loss is relative to the target's.
     """
     terms = [term for term in terms if problem.admitted([term])]
-    theta = problem.projected(terms, keep=True)
+    theta = problem.columns(terms, keep=True)
     with np.errstate(all="ignore"):
+        least = DEPENDENT * np.linalg.norm(theta, axis=0)
+        theta = problem.project(theta)
         norms = np.linalg.norm(theta, axis=0)
-    usable = np.flatnonzero(np.isfinite(norms) & (norms > 1e-100) & (norms < 1e100))
+    usable = np.flatnonzero((norms > np.maximum(least, 1e-100)) & (norms < 1e100))
     usable = usable[: problem.rows]
     if not len(usable):
         return []
@@ -59,7 +63,7 @@ def eliminate(
             break
         inverse = np.linalg.inv(upper)
         cost = (inverse @ share) ** 2 / np.sum(inverse**2, axis=1)
-        out = int(np.argmin(cost))
+        out = int(np.argmin(rounded(cost)))
         del kept[out]
         turn, upper = np.linalg.qr(np.delete(upper, out, axis=1))
         before = float(share @ share)

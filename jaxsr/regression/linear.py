@@ -90,7 +90,7 @@ class LinearProblem:
         if self.fixed.shape[0] != self.rows:
             raise InputError(f"fixed has {self.fixed.shape[0]} rows, y has {self.rows}", "fixed")
         self.basis = orthonormal_columns(self.fixed)
-        self.target = self._project(self.y[:, None])[:, 0]
+        self.target = self.project(self.y[:, None])[:, 0]
         self.total = float(self.target @ self.target)
         self.scale = np.sqrt(self.total) or 1.0
         self.timed = sampling.instants is not None or self.time in self.variables
@@ -122,7 +122,7 @@ class LinearProblem:
         capacity = limit // (16 * self.rows)
         if capacity < _HELD and plain:
             return StreamedStore(self._reduced, self.admits, target, limit)
-        project = self._project if self.basis.shape[1] else None
+        project = self.project if self.basis.shape[1] else None
         return ColumnStore(self.columns, project, self.admits, target, max(256, capacity))
 
     def _reduced(self, terms: Sequence[Term], use: Callable[[Array, slice], Any]) -> list[Any]:
@@ -153,7 +153,8 @@ class LinearProblem:
         self.check()
         return samples if self.view is None else self.view(samples)
 
-    def _project(self, columns: Array) -> Array:
+    def project(self, columns: Array) -> Array:
+        """Return viewed columns without what the fixed columns explain."""
         if not self.basis.shape[1]:
             return columns
         return columns - self.basis @ (self.basis.T @ columns)
@@ -183,15 +184,15 @@ class LinearProblem:
         if not self.basis.shape[1]:
             return viewed
         with np.errstate(all="ignore"):  # a column that is not finite stays so
-            left = self._project(viewed)
+            left = self.project(viewed)
             own = np.linalg.norm(left, axis=0) > DEPENDENT * np.linalg.norm(viewed, axis=0)
         return np.where(own, left, np.nan)
 
     def projected(self, terms: Sequence[Term], *, keep: bool = False) -> Array:
-        """Return the viewed columns without what the fixed columns explain."""
+        """Return the columns of terms in the view, projected."""
         if not terms:
             return np.zeros((self.rows, 0))
-        return self._project(self.columns(terms, keep=keep))
+        return self.project(self.columns(terms, keep=keep))
 
     def index(self, terms: Sequence[Term]) -> list[int]:
         """Return where each term's unit-norm column is stored; -1 for an unusable term.

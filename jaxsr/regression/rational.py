@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxsr.expressions.term import Term
+from jaxsr.regression.digits import rounded
 from jaxsr.regression.linear import LinearProblem
 
 Terms = tuple[Term, ...]
@@ -60,7 +61,7 @@ def quotients(problem: LinearProblem, frequencies: Sequence[float], count: int) 
     if not usable:
         return []
     _, losses = problem.solve(usable)
-    return [usable[k] for k in np.argsort(losses, kind="stable")[:count]]
+    return [usable[k] for k in np.argsort(rounded(losses), kind="stable")[:count]]
 
 
 def _basis(problem: LinearProblem, frequencies: Sequence[float]) -> tuple[list[Term], int]:
@@ -125,7 +126,7 @@ def _pairs(
         A += (absent + 1e-12)[:, :, None] * np.eye(3)  # an absent unknown is zero
         b = np.where(absent, 0.0, gram[j, index])
         x = np.linalg.solve(A, b[:, :, None])[:, :, 0]
-        loss = 1.0 - np.sum(x * b, axis=1)
+        loss = rounded(1.0 - np.sum(x * b, axis=1))
         for row in np.argsort(loss, kind="stable")[:_EACH]:
             d = float(x[row, 0] * size[j] / size[k]) if k >= 0 else 0.0
             found.append((float(loss[row]), j, k, above[row], d))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr.expressions.term import Term
+from jaxsr.regression.digits import SINGLE_BITS, rounded
 from jaxsr.regression.excerpt import Excerpt
 from jaxsr.regression.gram import Array
 
@@ -47,7 +48,7 @@ def residual_frequencies(
     power = waves.power(problem.excerpt.residual(terms))
     inner = power[1:-1]
     peaks = 1 + np.flatnonzero((inner >= power[:-2]) & (inner >= power[2:]))
-    best = peaks[np.argsort(-power[peaks])][:count]
+    best = peaks[np.argsort(-rounded(power[peaks], SINGLE_BITS), kind="stable")][:count]
     return [float(waves.grid[k]) for k in best if power[k] > 0.0]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxsr._result import InputError
+from jaxsr.regression.digits import rounded
 from jaxsr.regression.gram import Array, GramBatch
 from jaxsr.regression.ridge import solve_many
 
@@ -114,7 +115,7 @@ def _cheapest(
     _, costs = _solve(gram, rows[many][at], kept[rows[many]][at] & ~single, ridge)
     least = np.full(small[many].shape, np.inf)
     least[at, term] = costs
-    best = np.argmin(least, axis=1)  # the first of equals
+    best = np.argmin(rounded(least), axis=1)  # the first of equals
     out[many] = np.arange(small.shape[1]) == best[:, None]
     cost[many] = least[np.arange(len(many)), best]
     return out, cost
