@@ -81,3 +81,9 @@ def rewritings_table() -> str:
     head = ["model", "ways", "without error", "same findings", "alike", "same verdict"]
     head += ["budget", "engine"]
     return table(head, rows)
+
+
+def reruns_table() -> str:
+    """Return how many searches find the same laws with other last digits."""
+    rows = [(way, c["same"], c["of"]) for way, c in result("search_reruns")["summary"].items()]
+    return table(["comparisons by", "the same laws", "searches"], rows)
