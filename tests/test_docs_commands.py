@@ -140,13 +140,17 @@ def test_the_cases_of_the_batch_run(here: Path) -> None:
             Path(folder, name).write_bytes(Path(name).read_bytes())
     for name in ("motor.toml", "motor_with_gear.toml"):
         Path(name).write_text(TITLED["motor.toml"].text, encoding="utf-8")
+    Path("pendulum").mkdir()
+    t = 0.05 * np.arange(400)
+    swing = pd.DataFrame({"t": t, "angle": 0.3 * np.exp(-0.05 * t) * np.cos(3.0 * t)})
+    swing.to_csv("pendulum/run1.csv", index=False)
     text = re.sub(r"budget = \d+", "budget = 8", TITLED["cases.toml"].text)
     Path("cases.toml").write_text(text, encoding="utf-8")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1) as cluster:
         for line in lines(DOCS / "batch.md", "jaxsr batch"):
             command(line.replace("tcp://10.0.0.1:8786", cluster.scheduler_address))
             table = pd.read_csv("fleet/batch.csv")
-            assert set(table["case"]) == {"motor_01", "motor_02"}
+            assert set(table["case"]) == {"motor_01", "motor_02", "pendulum"}
             assert Path("fleet/batch.html").is_file()
 
 
