@@ -8,7 +8,7 @@ import pytest
 from benchmarks.search_reruns import same
 from jaxsr.evolution.individual import Individual
 from jaxsr.evolution.polish import shortened
-from jaxsr.expressions import Term
+from jaxsr.expressions import Term, parse
 from jaxsr.regression import RegressionProblem
 from jaxsr.regression.digits import LOSS_BITS, rounded
 
@@ -36,6 +36,19 @@ def test_constants_have_the_digits_that_data_tell() -> None:
         assert abs(after - before) < 0.1 * deviation
         assert loss == pytest.approx(refined[1], rel=1e-5)
         assert after == rounded(after, bits)
+
+
+def test_what_columns_of_the_model_make_is_no_term() -> None:
+    """What is left of it beside them is rounding, which explained chance at unit size."""
+    rng = np.random.default_rng(8)
+    x, v = rng.normal(size=(2, 200))
+    y = np.sin(v) + 0.1 * rng.normal(size=200)
+    problem = RegressionProblem(y, {"x": x, "v": v}, fixed=np.stack([3.0 * x, x - v**2], axis=1))
+    terms = [parse(text) for text in ("x", "v", "v**2", "sin(v)", "x*v")]
+    (largest, _), *_ = problem.eliminate(terms, 5)
+    assert set(largest) == {terms[1], terms[3], terms[4]}
+    found = problem.beam(terms, 5)
+    assert found and not any(t in (terms[0], terms[2]) for some in found for t in some)
 
 
 def test_rounding_keeps_what_is_told() -> None:
