@@ -46,14 +46,18 @@ def promising(
 
 
 def settled(problem: Problem, moved: Sequence[tuple[Terms, float]]) -> list[tuple[Terms, float]]:
-    """Put whole numbers in place of refined constants that came to lie next to them.
+    """Leave refined constants the digits that data tell, and whole numbers where they lie next.
 
     x**1.9999998 and x**2 fit alike; only the latter can be multiplied out, and only it is a law.
     """
     moved = shortened(problem, moved)
     out = list(moved)
-    near = [k for k, (terms, loss) in enumerate(moved) if np.isfinite(loss) and _rounded(terms)]
-    whole = [edit(_rounded(moved[k][0])) for k in near]
+    near = [
+        k
+        for k, (terms, loss) in enumerate(moved)
+        if np.isfinite(loss) and _with_whole_numbers(terms)
+    ]
+    whole = [edit(_with_whole_numbers(moved[k][0])) for k in near]
     trials = shortened(problem, problem.refine_many(whole))
     for k, (terms, loss) in zip(near, trials, strict=True):
         allowed = max(moved[k][1] * (1.0 + 4.0 / problem.rows), 4.0 * problem.floor)
@@ -62,7 +66,7 @@ def settled(problem: Problem, moved: Sequence[tuple[Terms, float]]) -> list[tupl
     return out
 
 
-def _rounded(terms: Terms) -> Terms:
+def _with_whole_numbers(terms: Terms) -> Terms:
     """Return the terms with constants next to whole numbers rounded; empty if there are none."""
     changed = tuple(_whole(term) if term.args else term for term in terms)
     return changed if changed != terms else ()
