@@ -17,6 +17,7 @@ from jaxsr.diagnosis.likelihood.loop import search
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.likelihood.proposals import exclusive
+from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -139,6 +140,37 @@ def test_a_law_begins_with_the_constants_it_was_written_with() -> None:
             np.testing.assert_array_equal(now.theta[: len(before.theta)], before.theta)
     spring = next(i for i, c in enumerate(every.candidates) if c.mechanism == "cubic_stiffness")
     assert exclusive(after.work.super_model, (spring, number))
+
+
+def test_named_forces_are_asked_to_their_end_where_a_law_leaves_a_force() -> None:
+    """v**3 for v*abs(v) leaves a force, and leads while but one named force has been asked.
+
+    The two that act leave none: they lead once they are asked, and are not where the law is exact.
+    """
+    rng = np.random.default_rng(0)
+    runs = prepared(rng, lambda q, v: -0.9 * v * abs(v) - 5.0 * q**3)
+    model = parse_model(MODEL)
+    course = followed(model, runs)
+    assert course is not None
+    every = SuperModel.build(model, offered(model, course))
+    work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
+    state = search(work, course.null, most=1)
+    base = state.leader.theta[every.base_index()]
+
+    def after(text: str, coefficients: tuple[float, ...]) -> State:
+        law, values = as_candidate(model, course.prepared, 1, proposal(text, 1.0, coefficients))
+        laws = [Written(law, values, (), base)]
+        return with_laws(state, course, lambda *_: [laws.pop()] if laws else [])
+
+    found, number = after("q**3 ; v**3", (-5.0, -0.3)), len(every.candidates)
+    imposter = found.known[(number,)]
+    assert imposter is not None and imposter.share > 0.0
+    assert imposter.log_evidence > state.leader.log_evidence + 20.0
+    names = [every.candidates[i].mechanism for i in found.leader.members]
+    assert sorted(names) == ["cubic_stiffness", "quadratic_drag"]
+    exact = after("q**3 ; v*Abs(v)", (-5.0, -0.9))
+    assert exact.leader.members == (number,)
+    assert all(len(members) < 2 for members in exact.known)
 
 
 def written(seed: int, seconds: float | None) -> tuple[int, list[Any]]:

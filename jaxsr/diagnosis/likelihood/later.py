@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.course import Course
-from jaxsr.diagnosis.likelihood.loop import first_table, grown, weighed
+from jaxsr.diagnosis.likelihood.loop import better, first_table, grown, inexact, weighed
 from jaxsr.diagnosis.likelihood.state import Members, State
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
@@ -55,7 +55,7 @@ def with_laws(
     """Weigh laws that are written beside the members that stay with each, and grow what leads.
 
     Once more as long as one leads that did not before: about its path what is left is smaller. Then
-    larger sets are asked.
+    larger sets are asked; where a law leads that leaves a force, those of named mechanisms too.
 
     Parameters
     ----------
@@ -64,20 +64,27 @@ def with_laws(
     tell : callable, optional
         Hears what is known before each step.
     """
+    named, written = state, list[Written]()
     for _ in range(ROUNDS):
         before, count = state.leader.members, len(state.work.super_model.candidates)
         laws = () if state.work.stop() else write(state, course)
         if not laws:
             break
+        written += laws
         state = _widened(state, course, laws)
-        for number, written in enumerate(laws, count):
+        for number, law in enumerate(laws, count):
             begun = state.leader.theta.copy()
-            begun[state.work.super_model.base_index()] = written.base
+            begun[state.work.super_model.base_index()] = law.base
             near = replace(state.leader, theta=begun)
-            state = weighed(state, (*written.rest, number), near)
+            state = weighed(state, (*law.rest, number), near)
         state = grown(state, tell, MANY)
         if state.leader.members == before:
             break
+    if inexact(state):
+        # Named sets are not yet as large as they may be: what was to come may leave less.
+        rivals = _widened(grown(named, tell), course, written).known
+        known = {m: better(state.known.get(m), h) for m, h in rivals.items()}
+        state = replace(state, known={**state.known, **known})
     return grown(state, tell)
 
 

@@ -93,7 +93,7 @@ def weighed(state: State, members: Members, near: Hypothesis) -> State:
     return replace(state, known=known, due=(*state.due, *due))
 
 
-def _inexact(state: State) -> bool:
+def inexact(state: State) -> bool:
     """Whether the leader has a law without a name and leaves a force: that may be its own error,
     and says nothing for what would be added.
     """
@@ -170,7 +170,7 @@ def step(state: State) -> State:
         state = replace(state, known=known, rivalled=rivalled, due=())
         if state.leader.members != leader.members:
             return state  # nothing is added to what is not the best of its kind
-    if len(leader.members) == MOST_MEMBERS or _inexact(state):
+    if len(leader.members) == MOST_MEMBERS or inexact(state):
         return replace(state, grown=state.grown | {leader.members})
     plain, others = _additions(state, here, leader)
     proposed = [(*leader.members, i) for i in (*plain[:TRIED], *others)]
