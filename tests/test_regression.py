@@ -23,6 +23,7 @@ from jaxsr.regression import (
     gather_gram,
     least_squares,
     residual_frequencies,
+    residual_waves,
     scale_columns,
     signed_least_squares,
     solve_ridge,
@@ -169,6 +170,19 @@ def test_spectrum_of_the_residual_shows_the_frequency_on_irregular_samples():
     problem = RegressionProblem(y, {"t": t})
     found = residual_frequencies(problem, [Term.variable("t"), Term.constant(1.0)], "t", 1)
     assert abs(found[0] - 7.3) < np.pi / 20.0  # within the resolution of the span
+
+
+def test_spectrum_of_the_residual_shows_what_a_wave_is_multiplied_by():
+    rng = np.random.default_rng(4)
+    t, a, b = np.sort(rng.uniform(0.0, 20.0, 400)), *rng.normal(size=(2, 400))
+    y = 3.0 * t + b * np.sin(7.3 * t + 1.0)
+    problem = RegressionProblem(y, {"t": t, "a": a, "b": b})
+    terms = [Term.variable("t"), Term.constant(1.0)]
+    (factor, w), *others = residual_waves(problem, terms, "t", 3, ("", "a", "b"))
+    assert factor == "b" and abs(w - 7.3) < np.pi / 20.0 and len(others) == 2
+    assert residual_waves(problem, terms, "t", 2) == [
+        ("", w) for w in residual_frequencies(problem, terms, "t", 2)
+    ]
 
 
 def test_fixed_columns_are_projected_out_as_if_fitted_together():

@@ -106,6 +106,31 @@ def test_frequencies_are_offered_where_a_wave_is() -> None:
     assert with_frequencies(problem, front, Offer(2, 2, 0, 0.0), no_waves) == []
 
 
+@pytest.mark.parametrize("beside", ["", " + 0.6*w"])
+def test_waves_times_a_variable_are_offered_where_they_are(beside: str) -> None:
+    """A ripple of the angle in proportion to a speed, as of friction: ten draws, ten found.
+
+    As well as the law itself beside a tenth of noise; waves alone leave most of it.
+    """
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        t = np.linspace(0.0, 10.0, 400)
+        angles = [np.outer(t, rng.uniform(0.5, 6.0, 4)) + rng.uniform(0.0, 6.0, 4) for _ in "qwi"]
+        q, w, i = (np.sin(angle) @ rng.uniform(0.3, 1.0, 4) for angle in angles)
+        n, phase = rng.uniform(3.0, 12.0), rng.uniform(0.0, 6.0)
+        ripple = w * np.cos(n * q + phase)
+        y = ripple + (0.6 * w if beside else 0.0) + 0.1 * np.std(ripple) * rng.normal(size=t.size)
+        problem = RegressionProblem(y, {"q": q, "w": w, "i": i})
+        law = [parse(text, ["q", "w"]) for text in ("w", f"w*cos({n}*q + {phase})")]
+        noise = problem.solve([law])[1][0]
+        turn = Offer(9, 2, 0, 0.0)  # of q
+        sets = with_frequencies(problem, _front(problem, [law[:1]]), turn, SearchConfig())
+        alone = [terms for terms in sets if terms[-1].op == "sin"]
+        assert 0 < len(alone) < len(sets)
+        assert min(loss for _, loss in problem.refine_many(sets)) < 1.02 * noise
+        assert min(loss for _, loss in problem.refine_many(alone)) > 50.0 * noise
+
+
 def test_frequencies_of_a_front_are_told_once() -> None:
     words = ["sin(3.0*t)", "cos(3.001*t)", "sin(-7.5*t + 0.3)", "sin(2.0*x)", "t*sin(9.1*t)"]
     terms = tuple(parse(w, ["t", "x"]) for w in words)

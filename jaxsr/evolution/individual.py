@@ -145,3 +145,9 @@ class Problem(Protocol):
     def frequencies(self, terms: Sequence[Term], variable: str, count: int) -> list[float]:
         """Return frequencies of ``variable`` in the residual, the strongest first."""
         ...
+
+    def modulated(
+        self, terms: Sequence[Term], variable: str, factors: Sequence[str], count: int
+    ) -> list[tuple[str, float]]:
+        """Return factors of waves of ``variable`` in the residual, and their frequencies."""
+        ...

@@ -13,7 +13,7 @@ from jaxsr.expressions.primitives import PRIMITIVES
 from jaxsr.expressions.term import Term
 
 _MONOMIALS = 130  # the degree of monomials is the highest, up to 5, that gives no more
-_FEW = 4  # variables up to which every combination is offered
+FEW = 4  # variables up to which every combination is offered
 _LARGEST = 1e50  # of a variable whose powers shapes hold
 _SPREAD = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 
@@ -38,11 +38,11 @@ def small_terms(names: Sequence[str], primitives: PrimitiveSet, most: int = 2000
     if "div" in functions:
         groups.append(Term.apply("div", a, b) for a in [ONE, *variables] for b in variables)
         groups.append(Term.apply("div", a, b) for a in [ONE, *variables] for b in applied)
-        if len(variables) <= _FEW:
+        if len(variables) <= FEW:
             groups.append(Term.apply("div", a, b) for a in applied for b in variables)
     if "mul" in functions:
         groups.append(_product(a, b) for a, b in _pairs(applied))
-        if len(variables) <= _FEW:
+        if len(variables) <= FEW:
             groups += [_angles(variables, functions), _squared(variables, applied)]
     drawn = itertools.islice(itertools.chain(*groups), 2 * most)
     return list(edit(drawn))[:most]
@@ -70,7 +70,7 @@ def shape_terms(
             continue
         shapes = list(_shapes(name, values, functions, shift))
         out += shapes
-        others = [n for n in names if n != name] if len(names) <= _FEW else []
+        others = [n for n in names if n != name] if len(names) <= FEW else []
         if "mul" in functions:
             for factor in (name, *others):
                 out += [_product(Term.variable(factor), shape) for shape in shapes]
@@ -81,7 +81,7 @@ def shape_terms(
                 if (a, b) != (name, name)
                 for shape in shapes
             ]
-    if len(names) <= _FEW and {"exp", "div"} <= functions:
+    if len(names) <= FEW and {"exp", "div"} <= functions:
         out += [
             term
             for a, b in itertools.combinations(names, 2)
@@ -175,9 +175,9 @@ def _of_pairs(unary: list[str], variables: list[Term], functions: set[str]) -> I
     for f in unary:
         for a, b in itertools.combinations(variables, 2):
             yield Term.apply(f, Term.apply("sub", a, b))
-            if len(variables) <= _FEW:
+            if len(variables) <= FEW:
                 yield Term.apply(f, Term.apply("add", a, b))
-        if "mul" in functions and len(variables) <= 3 * _FEW:
+        if "mul" in functions and len(variables) <= 3 * FEW:
             for a, b in _pairs(variables):
                 yield Term.apply(f, _product(a, b))
 

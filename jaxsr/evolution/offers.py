@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from jaxsr.evolution.config import SearchConfig
 from jaxsr.evolution.front import Front
 from jaxsr.evolution.individual import Individual, Problem
-from jaxsr.evolution.library import shape_terms, small_terms
+from jaxsr.evolution.library import FEW, shape_terms, small_terms
 from jaxsr.evolution.seeds import complete
 from jaxsr.expressions.printing import kind
 from jaxsr.expressions.term import Term
@@ -21,6 +21,7 @@ _BEAM = 2  # generation of a population in which pairs and triples are weighed
 _SMALL = 800  # small terms, and shapes, among which they are sought
 _WIDTH = 80  # pairs, and triples, kept
 _PEAKS, _MANY_PEAKS, _SHORT = 2, 12, 80  # frequencies tried; rows of a short record
+_PHASE = Term.constant(0.8)  # of the second of two waves, neither of which need be the other
 _LOOKED_AT = 10  # grid points looked at for each different shape
 
 
@@ -75,7 +76,8 @@ def with_frequencies(
     """Return members of the front joined by a sine at a frequency of their residual.
 
     Time, if there is one, is looked at every generation; another variable takes its turn every
-    third one. The first generation of a population looks at whole bases, too.
+    third one, its waves alone and times each of the others, as a motor's torque ripples in
+    proportion to its current. The first generation of a population looks at whole bases, too.
     """
     if "sin" not in config.primitives.functions:
         return []
@@ -91,15 +93,21 @@ def with_frequencies(
     out: list[Terms] = []
     for terms in sets:
         for name in names:
-            for w in problem.frequencies(terms, name, peaks):
-                out += _waves(terms, name, w)
+            found = [("", w) for w in problem.frequencies(terms, name, peaks)]
+            factors = [n for n in others if n != name] if name != problem.time else []
+            if "mul" in config.primitives.functions and len(others) <= FEW:
+                found += problem.modulated(terms, name, factors, peaks)
+            for factor, w in found:
+                out += _waves(terms, name, w, factor)
     return out
 
 
-def _waves(terms: Terms, name: str, w: float) -> list[Terms]:
+def _waves(terms: Terms, name: str, w: float, factor: str) -> list[Terms]:
     angle = Term.apply("mul", Term.constant(w), Term.variable(name))
-    shifted = Term.apply("add", angle, Term.constant(0.8))
-    return [(*terms, Term.apply("sin", angle)), (*terms, Term.apply("sin", shifted))]
+    waves = [Term.apply("sin", angle), Term.apply("sin", Term.apply("add", angle, _PHASE))]
+    if factor:
+        waves = [Term.apply("mul", Term.variable(factor), wave) for wave in waves]
+    return [(*terms, wave) for wave in waves]
 
 
 def _shift(offer: Offer) -> float:

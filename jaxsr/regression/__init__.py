@@ -13,7 +13,7 @@ from jaxsr.regression.ridge import least_squares, solve_ridge
 from jaxsr.regression.settings import Resources, Rules, Sampling, TargetErrors
 from jaxsr.regression.signs import signed_least_squares
 from jaxsr.regression.slopes import constants_of, with_constants
-from jaxsr.regression.spectrum import residual_frequencies
+from jaxsr.regression.spectrum import residual_frequencies, residual_waves
 from jaxsr.regression.threshold import HardThreshold
 from jaxsr.regression.units import InUnits
 
@@ -42,6 +42,7 @@ __all__ = [
     "refine",
     "refine_many",
     "residual_frequencies",
+    "residual_waves",
     "scale_columns",
     "signed_least_squares",
     "solve_ridge",

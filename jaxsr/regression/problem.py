@@ -22,7 +22,7 @@ from jaxsr.regression.linear import LinearProblem, View
 from jaxsr.regression.rational import quotients
 from jaxsr.regression.settings import Resources, Rules, Sampling, TargetErrors
 from jaxsr.regression.signs import Signs
-from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies
+from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies, residual_waves
 
 
 class RegressionProblem(LinearProblem):
@@ -62,7 +62,7 @@ class RegressionProblem(LinearProblem):
         self.judging = judge
         self.judged_rows = judge.rows if judge is not None else 0
         self._dictionaries: dict[Hashable, Dictionary] = {}
-        self._waves: dict[str, Waves | None] = {}
+        self._waves: dict[tuple[str, str], Waves | None] = {}
         self.excerpt = Excerpt(self)
 
     def forget(self) -> None:
@@ -116,17 +116,30 @@ class RegressionProblem(LinearProblem):
         """Return frequencies in the residual; see :func:`residual_frequencies`."""
         return residual_frequencies(self, terms, variable, count)
 
+    def modulated(
+        self, terms: Sequence[Term], variable: str, factors: Sequence[str], count: int
+    ) -> list[tuple[str, float]]:
+        """Return factors and frequencies of waves in the residual; see :func:`residual_waves`."""
+        return residual_waves(self, terms, variable, count, factors)
+
     def quotients(self, frequencies: Sequence[float], count: int) -> list[tuple[Term, ...]]:
         """Return quotients of short sums; see :func:`jaxsr.regression.rational.quotients`."""
         return quotients(self, frequencies, count) if self.total > 0.0 else []
 
-    def waves(self, variable: str) -> Waves | None:
-        """Return the sines and cosines of a variable that the spectrum is taken with."""
-        if variable not in self._waves:
-            is_time = variable == self.time
-            values = self.variables[variable]
-            self._waves[variable] = make_waves(values, self.excerpt, is_time=is_time)
-        return self._waves[variable]
+    def waves(self, variable: str, factor: str = "") -> Waves | None:
+        """Return the sines and cosines of a variable that the spectrum is taken with.
+
+        Times another variable, where a `factor` is named.
+        """
+        key = variable, factor
+        if key not in self._waves:
+            # They are large: those of a variable times others are kept for its turn.
+            kept = (k for k in self._waves if not k[1] or k[0] == variable)
+            self._waves = {k: self._waves[k] for k in kept}
+            values, is_time = self.variables[variable], variable == self.time
+            times = self.variables[factor] if factor else None
+            self._waves[key] = make_waves(values, self.excerpt, is_time=is_time, factor=times)
+        return self._waves[key]
 
     def fit(
         self,

@@ -22,7 +22,7 @@ class Waving(Protocol):
 
     excerpt: Excerpt
 
-    def waves(self, variable: str) -> Waves | None: ...
+    def waves(self, variable: str, factor: str = "") -> Waves | None: ...
 
 
 def residual_frequencies(
@@ -42,14 +42,44 @@ def residual_frequencies(
     count : int
         Number of peaks returned, highest first.
     """
-    waves = problem.waves(variable)
-    if waves is None:
-        return []
-    power = waves.power(problem.excerpt.residual(terms))
-    inner = power[1:-1]
-    peaks = 1 + np.flatnonzero((inner >= power[:-2]) & (inner >= power[2:]))
-    best = peaks[np.argsort(-rounded(power[peaks], SINGLE_BITS), kind="stable")][:count]
-    return [float(waves.grid[k]) for k in best if power[k] > 0.0]
+    return [w for _, w in residual_waves(problem, terms, variable, count)]
+
+
+def residual_waves(
+    problem: Waving,
+    terms: Sequence[Term],
+    variable: str,
+    count: int,
+    factors: Sequence[str] = ("",),
+) -> list[tuple[str, float]]:
+    """Return frequencies as `residual_frequencies` does, of waves times one of some variables.
+
+    Parameters
+    ----------
+    factors : sequence of str
+        Variables; "" for the waves alone.
+
+    Returns
+    -------
+    list of (factor, frequency)
+        Highest first.
+    """
+    residual, found = problem.excerpt.residual(terms), list[tuple[float, str, float]]()
+    for factor in factors:
+        waves = problem.waves(variable, factor)
+        if waves is None:
+            continue
+        power = waves.power(residual)
+        inner = power[1:-1]
+        peaks = 1 + np.flatnonzero((inner >= power[:-2]) & (inner >= power[2:]))
+        heights = rounded(power[peaks], SINGLE_BITS)
+        found += [
+            (-float(h), factor, float(waves.grid[k]))
+            for h, k in zip(heights, peaks, strict=True)
+            if power[k] > 0.0
+        ]
+    found.sort(key=lambda peak: peak[0])  # ties in order
+    return [(factor, w) for _, factor, w in found[:count]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +114,10 @@ class Waves:
         return np.where(valid, share, 0.0)
 
 
-def make_waves(values: Array, rows: Excerpt, *, is_time: bool) -> Waves | None:
-    """Return the waves of a variable's samples; None for a variable that does not move.
+def make_waves(
+    values: Array, rows: Excerpt, *, is_time: bool, factor: Array | None = None
+) -> Waves | None:
+    """Return the waves of a variable's samples, times a factor; None for one that does not move.
 
     Frequencies are multiples of the first, so each wave is the last one turned by one angle.
     """
@@ -102,6 +134,7 @@ def make_waves(values: Array, rows: Excerpt, *, is_time: bool) -> Waves | None:
         for row in turned:
             np.multiply(wave, turn, out=row)
             wave = row
+        turned = turned if factor is None else turned * rows.of(factor)
         s[part], c[part] = rows.seen(np.imag(turned).T).T, rows.seen(np.real(turned).T).T
     ss, cc, sc = (np.vecdot(a, b).astype(float) for a, b in ((s, s), (c, c), (s, c)))
     return Waves(grid, s, c, (ss, cc, sc))
@@ -110,14 +143,13 @@ def make_waves(values: Array, rows: Excerpt, *, is_time: bool) -> Waves | None:
 def _grid(values: Array, span: float, is_time: bool) -> Array:
     """Space frequencies at half the resolution of the span.
 
-    Time goes up to what the samples resolve, at most 400 cycles; a state to 20 cycles over its
-    range, beyond which a ripple cannot be told from noise by eye or by test.
+    Up to what the samples resolve: of time at most 400 cycles, of a state from 20 over its range,
+    beyond which the ripple of a short swing cannot be told from noise by eye or by test, to 100, as
+    that of a rotor that turns several times.
     """
     resolution = np.pi / span
-    cycles = 20.0
-    if is_time:
-        steps = np.abs(np.diff(values))
-        step = float(np.median(steps[steps > 0.0]))
-        cycles = min(0.5 * span / step, 400.0)
+    steps = np.abs(np.diff(values))
+    resolved = 0.5 * span / float(np.median(steps[steps > 0.0]))
+    cycles = min(resolved, 400.0) if is_time else min(max(resolved, 20.0), 100.0)
     count = max(int(4 * cycles), 8)
     return np.asarray(resolution / 2.0 * np.arange(1, count + 1), dtype=np.float64)
