@@ -185,6 +185,22 @@ def test_spectrum_of_the_residual_shows_what_a_wave_is_multiplied_by():
     ]
 
 
+def test_waves_are_kept_within_a_limit_and_made_alike_again(monkeypatch: pytest.MonkeyPatch):
+    rng = np.random.default_rng(6)
+    x = dict(zip("abc", rng.normal(size=(3, 300)).cumsum(axis=1), strict=True))
+    problem = RegressionProblem(x["a"] * np.sin(x["b"]), x)
+    every = [(v, f) for v in "abc" for f in ("", *"abc") if f != v]
+    whole = {key: problem.waves(*key) for key in every}
+    limit = 3 * max(w.bytes for w in whole.values() if w is not None)
+    monkeypatch.setattr("jaxsr.regression.problem._MOST_WAVES", limit)
+    problem = RegressionProblem(x["a"] * np.sin(x["b"]), x)
+    for key in (*every, *every):
+        again, before = problem.waves(*key), whole[key]
+        assert again is not None and before is not None
+        np.testing.assert_array_equal(again.sines, before.sines)
+        assert sum(w.bytes for w in problem._waves.values() if w is not None) <= limit
+
+
 def test_fixed_columns_are_projected_out_as_if_fitted_together():
     rng = np.random.default_rng(5)
     x, z = rng.normal(size=(2, 200))

@@ -24,6 +24,8 @@ from jaxsr.regression.settings import Resources, Rules, Sampling, TargetErrors
 from jaxsr.regression.signs import Signs
 from jaxsr.regression.spectrum import Waves, make_waves, residual_frequencies, residual_waves
 
+_MOST_WAVES = 256 * 2**20  # bytes of sines and cosines that are kept
+
 
 class RegressionProblem(LinearProblem):
     """A linear problem, and the searches for terms that would explain more of its target.
@@ -133,12 +135,14 @@ class RegressionProblem(LinearProblem):
         """
         key = variable, factor
         if key not in self._waves:
-            # They are large: those of a variable times others are kept for its turn.
-            kept = (k for k in self._waves if not k[1] or k[0] == variable)
-            self._waves = {k: self._waves[k] for k in kept}
             values, is_time = self.variables[variable], variable == self.time
             times = self.variables[factor] if factor else None
             self._waves[key] = make_waves(values, self.excerpt, is_time=is_time, factor=times)
+            while (
+                sum(w.bytes for w in self._waves.values() if w) > _MOST_WAVES
+                and len(self._waves) > 1
+            ):
+                del self._waves[next(k for k in self._waves if k != key)]  # the oldest
         return self._waves[key]
 
     def fit(

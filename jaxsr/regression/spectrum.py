@@ -102,6 +102,11 @@ class Waves:
     cosines: NDArray[np.float32]
     products: tuple[Array, Array, Array]
 
+    @property
+    def bytes(self) -> int:
+        """Bytes that it takes."""
+        return self.sines.nbytes + self.cosines.nbytes
+
     def power(self, residual: Array) -> Array:
         """Return the sum of squares that a sine and a cosine of each frequency take away."""
         ss, cc, sc = self.products
