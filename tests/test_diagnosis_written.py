@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.laws.unnamed import as_candidate
 from jaxsr.diagnosis.laws.written import CONFIG, Place, Writer, _finite_around, laws_of
-from jaxsr.diagnosis.likelihood.course import followed
+from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.later import Written, with_laws
 from jaxsr.diagnosis.likelihood.loop import search
 from jaxsr.diagnosis.likelihood.offered import offered
@@ -24,7 +24,7 @@ from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.evolution.loop import SearchInfo
 from jaxsr.evolution.propose import Proposal, propose
 from jaxsr.expressions import evaluate, parse
-from jaxsr.models import parse_model
+from jaxsr.models import Model, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
 
@@ -61,6 +61,16 @@ def prepared(rng: np.random.Generator, force: Any, runs: int = 2) -> list[Prepar
         recording = Recording("run", TIME, {"u": drive, "y": y})
         made.append(Prepared.build(parse_model(MODEL), recording))
     return made
+
+
+def begun(runs: list[Prepared]) -> tuple[Model, Course, SuperModel, State]:
+    """The cart's model, its course, what is offered, and a search for one member."""
+    model = parse_model(MODEL)
+    course = followed(model, runs)
+    assert course is not None
+    every = SuperModel.build(model, offered(model, course))
+    work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
+    return model, course, every, search(work, course.null, most=1)
 
 
 def told(found: Posterior) -> list[str]:
@@ -114,12 +124,7 @@ def test_a_law_begins_with_the_constants_it_was_written_with() -> None:
     """And what was known of sets before stands, to the last digit, beside more candidates."""
     rng = np.random.default_rng(3)
     runs = prepared(rng, lambda q, v: -1.5 * (q**2 - 0.5) * v)
-    model = parse_model(MODEL)
-    course = followed(model, runs)
-    assert course is not None
-    every = SuperModel.build(model, offered(model, course))
-    work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
-    state = search(work, course.null, most=1)
+    model, course, every, state = begun(runs)
     law, values = as_candidate(model, course.prepared, 1, proposal("q**2*v ; v", 1.0, (-1.0, 0.5)))
     base = state.leader.theta[every.base_index()]
     asked = []
@@ -149,12 +154,7 @@ def test_named_forces_are_asked_to_their_end_where_a_law_leaves_a_force() -> Non
     """
     rng = np.random.default_rng(0)
     runs = prepared(rng, lambda q, v: -0.9 * v * abs(v) - 5.0 * q**3)
-    model = parse_model(MODEL)
-    course = followed(model, runs)
-    assert course is not None
-    every = SuperModel.build(model, offered(model, course))
-    work = Workspace.build(every, course.prepared, course.seconds, course.null.noise)
-    state = search(work, course.null, most=1)
+    model, course, every, state = begun(runs)
     base = state.leader.theta[every.base_index()]
 
     def after(text: str, coefficients: tuple[float, ...]) -> State:

@@ -31,6 +31,25 @@ def test_spectrum_of_the_residual_shows_what_a_wave_is_multiplied_by():
     ]
 
 
+def test_a_state_has_as_many_waves_over_its_range_as_its_samples_resolve():
+    """A rotor that turns seven and a half times, read two thousand times: thirty waves, and ninety.
+
+    Of a hundred samples at random places twenty are looked for.
+    """
+    rng = np.random.default_rng(4)
+    t = np.linspace(0.0, 1.0, 2000)
+    angle = 47.0 * np.sin(0.5 * np.pi * t) ** 2
+    for cycles in (30.0, 90.0):
+        n = 2.0 * np.pi * cycles / 47.0
+        problem = RegressionProblem(np.sin(n * angle + 1.0), {"q": angle})
+        (w,) = residual_frequencies(problem, [], "q", 1)
+        assert abs(w - n) < np.pi / 47.0
+    problem = RegressionProblem(rng.normal(size=100), {"q": rng.uniform(0.0, 47.0, 100)})
+    waves = problem.waves("q")
+    assert waves is not None
+    np.testing.assert_allclose(waves.grid[-1], 2.0 * np.pi * 20.0 / 47.0, rtol=0.05)
+
+
 def test_waves_are_kept_within_a_limit_and_made_alike_again(monkeypatch: pytest.MonkeyPatch):
     rng = np.random.default_rng(6)
     x = dict(zip("abc", rng.normal(size=(3, 300)).cumsum(axis=1), strict=True))

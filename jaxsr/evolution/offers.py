@@ -21,7 +21,7 @@ _BEAM = 2  # generation of a population in which pairs and triples are weighed
 _SMALL = 800  # small terms, and shapes, among which they are sought
 _WIDTH = 80  # pairs, and triples, kept
 _PEAKS, _MANY_PEAKS, _SHORT = 2, 12, 80  # frequencies tried; rows of a short record
-_PHASE = Term.constant(0.8)  # of the second of two waves, neither of which need be the other
+_PHASE = Term.constant(0.8)  # of the second of two waves: one may start where no descent ends well
 _LOOKED_AT = 10  # grid points looked at for each different shape
 
 
@@ -94,8 +94,8 @@ def with_frequencies(
     for terms in sets:
         for name in names:
             found = [("", w) for w in problem.frequencies(terms, name, peaks)]
-            factors = [n for n in others if n != name] if name != problem.time else []
-            if "mul" in config.primitives.functions and len(others) <= FEW:
+            if name != problem.time and "mul" in config.primitives.functions and len(others) <= FEW:
+                factors = [n for n in others if n != name]
                 found += problem.modulated(terms, name, factors, peaks)
             for factor, w in found:
                 out += _waves(terms, name, w, factor)
