@@ -172,6 +172,27 @@ def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:
     assert [(a.number, a.probability) for a in others] == [(2, 0.2)]
 
 
+def test_members_that_free_runs_do_not_show_replace_nothing() -> None:
+    """Nor do they hide what stands in the place of those that are told."""
+    weights = Weights(
+        {
+            frozenset({"a@x", "c@y"}): 0.6,
+            frozenset({"b@x", "c@y"}): 0.2,
+            frozenset({"b@x"}): 0.1,
+            frozenset({"a@x"}): 0.06,
+            frozenset({"c@y"}): 0.04,
+        }
+    )
+    chosen = Estimated((0,))
+    entries = cast("Any", [chosen, *map(Estimated, [(2, 3), (2,), (0, 3), (3,), ()])])
+    model = cast("Any", type("M", (), {"candidates": CANDIDATES}))
+    probability, others = weights.alternatives(model, cast("Any", chosen), 0, entries)
+    assert probability == pytest.approx(0.66)
+    ((number, share),) = [(a.number, a.probability) for a in others]
+    assert (number, share) == (2, pytest.approx(0.3))
+    assert others[0].entry.members == (2, 3)  # the most probable of its sets
+
+
 def test_a_richer_law_counts_as_the_one_inside_that_is_told_in_its_place() -> None:
     """That friction of one size acts is as probable as that it does, or more with it."""
     told = [

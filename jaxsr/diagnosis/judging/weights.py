@@ -53,6 +53,10 @@ class Weights:
     def _of_entry(self, super_model: SuperModel, entry: Entry) -> frozenset[str]:
         return self.counted(super_model.candidates[i].label for i in entry.members)
 
+    def _around(self, labels: frozenset[str]) -> frozenset[str]:
+        """Return the most probable set that holds all of these."""
+        return max((s for s in self.of if labels <= s), key=self.of.__getitem__, default=labels)
+
     def of_label(self, label: str) -> float:
         """Return the probability that a mechanism at its site is part of the truth."""
         return min(sum(p for labels, p in self.of.items() if label in labels), 1.0)
@@ -65,19 +69,25 @@ class Weights:
     def alternatives(
         self, super_model: SuperModel, chosen: Entry, number: int, entries: Sequence[Entry]
     ) -> tuple[float, list[Alternative]]:
-        """Return the probability of one member of a set, and of what could replace it."""
+        """Return the probability of one member of a set, and of what could replace it.
+
+        The chosen set may leave out members that hardly show in free runs: those of the most
+        probable set that holds it replace nothing.
+        """
         candidates = super_model.candidates
         own = candidates[number].label
-        rest = frozenset(candidates[i].label for i in chosen.members if i != number)
+        labels = self._of_entry(super_model, chosen)
+        around, rest = self._around(labels), labels - {own}
+        first = {self._of_entry(super_model, entry): entry for entry in reversed(entries)}
         mass: dict[str, Alternative] = {}
-        for entry in entries:
-            labels = self._of_entry(super_model, entry)
-            swapped = labels - rest
+        for labels in sorted(first, key=lambda known: -self.of.get(known, 0.0)):
+            swapped = labels - around
             if own in labels or not rest <= labels or len(swapped) != 1:
                 continue
+            entry, p = first[labels], self.of.get(labels, 0.0)
             other = next(i for i in entry.members if self.counted([candidates[i].label]) == swapped)
-            probability = self.of.get(labels, 0.0)
-            mass.setdefault(candidates[other].label, Alternative(other, probability, entry))
+            known = mass.setdefault(candidates[other].label, Alternative(other, 0.0, entry))
+            mass[candidates[other].label] = replace(known, probability=known.probability + p)
         return self.of_label(own), sorted(mass.values(), key=lambda a: -a.probability)
 
     def told_of(self, estimate: Estimate) -> Estimate:
