@@ -169,6 +169,9 @@ def test_any_law_keeps_its_values_over_the_states_themselves(seed: int) -> None:
         ("y*exp(3.2*x)", "y*exp({a1}*x)", [0.64]),
         ("1/(x - 0.5)**2", "1/(x - {a1})**2", [2.5]),
         ("Abs(y)*y", "Abs(y)*y", []),
+        ("x/exp(x**2)", "x/exp({a1}*x**2)", [0.04]),
+        ("x**1.7*y", "x**{a1}*y", [1.7]),
+        ("1/(x**2 + y)", "1/(x**2 + {a1}*y)", [25.0 / 0.031]),
     ],
 )
 def test_a_law_reads_as_people_write_it(text: str, natural: str, inner: list[float]) -> None:

@@ -27,6 +27,7 @@ from jaxsr.evolution.library import small_terms
 from jaxsr.evolution.mutate import mutate_constant, mutate_subtree
 from jaxsr.evolution.select import tournament
 from jaxsr.expressions import Term, parse, to_text
+from jaxsr.expressions.description import opened
 from jaxsr.regression import RegressionProblem
 
 NAMES = ["t", "x", "v"]
@@ -190,6 +191,25 @@ def test_propose_finds_the_missing_term_beside_a_known_model_in_a_weak_view():
     assert [to_text(t) for t in best.terms] == ["sign(v)"]
     assert best.coefficients[0] == pytest.approx(-2.0, abs=1e-8)
     np.testing.assert_allclose(best.fixed, [-3.0, -0.7], atol=1e-8)
+
+
+def test_proposals_near_the_best_are_one_of_each_form():
+    """All that are asked for: beside the same front, none errs more, and no form comes twice."""
+    x = np.random.default_rng(0).uniform(-2.0, 2.0, 200)
+    y = x / (x**2 + 1.0) + 0.2 * np.random.default_rng(1).normal(size=200)
+    config = SearchConfig(population=60, generations=8, sizes=SizeLimits(terms=2))
+
+    def found(near):
+        return propose(np.random.default_rng(2), y, {"x": x}, config=config, near=near)
+
+    front, more = found(1.0), found(1.3)
+    least = min(p.loss for p in front)
+    others = [p for p in more if all(p.terms != q.terms for q in front)]
+    assert len(more) == len(front) + len(others) and others
+    assert all(p.loss <= 1.3001 * least for p in others)
+    forms = [frozenset(map(opened, p.terms)) for p in others]
+    assert len(set(forms)) == len(forms)
+    assert not set(forms) & {frozenset(map(opened, p.terms)) for p in front}
 
 
 @pytest.mark.parametrize(

@@ -88,11 +88,12 @@ def weighed(case: Case, rng: np.random.Generator) -> Posterior | None:
     def write(state: State, course: Course) -> Sequence[Written]:
         return case.failures.attempt("writing laws", lambda: writer(state, course), [])
 
-    return case.failures.attempt(
-        "weighing mechanisms",
-        lambda: posterior(model, told, case.screened, stop, tell, write),
-        None,
-    )
+    with np.errstate(all="ignore"):  # a law may be no number anywhere: such sets lose
+        return case.failures.attempt(
+            "weighing mechanisms",
+            lambda: posterior(model, told, case.screened, stop, tell, write),
+            None,
+        )
 
 
 def _left_over(arena: Arena, entry: Entry, noise: Noise) -> float:

@@ -38,7 +38,7 @@ _LEAST = 1e-22  # relative losses below this differ by rounding alone
 
 @dataclass(frozen=True, slots=True)
 class SearchInfo:
-    """What a person or a test asks about one generation."""
+    """What a person or a test asks about one generation, and the population that it leaves."""
 
     generation: int
     evaluated: int
@@ -46,6 +46,7 @@ class SearchInfo:
     best_loss: float
     best_size: int
     alpha: float
+    population: tuple[Individual, ...] = ()
 
 
 def init(
@@ -201,10 +202,9 @@ def step(
         idle=0 if gain > 1.0 else state.idle + 1,
     )
     best = front.members[-1] if front.members else Individual.of((), np.inf)
-    info = SearchInfo(
-        generation, len(edited), len(edited) - len(newborn), best.loss, best.size, rule.alpha
-    )
-    return after, info
+    unusable = len(edited) - len(newborn)
+    told = best.loss, best.size, rule.alpha, after.population
+    return after, SearchInfo(generation, len(edited), unusable, *told)
 
 
 def stopped(state: SearchState) -> StoppedBy | None:

@@ -17,8 +17,10 @@ from jaxsr.expressions import Term
 class Natural:
     r"""Terms over states in place of z = x / size, and constants inside them.
 
-    Every term is :math:`\sigma\,g(x)`, :math:`\sigma` a number: that of a product is a product, a
-    sum is divided by that of one side, and functions keep theirs inside.
+    Every term is :math:`\sigma\,g(x)`, :math:`\sigma` a number: that of a product is a product, and
+    a sum is divided by that of one side. What stays, of the other side and inside a function, is a
+    constant that is estimated: :math:`e^{z^2}` is :math:`e^{a x^2}`, for sizes are of the motion
+    and not of the law.
 
     Attributes
     ----------
@@ -57,8 +59,11 @@ class Natural:
                 return first * second, Term.apply("mul", a, b)
             case "div", [(first, a), (second, b)]:
                 return first / second, Term.apply("div", a, b)
-            case "pow", [(factor, a), (_, exponent)] if exponent.is_constant:
-                return factor**exponent.value, Term.apply("pow", a, exponent)
+            case "pow", [(factor, a), (1.0, exponent)] if exponent.is_constant or _is_inner(
+                exponent
+            ):
+                power = exponent.value if exponent.is_constant else self.inner[_place(exponent)]
+                return factor**power, Term.apply("pow", a, exponent)
             case (("neg" | "abs"), [(factor, a)]):
                 return factor, Term.apply(term.op, a)
             case "sign", [(_, a)]:
@@ -68,27 +73,36 @@ class Natural:
             case (("add" | "sub"), [(first, a), (second, b)]):
                 if self._scaled(a, 1.0 / second):
                     return second, Term.apply(term.op, a, b)
-                if self._scaled(b, 1.0 / first) or first == second:
-                    return first, Term.apply(term.op, a, b)
+                if not self._scaled(b, 1.0 / first):
+                    b = self._times(second / first, b)
+                return first, Term.apply(term.op, a, b)
             case _:
                 pass
-        return 1.0, Term.apply(term.op, *(times(factor, part) for factor, part in parts))
+        return 1.0, Term.apply(term.op, *(self._times(factor, part) for factor, part in parts))
+
+    def _times(self, factor: float, part: Term) -> Term:
+        """Return a term times a constant that is estimated; alone where that is 1."""
+        if factor == 1.0 or self._scaled(part, factor):
+            return part
+        self.inner.append(factor)
+        return Term.apply("mul", Term.variable(f"{{a{len(self.inner)}}}"), part)
 
     def _scaled(self, part: Term, factor: float) -> bool:
         """Take a factor into a constant that is estimated, where a term is one."""
-        if not (part.is_variable and part.name.startswith("{")):
+        if not _is_inner(part):
             return False
-        self.inner[int(part.name[2:-1]) - 1] *= factor
+        self.inner[_place(part)] *= factor
         return True
 
 
-def times(factor: float, term: Term) -> Term:
-    """Return a number times a term."""
-    if factor == 1.0:
-        return term
-    if factor < 1.0:
-        return Term.apply("div", term, Term.constant(1.0 / factor))
-    return Term.apply("mul", Term.constant(factor), term)
+def _is_inner(term: Term) -> bool:
+    """Whether a term is a constant that is estimated."""
+    return term.is_variable and term.name.startswith("{")
 
 
-__all__ = ["Natural", "times"]
+def _place(term: Term) -> int:
+    """Return its place among those."""
+    return int(term.name[2:-1]) - 1
+
+
+__all__ = ["Natural"]

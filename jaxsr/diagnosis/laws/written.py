@@ -9,25 +9,15 @@ of laws that take as many bits.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from itertools import chain, combinations_with_replacement
 
 import numpy as np
 
-from jaxsr.diagnosis.laws.naming import named
-from jaxsr.diagnosis.laws.unnamed import (
-    CUBIC,
-    FORCES,
-    MAX_TERMS,
-    UNNAMED,
-    ProposedForce,
-    as_candidate,
-    estimable,
-    has_a_name,
-    law_of,
-    sizes_of,
-)
+from jaxsr.diagnosis.laws.place import Place
+from jaxsr.diagnosis.laws.selection import CLEARLY, laws_of
+from jaxsr.diagnosis.laws.unnamed import CUBIC, FORCES, MAX_TERMS, UNNAMED, sizes_of
 from jaxsr.diagnosis.likelihood.course import Course, left_over, whole
 from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
@@ -36,87 +26,20 @@ from jaxsr.diagnosis.likelihood.loop import about, forced
 from jaxsr.diagnosis.likelihood.state import Members, State
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace
-from jaxsr.diagnosis.mechanisms.site import Site, sites_of
+from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.setup import state_scale
 from jaxsr.evolution import SearchConfig, propose
 from jaxsr.evolution.config import SizeLimits
 from jaxsr.evolution.propose import Proposal
-from jaxsr.expressions import Term, evaluate, parse
+from jaxsr.expressions import evaluate, parse
 
 SEVERAL = 2
 """Forces of a leader at one equation from which one law may stand for them."""
 SHARE = 0.25
 """Largest share of the time left that the search at one equation may take."""
-AROUND = 1.05
-"""Range, in that of the path about which a law is written, over which other paths may lead."""
-SURE = 1e-3
-"""Share of its mean square to which what acts is known, where it is smoothed."""
-CLEARLY, MOST = 0.7, 6
-"""Share of a simpler law's error from which another is weighed beside it, and laws that are."""
 CONFIG = SearchConfig(population=120, sizes=SizeLimits(terms=MAX_TERMS))
 """Of the search for a law, which ends by itself where time allows; the population is that of the
 search in free run."""
-
-
-@dataclass(frozen=True, eq=False)
-class Place:
-    """An equation at which a law may be missing.
-
-    Attributes
-    ----------
-    site : Site
-    rest : tuple of int
-        Members of the leader that stay beside the law.
-    force, left : ndarray, shape (rows,)
-        What acts there beside the given model, seen through the windows of the motion, and what of
-        it the set leaves about which the law is written.
-    reach : ndarray, shape (rows, free parameters)
-        What re-calibration does there.
-    signals : dict of str to ndarray, shape (samples,)
-        States, inputs and time along the path of the set about which the law is written.
-    base : ndarray, shape (free parameters,)
-        Those of the given model, of that set.
-    deviation, low, high : ndarray, shape (free parameters,)
-        How far they are believed to be from there, and between what.
-    """
-
-    site: Site
-    rest: Members
-    force: np.ndarray
-    left: np.ndarray
-    reach: np.ndarray
-    signals: dict[str, np.ndarray]
-    base: np.ndarray
-    deviation: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-
-    def held(self, moved: np.ndarray) -> Place | None:
-        """Return the equation with parameters at the bounds beyond which they moved; None if none.
-
-        What they would do there is left for the law.
-        """
-        there = self.base + moved
-        out = (there < self.low) | (there > self.high)
-        if not out.any():
-            return None
-        to = np.clip(there, self.low, self.high) - self.base
-        force = self.force - self.reach[:, out] @ to[out]
-        return replace(self, force=force, reach=np.where(out, 0.0, self.reach))
-
-    def beside(self, rows: np.ndarray, columns: np.ndarray | None = None) -> float:
-        """Return the mean square that re-calibration, and some forces, leave of rows."""
-        known = self.reach if columns is None else np.concatenate([self.reach, columns], axis=1)
-        return float(np.mean((rows - known @ np.linalg.lstsq(known, rows, rcond=1e-9)[0]) ** 2))
-
-    @property
-    def believed(self) -> np.ndarray:
-        """Rows that hold re-calibration to what is believed of it, shape (free parameters, same).
-
-        A law that is all but one of its columns would explain anything by their difference. What
-        acts is known to `SURE` of itself.
-        """
-        return np.diag(np.sqrt(SURE * self.beside(self.force)) / self.deviation)
 
 
 @dataclass(eq=False)
@@ -140,7 +63,7 @@ class Writer:
             proposed = self._proposed(state.work, course, place)
             found += [
                 Written(*law, place.rest, place.base)
-                for law in laws_of(state.work, place, proposed)
+                for law in laws_of(state.work, course, place, proposed)
             ]
         return found
 
@@ -166,6 +89,7 @@ class Writer:
                 fixed=np.concatenate([place.reach, place.believed]),
                 config=CONFIG,
                 budget=seconds,
+                near=1.0 / CLEARLY,
             )
             best = min(found, key=lambda p: p.loss, default=None)
             open_place = None if best is None else place.held(best.fixed)
@@ -175,9 +99,11 @@ class Writer:
 def places(state: State, course: Course) -> list[Place]:
     """Return the equations at which the leader has several forces, or leaves the largest one.
 
-    What it has elsewhere stays beside a law there, and does not: it may imitate the law as well.
-    Beside members with states of their own no path tells what acts, so that these do not stay.
-    Where it has but one force, a law of the states must leave clearly less than that does.
+    Where it leaves one, those at which it has any: forces at two equations may imitate a law at
+    either. What the leader has elsewhere stays beside a law there, and does not: it may imitate
+    the law as well. Beside members with states of their own no path tells what acts, so that these
+    do not stay. Where it has but one force, a law of the states must leave clearly less than that
+    does.
     """
     work, leader, null = state.work, state.leader, state.known[()]
     own, every = _forces(work, leader), work.super_model.candidates
@@ -190,7 +116,7 @@ def places(state: State, course: Course) -> list[Place]:
         return [alone.at(s, ()) for s in several or [alone.largest(state.table)]]
     table = about(work, leader)
     acting = _Acting.of(work, course, leader, table)
-    asked = [*several, acting.largest(table)] if left else several
+    asked = [*several, acting.largest(table), *own] if left else several
     found = list[Place]()
     for name in dict.fromkeys(asked):
         place = acting.at(name, tuple(own.get(name, ())))
@@ -288,40 +214,6 @@ class _Acting:
             x[: len(base)] for x in (self.belief.deviation, self.belief.low, self.belief.high)
         )
         return Place(site, rest, *told, self.signals, base, *belief)
-
-
-def laws_of(work: Workspace, place: Place, proposed: Sequence[Proposal]) -> list[ProposedForce]:
-    """Return laws among proposals, each the simplest that explains so much of what acts.
-
-    What is smoothed does not tell by how much one is better: the evidence does. Those that are
-    named forces, or sums of them, are left out: these were asked.
-    """
-    model, sizes = work.super_model.given, sizes_of(work.super_model.given, work.prepared)
-    state = model.states.index(place.site.state)
-    chosen, least = list[Proposal](), np.inf
-    for law in sorted(proposed, key=lambda p: (p.size, p.loss)):
-        if law.loss < CLEARLY * least and estimable(law):
-            form = law_of(law, sizes)
-            if not _finite_around(form, place.signals):
-                continue
-            least = law.loss
-            if not (has_a_name(law) or named(place.site, form, place.signals)):
-                chosen.append(law)
-    return [as_candidate(model, work.prepared, state, p) for p in chosen[-MOST:]]
-
-
-def _finite_around(law: Term, signals: Mapping[str, np.ndarray]) -> bool:
-    """Whether a law is a number where the motion leads, and a little beyond its ranges.
-
-    Where it is none it makes none of every set, were its coefficient zero.
-    """
-    for reach in (1.0, AROUND):
-        middle = {n: 0.5 * (x.min() + x.max()) for n, x in signals.items()}
-        wider = {n: middle[n] + reach * (x - middle[n]) for n, x in signals.items()}
-        with np.errstate(all="ignore"):
-            if not np.isfinite(evaluate(law, wider)).all():
-                return False
-    return True
 
 
 def _acts(work: Workspace, number: int) -> bool:

@@ -17,8 +17,6 @@ from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 MANY = 3
 """Members of a leader from which laws are written before more are added: few plants lack as many
 effects, and a law that has no name asks for as many as may be."""
-ROUNDS = 3
-"""Times that laws are written, each about what those before leave."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +52,9 @@ def with_laws(
 ) -> State:
     """Weigh laws that are written beside the members that stay with each, and grow what leads.
 
-    Once more as long as one leads that did not before: about its path what is left is smaller. Then
-    larger sets are asked; where a law leads that leaves a force, those of named mechanisms too.
+    Once more as long as a set leads for which none were written: about its path what is left is
+    smaller. Where none is new larger sets are asked, and where a law leads that leaves a force,
+    those of named mechanisms too.
 
     Parameters
     ----------
@@ -64,28 +63,34 @@ def with_laws(
     tell : callable, optional
         Hears what is known before each step.
     """
-    named, written = state, list[Written]()
-    for _ in range(ROUNDS):
-        before, count = state.leader.members, len(state.work.super_model.candidates)
-        laws = () if state.work.stop() else write(state, course)
-        if not laws:
-            break
-        written += laws
-        state = _widened(state, course, laws)
-        for number, law in enumerate(laws, count):
-            begun = state.leader.theta.copy()
-            begun[state.work.super_model.base_index()] = law.base
-            near = replace(state.leader, theta=begun)
-            state = weighed(state, (*law.rest, number), near)
-        state = grown(state, tell, MANY)
-        if state.leader.members == before:
-            break
-    if inexact(state):
-        # Named sets are not yet as large as they may be: what was to come may leave less.
-        rivals = _widened(grown(named, tell), course, written).known
-        known = {m: better(state.known.get(m), h) for m, h in rivals.items()}
-        state = replace(state, known={**state.known, **known})
-    return grown(state, tell)
+    named, written, asked = state, list[Written](), set[Members]()
+    while state.leader.members not in asked and not state.work.stop():
+        asked.add(state.leader.members)
+        if laws := write(state, course):
+            written += laws
+            state = grown(_asked(state, course, laws), tell, MANY)
+        if state.leader.members not in asked:
+            continue
+        if inexact(state):
+            # Named sets are not yet as large as they may be: what was to come may leave less.
+            named = grown(named, tell)
+            rivals = _widened(named, course, written).known
+            known = {m: better(state.known.get(m), h) for m, h in rivals.items()}
+            state = replace(state, known={**state.known, **known})
+        state = grown(state, tell)
+    return state
+
+
+def _asked(state: State, course: Course, laws: Sequence[Written]) -> State:
+    """Estimate every law beside what stays with it."""
+    first = len(state.work.super_model.candidates)
+    state = _widened(state, course, laws)
+    for number, law in enumerate(laws, first):
+        begun = state.leader.theta.copy()
+        begun[state.work.super_model.base_index()] = law.base
+        near = replace(state.leader, theta=begun)
+        state = weighed(state, (*law.rest, number), near)
+    return state
 
 
 def _widened(state: State, course: Course, laws: Sequence[Written]) -> State:
