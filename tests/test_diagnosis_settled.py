@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import importlib
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -18,8 +19,9 @@ from jaxsr.diagnosis.contest.widths import WIDEST
 from jaxsr.diagnosis.explanations import explanations, unnamed, weights_of
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.likelihood.posterior import Posterior, WrongValue
+from jaxsr.diagnosis.mechanisms.candidate import UNNAMED
 from jaxsr.diagnosis.settled import answered, plainest
-from jaxsr.diagnosis.verdict import Claim, Explanation, claimed
+from jaxsr.diagnosis.verdict import Claim, Costs, Explanation, claimed
 from jaxsr.models import Simulator, parse_model
 from tests.test_likelihood_search import MODEL, recorded
 
@@ -58,7 +60,8 @@ GIVEN = parse_model(MODEL)
 
 
 def found(hypotheses: list[Weighed], probabilities: list[float], **more: Any) -> Posterior:
-    every = cast("Any", (CANDIDATES, tuple(hypotheses), np.array(probabilities)))
+    logs = np.log(np.maximum(probabilities, 1e-300))
+    every = cast("Any", (CANDIDATES, tuple(hypotheses), logs))
     return Posterior(*every, **more)
 
 
@@ -153,6 +156,41 @@ def test_constants_without_a_trace_in_free_runs_have_the_interval_of_the_evidenc
     assert found.half.tolist() == pytest.approx([0.2, 3.92, 0.3])
     assert found.told.tolist() == pytest.approx([0.1, 3.92, 0.3])
     assert half[1] == 0.0
+
+
+def test_a_law_that_is_set_aside_leaves_the_others_and_what_it_was_for() -> None:
+    """Odds among what is left stay; that a force is there is certain where one is left."""
+    law = Weighed((0,))
+    rest = [Weighed((0, 3)), Weighed((2,), share=0.1), Weighed(())]
+    posterior = found([law, *rest], [0.9, 0.05, 1e-30, 1e-31])
+    left = posterior.without([0])
+    assert [h.members for h in left.hypotheses] == [(2,), ()]
+    np.testing.assert_allclose(left.probabilities, [10.0 / 11.0, 1.0 / 11.0])
+    assert left.something_else == 1.0
+    assert posterior.without([2]).something_else == 0.0
+    np.testing.assert_allclose(posterior.probabilities[:2], [0.9 / 0.95, 0.05 / 0.95])
+
+
+def test_laws_that_no_free_run_bears_out_are_set_aside_one_after_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Named sets are not: where none is borne out, the evidence has no say."""
+    course = importlib.import_module("jaxsr.diagnosis.diagnose")
+    posterior = found([Weighed((4,)), Weighed((5,)), Weighed((0,)), Weighed(())], [0.9, 0.09, 1, 1])
+    laws = (Named("unnamed@x", mechanism=UNNAMED), Named("unnamed@y", mechanism=UNNAMED))
+    posterior = replace(posterior, candidates=cast("Any", (*CANDIDATES, *laws)))
+    asked: list[tuple[int, ...]] = []
+    monkeypatch.setattr(course, "weighed", lambda *_: posterior)
+    monkeypatch.setattr(
+        course, "decided_by_evidence", lambda case, found: asked.append(found.leader.members)
+    )
+    case = SimpleNamespace(
+        failures=SimpleNamespace(attempt=lambda _, act, __: act()),
+        search=SimpleNamespace(exhausted=False),
+    )
+    given = cast("Any", case), Costs(), np.random.default_rng(0)
+    assert course.decided_by_posterior(*given) is None
+    assert asked == [(4,), (5,), (0,)]
 
 
 def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:
@@ -290,7 +328,6 @@ def test_the_start_of_the_program_takes_nothing_of_the_search(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """What is slow to read is slow to report; what the interpreter took to load is neither."""
-    import importlib
 
     class Seen(BaseException):
         pass

@@ -171,6 +171,7 @@ def test_any_law_keeps_its_values_over_the_states_themselves(seed: int) -> None:
         ("Abs(y)*y", "Abs(y)*y", []),
         ("x/exp(x**2)", "x/exp({a1}*x**2)", [0.04]),
         ("x**1.7*y", "x**{a1}*y", [1.7]),
+        ("sin(x - 1.7*y)", "sin({a2}*(x - {a1}*y))", [5.0 * 1.7 / 0.031, 0.2]),
         ("1/(x**2 + y)", "1/(x**2 + {a1}*y)", [25.0 / 0.031]),
     ],
 )

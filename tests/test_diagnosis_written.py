@@ -54,7 +54,8 @@ def prepared(rng: np.random.Generator, force: Any, runs: int = 2) -> list[Prepar
         drive = waves @ rng.uniform(1.5, 4.0, 3)
 
         def rate(t: float, x: np.ndarray, drive: np.ndarray = drive) -> list[float]:
-            return [x[1], np.interp(t, TIME, drive) - 6.0 * x[0] - 0.4 * x[1] + force(*x)]
+            u = float(np.interp(t, TIME, drive))
+            return [x[1], u - 6.0 * x[0] - 0.4 * x[1] + force(*x, u)]
 
         run = solve_ivp(rate, (0.0, TIME[-1]), [0.2, 0.0], t_eval=TIME, rtol=1e-8, atol=1e-10)
         y = run.y[0] + 2e-3 * rng.normal(size=TIME.size)
@@ -91,7 +92,7 @@ def test_a_law_outside_the_family_is_written_and_leads(seed: int) -> None:
     The law that leads is it: along the motion it differs by less than 1 %, beside the right k.
     """
     rng = np.random.default_rng(seed)
-    runs = prepared(rng, lambda q, v: -1.5 * (q**2 - 0.5) * v)
+    runs = prepared(rng, lambda q, v, _: -1.5 * (q**2 - 0.5) * v)
     model = parse_model(MODEL)
     named = posterior(model, runs)
     found = posterior(model, runs, write=Writer(rng, lambda: 60.0))
@@ -110,11 +111,29 @@ def test_a_law_outside_the_family_is_written_and_leads(seed: int) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_law_may_hang_on_an_input(seed: int) -> None:
+    """A drive that gains with the speed in its direction is none of the gains that have a name."""
+    rng = np.random.default_rng(seed)
+    runs = prepared(rng, lambda q, v, u: 0.3 * u * v)
+    found = posterior(parse_model(MODEL), runs, write=Writer(rng, lambda: 60.0))
+    assert found is not None
+    assert told(found) == ["unnamed"]
+    (number,) = found.leader.members
+    law, names = found.candidates[number], found.leader.names[number]
+    term = parse(law.terms[0][1].format(**names).removeprefix("+ "))
+    signals = dict(zip("qvu", rng.uniform(-1.0, 1.0, (3, 200)), strict=True))
+    values = {full: found.leader.constants[full][0] for full in names.values()}
+    truth = 0.3 * signals["u"] * signals["v"]
+    assert np.std(evaluate(term, signals | values) - truth) < 0.03 * np.std(truth)
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_forces_that_have_names_keep_them(seed: int) -> None:
     """Two named forces at one equation ask for a law; none is worth its bits beside them."""
     rng = np.random.default_rng(seed)
-    runs = prepared(rng, lambda q, v: -0.9 * v * abs(v) - 5.0 * q**3)
+    runs = prepared(rng, lambda q, v, _: -0.9 * v * abs(v) - 5.0 * q**3)
     found = posterior(parse_model(MODEL), runs, write=Writer(rng, lambda: 60.0))
     assert found is not None
     assert sorted(told(found)) == ["cubic_stiffness", "quadratic_drag"]
@@ -123,7 +142,7 @@ def test_forces_that_have_names_keep_them(seed: int) -> None:
 def test_a_law_begins_with_the_constants_it_was_written_with() -> None:
     """And what was known of sets before stands, to the last digit, beside more candidates."""
     rng = np.random.default_rng(3)
-    runs = prepared(rng, lambda q, v: -1.5 * (q**2 - 0.5) * v)
+    runs = prepared(rng, lambda q, v, _: -1.5 * (q**2 - 0.5) * v)
     model, course, every, state = begun(runs)
     law, values = as_candidate(model, course.prepared, 1, proposal("q**2*v ; v", 1.0, (-1.0, 0.5)))
     base = state.leader.theta[every.base_index()]
@@ -153,7 +172,7 @@ def test_named_forces_are_asked_to_their_end_where_a_law_leaves_a_force() -> Non
     The two that act leave none: they lead once they are asked, and are not where the law is exact.
     """
     rng = np.random.default_rng(0)
-    runs = prepared(rng, lambda q, v: -0.9 * v * abs(v) - 5.0 * q**3)
+    runs = prepared(rng, lambda q, v, _: -0.9 * v * abs(v) - 5.0 * q**3)
     model, course, every, state = begun(runs)
     base = state.leader.theta[every.base_index()]
 

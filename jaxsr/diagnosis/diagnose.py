@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -249,16 +250,19 @@ def decided_by_posterior(
     """Decide by the evidence of the recordings.
 
     None where nothing was weighed, or free runs do not bear it out: something is there then that
-    the posterior does not see. Where time ended its search, what was not asked about stays open.
+    the posterior does not see. A law without a name that they do not is set aside before that: it
+    was written for a path that it need not follow. Where time ended the search, what was not asked
+    about stays open.
     """
     found = weighed(case, rng)
     if found is None or len(found.hypotheses) == 1:
         return None
-    decision = case.failures.attempt(
-        "estimating what the evidence says", lambda: decided_by_evidence(case, found), None
-    )
-    if decision is None:
-        return None
+    attempt, doing = case.failures.attempt, "estimating what the evidence says"
+    while (decision := attempt(doing, partial(decided_by_evidence, case, found), None)) is None:
+        laws = found.nameless
+        if not laws or case.search.exhausted:
+            return None
+        found = found.without(laws)
     above = above_noise(decision, found.leader.noise)
     told = explanations(found, case.simulator.model, above)
     claim = claimed(told, unnamed(told), costs)

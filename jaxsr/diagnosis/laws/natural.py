@@ -88,11 +88,11 @@ class Natural:
         return Term.apply("mul", Term.variable(f"{{a{len(self.inner)}}}"), part)
 
     def _scaled(self, part: Term, factor: float) -> bool:
-        """Take a factor into a constant that is estimated, where a term is one."""
-        if not _is_inner(part):
-            return False
-        self.inner[_place(part)] *= factor
-        return True
+        """Take a factor into a constant that is estimated, where a term is one or a product."""
+        if _is_inner(part):
+            self.inner[_place(part)] *= factor
+            return True
+        return part.op == "mul" and any(self._scaled(arg, factor) for arg in part.args)
 
 
 def _is_inner(term: Term) -> bool:

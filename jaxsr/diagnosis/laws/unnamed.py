@@ -109,10 +109,12 @@ def nameless(arena: Arena, entry: Entry) -> bool:
 
 
 def sizes_of(model: Model, prepared: Sequence[Prepared]) -> dict[str, float]:
-    """Rms of every state to two digits, by which the search divides."""
+    """Rms of every state and input to two digits, by which the search divides."""
     sizes = {}
-    for i, name in enumerate(model.states):
-        values = np.concatenate([item.states.values[:, i] for item in prepared])
+    states = np.concatenate([item.states.values for item in prepared])
+    inputs = np.concatenate([item.inputs for item in prepared])
+    columns = [*zip(model.states, states.T, strict=True), *zip(model.inputs, inputs.T, strict=True)]
+    for name, values in columns:
         rms = float(np.sqrt(np.nanmean(values**2)))
         sizes[name] = float(f"{rms:.2g}") if np.isfinite(rms) and rms > 0 else 1.0
     return sizes

@@ -84,7 +84,7 @@ class Writer:
             found = propose(
                 self.rng,
                 np.concatenate([place.force, none]),
-                {name: place.signals[name] / sizes[name] for name in model.states},
+                {n: place.signals[n] / sizes[n] for n in (*model.states, *model.inputs)},
                 view=view,
                 fixed=np.concatenate([place.reach, place.believed]),
                 config=CONFIG,

@@ -17,7 +17,7 @@ from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
-from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.mechanisms.candidate import UNNAMED, Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import Screened
 from jaxsr.models import Model
@@ -38,8 +38,8 @@ class Posterior:
     candidates : tuple of Candidate
         What the members of hypotheses count.
     hypotheses : tuple of Hypothesis
-    probabilities : ndarray, shape (hypotheses,)
-        Over what was estimated.
+    logs : ndarray, shape (hypotheses,)
+        Logs of evidence times prior odds.
     wrong : tuple of WrongValue
         Where nothing is missing.
     timely : bool
@@ -54,7 +54,7 @@ class Posterior:
 
     candidates: tuple[Candidate, ...]
     hypotheses: tuple[Hypothesis, ...]
-    probabilities: np.ndarray
+    logs: np.ndarray
     wrong: tuple[WrongValue, ...] = ()
     timely: bool = True
     asked: frozenset[str] = frozenset()
@@ -68,12 +68,11 @@ class Posterior:
         found = [h for h in state.known.values() if h is not None]
         found.sort(key=state.log_posterior, reverse=True)
         logs = np.array([state.log_posterior(h) for h in found])
-        weights = np.exp(logs - logs.max(initial=-np.inf))
         timely = found[0].members in state.grown
         return Posterior(
             state.work.super_model.candidates,
             tuple(found),
-            weights / max(weights.sum(), 1e-300),
+            logs,
             timely=timely,
             asked=_asked(state),
             prepared=state.work.prepared,
@@ -84,6 +83,28 @@ class Posterior:
     def leader(self) -> Hypothesis:
         """The most probable hypothesis."""
         return self.hypotheses[0]
+
+    @property
+    def probabilities(self) -> np.ndarray:
+        """Those of the hypotheses, over what was estimated, shape (hypotheses,)."""
+        weights = np.exp(self.logs - self.logs.max(initial=-np.inf))
+        return weights / max(weights.sum(), 1e-300)
+
+    @property
+    def nameless(self) -> list[int]:
+        """Members of the leader that are laws without a name."""
+        members = self.leader.members
+        return [i for i in members if self.candidates[i].mechanism == UNNAMED]
+
+    def without(self, numbers: Collection[int]) -> Posterior:
+        """Return what is left where members of the leader are set aside.
+
+        What they were found for acts all the same: a force that is left beside others is one.
+        """
+        kept = [k for k, h in enumerate(self.hypotheses) if not {*h.members} & {*numbers}]
+        hypotheses = tuple(self.hypotheses[k] for k in kept)
+        left = float(hypotheses[0].share > 0.0)
+        return replace(self, hypotheses=hypotheses, logs=self.logs[kept], something_else=left)
 
     def of_labels(self) -> dict[str, float]:
         """Mechanism and site to the probability that it is part of the truth."""
