@@ -3,11 +3,11 @@
     python -m benchmarks.nameless_laws [--quick] [--jobs N] [--seed S] [--machines NAME ...]
 
 Every machine (`benchmarks.nameless_machines`) with the law that its model lacks, by the command as
-it is and, as an ablation, with no laws written beside the search by evidence; and with nothing
-missing. An answer is right where the verdict is, the one finding has no name and its place is that
-of the law. What a recording that was held out keeps of the error that re-calibration leaves is
-`left`. Budgets are of processor time. Writes ``results/nameless_laws.json``; --quick (one machine,
-no file) fails where its answer is wrong.
+it is and, as ablations, with one law of each error and with no laws written beside the search by
+evidence; and with nothing missing. An answer is right where the verdict is, the one finding has no
+name and its place is that of the law. What a recording that was held out keeps of the error that
+re-calibration leaves is `left`. Budgets are of processor time. Writes
+``results/nameless_laws.json``; --quick (one machine, no file) fails where its answer is wrong.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 import jaxsr._clock as clock
+import jaxsr.diagnosis.laws.selection as selection
 import jaxsr.diagnosis.likelihood.posterior as posterior
 from benchmarks.nameless_machines import HELD_OUT, MACHINES
 from benchmarks.planted import answers, asked, counted
@@ -30,7 +31,8 @@ from jaxsr.models import Simulator
 
 BUDGET, SEED = 120.0, 0
 QUICK = ("van der Pol",)
-WRITTEN, NONE, NOTHING = "laws written", "none written", "nothing missing"
+WRITTEN, FEW, NONE = "laws written", "one of each error", "none written"
+NOTHING = "nothing missing"
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,10 @@ def diagnosed(task: Task) -> dict[str, Any]:
     """Return the row of one diagnosis."""
     if task.way == NONE:
         posterior.with_laws = lambda state, *_: state
+    if task.way == FEW:
+        selection.unlike = lambda *_: []
     machine, lacking = MACHINES[task.machine], task.way != NOTHING
-    # One draw a machine, the same for both ways.
+    # One draw a machine, the same for all ways.
     rng = np.random.default_rng([task.seed, list(MACHINES).index(task.machine), lacking])
     recordings = [*machine.recordings(rng, lacking), *machine.recordings(rng, lacking)]
     began = clock.now()
@@ -97,7 +101,7 @@ def main() -> int:
     given = asked(parser, MACHINES, SEED)
     os.environ["JAXSR_CLOCK"] = "processor"
     machines = QUICK if given.quick else given.machines or tuple(MACHINES)
-    ways = (WRITTEN,) if given.quick else (WRITTEN, NONE, NOTHING)
+    ways = (WRITTEN,) if given.quick else (WRITTEN, FEW, NONE, NOTHING)
     tasks = [Task(m, w, given.seed) for m in machines for w in ways]
     rows = answers(tasks, diagnosed, told, given.jobs)
     counts = summary(rows)

@@ -38,7 +38,7 @@ def laws_of(
     """Return laws among proposals: the simplest that explain so much of what acts, and their like.
 
     Each of the first errs clearly less than all simpler ones. Beside them stand laws that err as
-    the best, the simplest first, as different from one another as there are (`_unlike`). Those that
+    the best, the simplest first, as different from one another as there are (`unlike`). Those that
     are named forces are left out, and of the first those that are sums of them: these were asked.
     """
     model = work.super_model.given
@@ -51,7 +51,7 @@ def laws_of(
             firsts.append(law)
     chosen = [law for law in firsts if not laws.named(law)][-MOST:]
     alike = [p for p in ordered if p.loss * CLEARLY <= least and p not in firsts]
-    chosen += _unlike(laws, course, chosen, firsts, [p for p in alike if laws.finite(p)])
+    chosen += unlike(laws, course, chosen, firsts, [p for p in alike if laws.finite(p)])
     state = model.states.index(place.site.state)
     return [as_candidate(model, work.prepared, state, p) for p in chosen]
 
@@ -85,7 +85,7 @@ class _Laws:
         return course.motion.integrate(np.stack(columns, -1)) + self.place.reach @ fixed
 
 
-def _unlike(
+def unlike(
     laws: _Laws,
     course: Course,
     chosen: Sequence[Proposal],

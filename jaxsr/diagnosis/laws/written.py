@@ -102,8 +102,7 @@ def places(state: State, course: Course) -> list[Place]:
     Where it leaves one, those at which it has any: forces at two equations may imitate a law at
     either. What the leader has elsewhere stays beside a law there, and does not: it may imitate
     the law as well. Beside members with states of their own no path tells what acts, so that these
-    do not stay. Where it has but one force, a law of the states must leave clearly less than that
-    does.
+    do not stay. Where it has but one force, some law must leave clearly less than that does.
     """
     work, leader, null = state.work, state.leader, state.known[()]
     own, every = _forces(work, leader), work.super_model.candidates
@@ -129,19 +128,20 @@ def places(state: State, course: Course) -> list[Place]:
 
 
 def _least(place: Place, course: Course) -> float:
-    """Return the mean square that cubic laws of the states leave of what acts at a place.
+    """Return the mean square that cubic laws of states and inputs leave of what acts at a place.
 
-    Of many states, squares or the states alone: as many columns as a quarter of the rows.
+    Of many, squares or these alone: as many columns as a quarter of the rows.
     """
-    states = [place.signals[name] for name in place.site.model.states]
-    states = [x / (np.max(np.abs(x)) + 1e-300) for x in states]
+    model = place.site.model
+    known = [place.signals[name] for name in (*model.states, *model.inputs)]
+    known = [x / (np.max(np.abs(x)) + 1e-300) for x in known]
     for degree in (CUBIC, 2, 1):
-        count = math.comb(len(states) + degree, degree)
+        count = math.comb(len(known) + degree, degree)
         if count <= len(place.force) // 4:
             sets = chain.from_iterable(
-                combinations_with_replacement(states, d) for d in range(degree + 1)
+                combinations_with_replacement(known, d) for d in range(degree + 1)
             )
-            columns = np.stack([np.prod([1.0 + 0.0 * states[0], *s], axis=0) for s in sets], -1)
+            columns = np.stack([np.prod([1.0 + 0.0 * known[0], *s], axis=0) for s in sets], -1)
             return place.beside(place.force, course.motion.integrate(columns))
     return 0.0
 
