@@ -205,7 +205,8 @@ def test_proposals_near_the_best_are_one_of_each_form():
     front, more = found(1.0), found(1.3)
     least = min(p.loss for p in front)
     others = [p for p in more if all(p.terms != q.terms for q in front)]
-    assert len(more) == len(front) + len(others) and others
+    assert len(more) == len(front) + len(others)
+    assert others
     assert all(p.loss <= 1.3001 * least for p in others)
     forms = [frozenset(map(opened, p.terms)) for p in others]
     assert len(set(forms)) == len(forms)

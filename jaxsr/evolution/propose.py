@@ -18,7 +18,7 @@ from jaxsr.regression import Rules
 from jaxsr.regression.problem import RegressionProblem, View
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
     """A set of terms found by the search.
 
