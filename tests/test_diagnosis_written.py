@@ -22,11 +22,12 @@ from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.evolution.loop import SearchInfo
-from jaxsr.evolution.propose import Proposal, propose
+from jaxsr.evolution.propose import propose
 from jaxsr.expressions import evaluate, parse
 from jaxsr.models import Model, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
+from tests.test_diagnosis_selection import proposal
 
 MODEL = """
 [model]
@@ -76,12 +77,6 @@ def begun(runs: list[Prepared]) -> tuple[Model, Course, SuperModel, State]:
 
 def told(found: Posterior) -> list[str]:
     return [found.candidates[i].mechanism for i in found.leader.members]
-
-
-def proposal(text: str, loss: float, coefficients: tuple[float, ...] = (1.0,)) -> Proposal:
-    terms = tuple(parse(part) for part in text.split(" ; "))
-    size = sum(term.size for term in terms) + len(terms)
-    return Proposal(terms, np.array(coefficients), np.zeros(0), loss, loss, size)
 
 
 @pytest.mark.long

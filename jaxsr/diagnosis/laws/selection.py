@@ -77,12 +77,14 @@ class _Laws:
 
     def seen(self, proposals: Sequence[Proposal], course: Course) -> np.ndarray:
         """What each explains of what acts, re-calibration included, shape (rows, proposals)."""
-        size = next(iter(self.place.signals.values())).size
-        with np.errstate(all="ignore"):
-            forces = [evaluate(self.of(p), self.place.signals) for p in proposals]
-        columns = [np.broadcast_to(np.asarray(f, dtype=float), (size,)) for f in forces]
-        fixed = np.stack([p.fixed for p in proposals], -1)
-        return course.motion.integrate(np.stack(columns, -1)) + self.place.reach @ fixed
+        rows = list[np.ndarray]()
+        still = np.zeros(next(iter(self.place.signals.values())).size)
+        for law in proposals:  # one by one: recordings may be long
+            with np.errstate(all="ignore"):
+                force = still + evaluate(self.of(law), self.place.signals)
+            seen = course.motion.integrate(force[:, None])[:, 0]
+            rows.append(seen + self.place.reach @ law.fixed)
+        return np.stack(rows, -1)
 
 
 def unlike(
