@@ -3,11 +3,11 @@
     python -m benchmarks.nameless_laws [--quick] [--jobs N] [--seed S] [--machines NAME ...]
 
 Every machine (`benchmarks.nameless_machines`) with the law that its model lacks, by the command as
-it is and, as ablations, with one law of each error and with no laws written beside the search by
-evidence; and with nothing missing. An answer is right where the verdict is, the one finding has no
-name and its place is that of the law. What a recording that was held out keeps of the error that
-re-calibration leaves is `left`. Budgets are of processor time. Writes
-``results/nameless_laws.json``; --quick (one machine, no file) fails where its answer is wrong.
+it is and, as an ablation, with one law of each error; and with nothing missing. An answer is right
+where the verdict is, the one finding has no name and its place is that of the law. What a recording
+that was held out keeps of the error that re-calibration leaves is `left`. Budgets are of processor
+time. Writes ``results/nameless_laws.json``; --quick (one machine, no file) fails where its answer
+is wrong.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ import numpy as np
 
 import jaxsr._clock as clock
 import jaxsr.diagnosis.laws.selection as selection
-import jaxsr.diagnosis.likelihood.posterior as posterior
 from benchmarks.nameless_machines import HELD_OUT, MACHINES
 from benchmarks.planted import answers, asked, counted
 from benchmarks.provenance import write
@@ -31,8 +30,7 @@ from jaxsr.models import Simulator
 
 BUDGET, SEED = 120.0, 0
 QUICK = ("van der Pol",)
-WRITTEN, FEW, NONE = "laws written", "one of each error", "none written"
-NOTHING = "nothing missing"
+WRITTEN, FEW, NOTHING = "laws written", "one of each error", "nothing missing"
 
 
 @dataclass(frozen=True)
@@ -46,8 +44,6 @@ class Task:
 
 def diagnosed(task: Task) -> dict[str, Any]:
     """Return the row of one diagnosis."""
-    if task.way == NONE:
-        posterior.with_laws = lambda state, *_: state
     if task.way == FEW:
         selection.unlike = lambda *_: []
     machine, lacking = MACHINES[task.machine], task.way != NOTHING
@@ -101,7 +97,7 @@ def main() -> int:
     given = asked(parser, MACHINES, SEED)
     os.environ["JAXSR_CLOCK"] = "processor"
     machines = QUICK if given.quick else given.machines or tuple(MACHINES)
-    ways = (WRITTEN,) if given.quick else (WRITTEN, FEW, NONE, NOTHING)
+    ways = (WRITTEN,) if given.quick else (WRITTEN, FEW, NOTHING)
     tasks = [Task(m, w, given.seed) for m in machines for w in ways]
     rows = answers(tasks, diagnosed, told, given.jobs)
     counts = summary(rows)

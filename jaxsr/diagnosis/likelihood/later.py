@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.course import Course
-from jaxsr.diagnosis.likelihood.loop import better, first_table, grown, inexact, weighed
+from jaxsr.diagnosis.likelihood.loop import better, first_table, grown, inexact, lawful, weighed
 from jaxsr.diagnosis.likelihood.state import Members, State
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
@@ -52,7 +52,7 @@ def with_laws(
 ) -> State:
     """Weigh laws that are written beside the members that stay with each, and grow what leads.
 
-    Once more as long as a set leads for which none were written: about its path what is left is
+    Once more as long as a law leads about whose path none were written: what is left there is
     smaller. Where none is new larger sets are asked, and where a law leads that leaves a force,
     those of named mechanisms too.
 
@@ -64,12 +64,17 @@ def with_laws(
         Hears what is known before each step.
     """
     named, written, asked = state, list[Written](), set[Members]()
-    while state.leader.members not in asked and not state.work.stop():
+
+    def due(state: State) -> bool:
+        new = state.leader.members not in asked and not state.work.stop()
+        return new and (not asked or lawful(state))
+
+    while due(state):
         asked.add(state.leader.members)
         if laws := write(state, course):
             written += laws
             state = grown(_asked(state, course, laws), tell, MANY)
-        if state.leader.members not in asked:
+        if due(state):
             continue
         if inexact(state):
             # Named sets are not yet as large as they may be: what was to come may leave less.

@@ -93,12 +93,17 @@ def weighed(state: State, members: Members, near: Hypothesis) -> State:
     return replace(state, known=known, due=(*state.due, *due))
 
 
+def lawful(state: State) -> bool:
+    """Whether the leader has a law without a name."""
+    every = state.work.super_model.candidates
+    return any(every[i].mechanism == UNNAMED for i in state.leader.members)
+
+
 def inexact(state: State) -> bool:
     """Whether the leader has a law without a name and leaves a force: that may be its own error,
     and says nothing for what would be added.
     """
-    every = state.work.super_model.candidates
-    return any(every[i].mechanism == UNNAMED for i in state.leader.members) and forced(state)
+    return lawful(state) and forced(state)
 
 
 def grown(
