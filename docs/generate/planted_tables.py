@@ -23,7 +23,7 @@ def unread_table() -> str:
 
 
 def nameless_table() -> str:
-    """Return laws that are none of those offered, with laws written and with none."""
+    """Return laws that are none of those offered: all that err alike weighed, and one of each."""
     found = result("nameless_laws")
     rows: dict[str, dict[str, Any]] = {}
     for row in found["rows"]:
