@@ -74,7 +74,7 @@ def test_laws_are_the_simplest_of_their_error() -> None:
 
 
 def test_laws_that_err_as_the_best_are_weighed_beside_it_where_they_differ() -> None:
-    """v/(|v| + 0.2) and v/(v**2 + 1) err alike and are two laws.
+    """v/(|v| + 0.2) and v/(v**2 + 1.5) err alike and are two laws.
 
     The first with a trace of something else is the first, as is what it is over 1; what errs twice
     as much is no rival.
