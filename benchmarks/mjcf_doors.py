@@ -27,7 +27,8 @@ import mujoco
 import numpy as np
 
 import jaxsr
-from benchmarks.mjcf_plants import DRY, EFFECTS, FILES, NOISE, SUITE, File, Run, edited, run, write
+from benchmarks.mjcf_files import FILES, SUITE, File
+from benchmarks.mjcf_plants import DRY, EFFECTS, NOISE, Run, edited, run, write
 from benchmarks.provenance import RESULTS, origin_of
 from jaxsr._files import atomic_write_text, dump_json
 from jaxsr.models.formats.loading import read_plant_file
@@ -134,26 +135,27 @@ def case(name: str, effect_name: str, seed: int, folder: Path) -> dict[str, Any]
     """Plant an effect in a file, diagnose it, write it back and run what was written."""
     file, effect = FILES[name], EFFECTS[effect_name]
     rng = np.random.default_rng([seed, sum(map(ord, name + effect_name))])
-    given = mujoco.MjModel.from_xml_path(str(file.where))
+    path = file.given(folder)
+    given = file.spec().compile()
     joint = file.joints[int(rng.integers(len(file.joints)))]
-    size = run(file, mujoco.MjModel.from_xml_path(str(file.where)), rng, SAMPLES).size[joint]
+    size = run(file, file.spec().compile(), rng, SAMPLES).size[joint]
     truth, value = given, 0.0
     if effect is not None:
         value = effect.size(size)
         truth = edited(file, joint, effect, value)
     runs = [run(file, truth, rng, SAMPLES) for _ in range(3)]
     paths = [folder / f"run{k}.csv" for k in range(3)]
-    for found, path in zip(runs, paths, strict=True):
-        write(truth, found, rng, path)
+    for found, recording in zip(runs, paths, strict=True):
+        write(truth, found, rng, recording)
     began = time.process_time()
-    robot = read_robot(file.where, None, paths[:2])
+    robot = read_robot(path, None, paths[:2])
     simulator = jaxsr.Simulator(robot.model)
     diagnosis = jaxsr.diagnose(simulator, paths[:2], seed=seed, budget=BUDGET)
     seconds = time.process_time() - began
     files = Opened(simulator, robot).written_back(diagnosis, folder)
     for key, text in files.items():
         (folder / key).write_text(text)
-    plain = read_plant_file(file.where)[0]
+    plain = read_plant_file(path)[0]
     before = _error(plain, runs[2])
     after = _error(_explained(folder), runs[2])
     mujoco.set_mjcb_passive(None)

@@ -1,21 +1,22 @@
 """MJCF files of dm_control and gymnasium with effects planted in them, and recordings of both.
 
 Truth is MuJoCo itself, at a twentieth of the sample interval. A recording starts at the file's
-reference position; where the motion would run into limits, a linear-quadratic regulator holds it
-and the control that is recorded is its output with a sum of sines beside.
+reference position, or off its limits; where the motion would run into them, a linear-quadratic
+regulator holds it and the control that is recorded is its output with a sum of sines beside.
 """
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 from scipy.linalg import solve_discrete_are
+
+from benchmarks.mjcf_files import File, pose
 
 SUBSTEPS = 20
 SHARE = 0.15
@@ -26,69 +27,6 @@ a user's longer steps (0.004 s, 0.99) it creeps by more than the encoders' noise
 to and fro below its breakaway moved by 1.7e-3 of its motion else, and by 5e-5 with these."""
 NOISE = 1e-3
 """Standard deviation of an encoder by that of the motion."""
-
-
-@dataclass(frozen=True)
-class File:
-    """An MJCF of a package.
-
-    Attributes
-    ----------
-    package, path : str
-    joints : tuple of str
-        Joints in which effects are planted.
-    balanced : bool
-        Whether a regulator holds it at its reference position.
-    dt : float
-        Sample interval in s.
-    amplitude : float
-        Share of the control's range that the excitation takes.
-    gains : mapping
-        Joint to the actuator that moves it alone, where no force but that and damping acts: more
-        inertia there is a gain and a damping divided by one factor (counted as equal).
-    """
-
-    package: str
-    path: str
-    joints: tuple[str, ...]
-    balanced: bool = False
-    dt: float = 0.01
-    amplitude: float = 0.8
-    gains: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def where(self) -> Path:
-        """Place of the file as installed."""
-        spec = importlib.util.find_spec(self.package)
-        if spec is None or not spec.submodule_search_locations:
-            raise SystemExit(f"{self.package} is missing: pip install '.[benchmarks]'")
-        return Path(next(iter(spec.submodule_search_locations))) / self.path
-
-
-SUITE = "dm_control"
-ASSETS = "envs/mujoco/assets"
-FILES = {
-    "pendulum": File(SUITE, "suite/pendulum.xml", ("hinge",)),
-    "cartpole": File(SUITE, "suite/cartpole.xml", ("slider", "hinge_1"), True),
-    "acrobot": File(SUITE, "suite/acrobot.xml", ("shoulder", "elbow")),
-    "reacher": File(SUITE, "suite/reacher.xml", ("shoulder", "wrist"), amplitude=0.5),
-    "point_mass": File(
-        SUITE,
-        "suite/point_mass.xml",
-        ("root_x", "root_y"),
-        gains={"root_x": "t1", "root_y": "t2"},
-    ),
-    "inverted_pendulum": File(
-        "gymnasium", f"{ASSETS}/inverted_pendulum.xml", ("slider", "hinge"), True, amplitude=0.4
-    ),
-    "inverted_double_pendulum": File(
-        "gymnasium",
-        f"{ASSETS}/inverted_double_pendulum.xml",
-        ("slider", "hinge", "hinge2"),
-        True,
-        amplitude=0.3,
-    ),
-}
 
 
 @dataclass(frozen=True)
@@ -112,7 +50,7 @@ EFFECTS: dict[str, Effect | None] = {
 
 def edited(file: File, joint: str, effect: Effect, value: float) -> Any:
     """Compile the file with an attribute of a joint changed by MuJoCo's own editor."""
-    spec = mujoco.MjSpec.from_file(str(file.where))
+    spec = file.spec()
     element = spec.joint(joint)
     if effect.attribute == "damping2":
         damping = np.array(element.damping, dtype=float)
@@ -137,14 +75,26 @@ def edited(file: File, joint: str, effect: Effect, value: float) -> Any:
 
 
 def regulator(m: Any) -> np.ndarray:
-    """Return the gain of a regulator about the reference position, shape (controls, states)."""
+    """Return the gain of a regulator about the pose of the file, shape (controls, states)."""
     data = mujoco.MjData(m)
+    data.qpos[:] = pose(m)
     mujoco.mj_forward(m, data)
     a, b = np.zeros((2 * m.nv, 2 * m.nv)), np.zeros((2 * m.nv, m.nu))
     mujoco.mjd_transitionFD(m, data, 1e-6, True, a, b, None, None)
     cost = np.diag([1.0] * m.nv + [0.1] * m.nv)
     p = solve_discrete_are(a, b, cost, np.eye(m.nu))
     return np.linalg.solve(np.eye(m.nu) + b.T @ p @ b, b.T @ p @ a)
+
+
+def holding(m: Any) -> np.ndarray:
+    """Return the controls that hold the pose of the file against its springs and its weight."""
+    data, moments = mujoco.MjData(m), np.zeros((m.nu, m.nv))
+    data.qpos[:] = pose(m)
+    mujoco.mj_forward(m, data)
+    mujoco.mju_sparse2dense(
+        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    return np.linalg.lstsq(moments.T, data.qfrc_bias - data.qfrc_passive, rcond=None)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +112,8 @@ def run(file: File, m: Any, rng: np.random.Generator, samples: int) -> Run:
     # Euler's steps would show beside encoders as good as these: half a step of delay.
     m.opt.timestep, m.opt.integrator = file.dt / SUBSTEPS, mujoco.mjtIntegrator.mjINT_RK4
     data, time = mujoco.MjData(m), np.arange(samples) * file.dt
+    start = np.r_[pose(m), np.zeros(m.nv)]
+    data.qpos[:] = start[: m.nv]
     top = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 1], 1.0)
     waves = np.zeros((samples, m.nu))
     for i in range(m.nu):
@@ -171,16 +123,15 @@ def run(file: File, m: Any, rng: np.random.Generator, samples: int) -> Run:
         waves[:, i] *= file.amplitude * top[i] / np.abs(waves[:, i]).max()
     gain = None
     if file.balanced:
-        slow = mujoco.MjModel.from_xml_path(str(file.where))
+        slow = file.spec().compile()
         slow.opt.timestep, slow.opt.integrator = file.dt, 0
         gain = regulator(slow)
+        waves += holding(m)
     rows, force, mass = np.empty((samples, 2 * m.nv)), np.empty((samples, m.nv)), np.zeros(m.nv)
     for k in range(samples):
         rows[k] = np.concatenate([data.qpos, data.qvel])
         if gain is not None:
-            waves[k] = np.clip(
-                waves[k] - gain @ (rows[k] - np.r_[m.qpos0, np.zeros(m.nv)]), -top, top
-            )
+            waves[k] = np.clip(waves[k] - gain @ (rows[k] - start), -top, top)
         data.ctrl = waves[k]
         mujoco.mj_forward(m, data)
         mujoco.mj_mulM(m, data, force[k], data.qacc)

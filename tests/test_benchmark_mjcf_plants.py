@@ -30,7 +30,7 @@ def test_friction_brings_no_floor_where_the_file_has_none(tmp_path: Path, floor:
     """An arm falls from the side onto a floor at half of its length, or through it."""
     path, effect = tmp_path / "arm.xml", plants.EFFECTS["coulomb"]
     path.write_text(ARM.format("enable" if floor else "disable"))
-    given: Any = SimpleNamespace(where=path)
+    given: Any = SimpleNamespace(spec=lambda: mujoco.MjSpec.from_file(str(path)))
     assert effect is not None
     m = plants.edited(given, "hinge", effect, 0.3)
     data, touched = mujoco.MjData(m), False
