@@ -185,7 +185,8 @@ def _scored(row: dict[str, Any]) -> dict[str, Any]:
     effect, findings, joint = EFFECTS[row["effect"]], row["found"], row["joint"]
     if effect is None:
         return {**row, "right": row["verdict"] == "nothing", "false": len(findings)}
-    sites = {f"equation:v_{joint}", f"parameter:damping_{joint}", f"parameter:armature_{joint}"}
+    values = ("damping", "armature", "stiffness")
+    sites = {f"equation:v_{joint}", *(f"parameter:{value}_{joint}" for value in values)}
     if row["effect"] == "rotor" and joint in FILES[row["file"]].gains:
         sites.add(f"parameter:gain_{FILES[row['file']].gains[joint]}")
     there = [f for f in findings if f[1] in sites]

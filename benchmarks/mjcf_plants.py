@@ -43,7 +43,9 @@ EFFECTS: dict[str, Effect | None] = {
     "quadratic": Effect("damping2", ("quadratic_drag",), lambda s: s["force"] / s["vv"]),
     "viscous": Effect("damping", ("viscous_damping", "wrong_value"), lambda s: s["force"] / s["v"]),
     "rotor": Effect("armature", ("added_mass", "wrong_value"), lambda s: SHARE * s["mass"]),
-    "spring": Effect("stiffness", ("linear_stiffness",), lambda s: s["force"] / s["q"]),
+    "spring": Effect(
+        "stiffness", ("linear_stiffness", "wrong_value"), lambda s: s["force"] / s["q"]
+    ),
     "nothing": None,
 }
 
@@ -166,6 +168,7 @@ def write(m: Any, found: Run, rng: np.random.Generator, path: Path) -> None:
     q = found.states[:, : m.nv]
     q = q + NOISE * q.std(axis=0) * rng.normal(size=q.shape)
     names = [f"{m.joint(i).name}_pos" for i in range(m.njnt)]
-    names += [f"{m.actuator(i).name}_ctrl" for i in range(m.nu)]
+    for i in range(m.nu):  # one without a name is called by its joint
+        names.append(f"{m.actuator(i).name or m.joint(m.actuator_trnid[i, 0]).name}_ctrl")
     table = np.column_stack([found.time, q, found.controls])
     np.savetxt(path, table, "%.9g", ",", header=",".join(["time", *names]), comments="")
