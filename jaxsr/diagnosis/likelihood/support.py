@@ -28,7 +28,8 @@ def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> 
     Of those at one place that differ in their inner constants alone, one comes before the second
     of any: what re-calibration does most of removes little, and is asked all the same. A limit of
     an actuator that is sharp is another law than a round one. What is no force along an equation (a
-    sensor, a wrong value, a mass) stays, and so does a constant force along each.
+    sensor, a wrong value, a mass) stays, and so does a constant force along each; where that is
+    much, `MOST` is exceeded by half for what is a force.
 
     Parameters
     ----------
@@ -55,7 +56,8 @@ def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> 
         law = _law(candidates[number])
         taken.append((turns[law], place))
         turns[law] += 1
-    kept += [ranked[place][1] for _, place in sorted(taken)[: max(MOST - len(kept), 0)]]
+    room = max(MOST - len(kept), MOST // 2)  # many sensors are no reason to ask about no force
+    kept += [ranked[place][1] for _, place in sorted(taken)[:room]]
     return [candidates[i] for i in sorted(kept)]
 
 
