@@ -10,7 +10,12 @@ from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis.contest.integration import EXPLICIT, choose_stepping, rounded_explicit
-from jaxsr.diagnosis.screening.many_equations import _basis, _Search, many_equations
+from jaxsr.diagnosis.screening.many_equations import (
+    _basis,
+    _Search,
+    many_equations,
+    screen_each,
+)
 from jaxsr.diagnosis.setup import Screened, prepare, screen_all
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.lifting import closed
@@ -128,6 +133,24 @@ def test_what_acts_at_several_of_many_equations_is_found_and_nothing_else(seed: 
     lacking = [s for s in found.screening.sets if len(s.members) == len(leading.members) - 1]
     assert len(lacking) == len(leading.members)
     assert all(s.error > leading.error for s in lacking)
+
+
+@pytest.mark.long
+def test_screening_ends_with_what_it_has_when_its_time_does() -> None:
+    """Each of hundreds of candidates is held against every member: that may take all of it."""
+    found = screened(left_out, 0)
+    asked = iter([False, False])  # time for two mechanisms of the three
+
+    def stop() -> bool:
+        return next(asked, True)
+
+    ended = screen_each(found.system, found.super_model, stop).sets
+    labels = [{found.super_model.candidates[i].label for i in s.members} for s in ended]
+    assert len(labels) == 2
+    assert len(labels[0]) == 2
+    assert labels[0] < set(LEFT_OUT)
+    assert labels[1] == set()
+    assert ended[0].error < ended[1].error
 
 
 @pytest.mark.slow

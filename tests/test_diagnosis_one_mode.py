@@ -84,3 +84,19 @@ def test_the_added_term_is_read_back_with_its_condition() -> None:
         text = candidate.term_text({"Fv": "Fv"})
         inner = next(n for n in parse(text).walk() if n.op == "piecewise")
         assert to_text(inner.args[1]) in candidate.sentence
+
+
+def test_modes_of_equations_whose_definitions_share_parts_are_found() -> None:
+    """Written out, forty definitions of two of the one before are more than can be visited."""
+    chain = [f'd{k} = "0.5*d{k - 1} + 0.5*cos(d{k - 1})"' for k in range(1, 41)]
+    text = "\n".join(
+        [
+            '[model]\nname = "shared"\nstates = ["q", "v"]\noutputs = ["y"]',
+            '[definitions]\nd0 = "Max(q, 0.1)"',
+            *chain,
+            '[equations]\nq = "v"\nv = "-k*q - d40"',
+            '[readings]\ny = "q"\n[parameters]\nk = 2.0',
+        ]
+    )
+    modes = modes_of(parse_model(text))
+    assert {to_text(mode) for mode in modes} == {"q > 0.1", "q <= 0.1"}

@@ -168,16 +168,16 @@ def screen_all(
     motion = motion_of_case(simulator, prepared, half_width)
     candidates = force_candidates(model, scale, motion, input_samples(model, prepared))
     candidates = [c for c in candidates if c.mechanism not in BY_EVIDENCE_ALONE]
-    if many_equations(given):
-        super_model = SuperModel.build(model, candidates)
-        system = with_candidates(columns, given, super_model)
-        return Screened(super_model, system, screen_each(system, super_model), grid)
-    candidates += memory_candidates(model, scale, sample_step(prepared), motion)
-    super_model = SuperModel.build(model, candidates)
 
     def stop() -> bool:
         return budget.exhausted
 
+    if many_equations(given):
+        super_model = SuperModel.build(model, candidates)
+        system = with_candidates(columns, given, super_model)
+        return Screened(super_model, system, screen_each(system, super_model, stop), grid)
+    candidates += memory_candidates(model, scale, sample_step(prepared), motion)
+    super_model = SuperModel.build(model, candidates)
     system = with_memory(with_candidates(columns, given, super_model), super_model, grid, stop)
     left = [
         c.label

@@ -6,7 +6,7 @@ The inner constants of mechanisms (frequencies, periods, places in time) are see
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +14,10 @@ import numpy as np
 from jaxsr._deadline import ask
 
 MOST_FREQUENCIES = 1500
+AT_ONCE = 2**15
+"""Samples times constants that are looked at together: as much as fits the cache."""
+SINGULAR = 1e-6
+"""Singular value, relative to the largest, below which columns are one."""
 WITHIN = 1.5
 """Factor within which a constant is estimated about its line."""
 Columns = Callable[[float], np.ndarray]
@@ -88,7 +92,7 @@ class Motion:
         a, y = self.of(state, self.integrate(columns)), self.residual[state]
         q = self.basis[state]
         a = a - q @ (q.T @ a)
-        solved = np.linalg.lstsq(a, y, rcond=1e-6)[0]
+        solved = np.linalg.lstsq(a, y, rcond=SINGULAR)[0]
         power = float(y @ y) + 1e-300
         return 1.0 - float(np.sum((y - a @ solved) ** 2)) / power, solved
 
@@ -105,8 +109,25 @@ class Motion:
         """Return the peaks over a grid of constants, the highest first."""
         if grid.size < 8 or state not in self.residual:
             return []
-        power = np.array([self.share(state, pair(c))[0] for c in grid])
-        return self._peaks(state, pair, grid, power, most)
+        few = max(AT_ONCE // self.signals["t"].size, 1)
+        parts = [
+            self._powers(state, [pair(c) for c in grid[k : k + few]])
+            for k in range(0, grid.size, few)
+        ]
+        return self._peaks(state, pair, grid, np.concatenate(parts), most)
+
+    def _powers(self, state: str, several: Sequence[np.ndarray]) -> np.ndarray:
+        r"""Return the power that each of several groups of as many columns removes.
+
+        With the base eliminated, of columns A and the residual y: y'A (A'A)^{-1} A'y.
+        """
+        ask()
+        a, y = self.of(state, self.integrate(np.concatenate(several, axis=1))), self.residual[state]
+        q = self.basis[state]
+        a = (a - q @ (q.T @ a)).reshape(len(a), len(several), -1)
+        gram, pull = np.einsum("rgi,rgj->gij", a, a), np.einsum("rgi,r->gi", a, y)
+        inverse = np.linalg.pinv(gram, rcond=SINGULAR**2, hermitian=True)
+        return np.einsum("gi,gij,gj->g", pull, inverse, pull)
 
     def frequencies(self, state: str, most: int = 2) -> list[Line]:
         """Return the highest peaks of a residual's spectrum, in rad/s.

@@ -59,7 +59,7 @@ def modes_of(model: Model) -> list[Term]:
     found: dict[Term, None] = {}
     signals = {*model.states, *model.inputs, model.time}
     for equation in model.equation_terms.values():
-        for node in equation.walk():
+        for node in equation.distinct():
             condition = _condition(node)
             if condition is not None and condition.variables & signals:
                 opposite = Term.apply(_RELATIONS[condition.op], *condition.args)

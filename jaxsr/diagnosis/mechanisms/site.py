@@ -154,5 +154,7 @@ def _is_angle(model: Model, position: str) -> bool:
     unit = model.units.get(position)
     if unit is not None:
         return unit.strip() in ("rad", "deg", "1")
-    waves = [t for e in model.equation_terms.values() for t in e.walk() if t.op in ("sin", "cos")]
+    waves = [
+        t for e in model.equation_terms.values() for t in e.distinct() if t.op in ("sin", "cos")
+    ]
     return any(position in wave.variables for wave in waves)

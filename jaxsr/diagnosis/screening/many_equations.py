@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from jaxsr._deadline import ask
+from jaxsr._deadline import ask, never
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.site import grows_in_proportion
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -45,7 +45,9 @@ def many_equations(system: WeakSystem) -> bool:
     return np.unique(system.state).size > MAX_SET
 
 
-def screen_each(system: WeakSystem, super_model: SuperModel) -> Screening:
+def screen_each(
+    system: WeakSystem, super_model: SuperModel, stop: Callable[[], bool] = never
+) -> Screening:
     r"""Choose mechanisms at all equations together with the parameters, one after another.
 
     A set S leaves the log likelihood
@@ -56,13 +58,18 @@ def screen_each(system: WeakSystem, super_model: SuperModel) -> Screening:
     has a scale of its own, so that no joint outweighs the others. The candidate with the largest
     gain is added, then each member is held against what could stand in its place.
 
+    Parameters
+    ----------
+    stop : callable
+        Whether time is over: the set that was found until then comes first, rivals are left out.
+
     Returns
     -------
     Screening
         The set found comes first, if there is one; then re-calibration alone, and by turns what is
         left without one of its members and with the closest rivals in its place.
     """
-    search = _Search(system, super_model)
+    search = _Search(system, super_model, stop)
     members = search.grown(())
     for _ in range(EXCHANGES):
         before, members = members, search.exchanged(members)
@@ -70,6 +77,8 @@ def screen_each(system: WeakSystem, super_model: SuperModel) -> Screening:
             break
     sets = [members, ()]
     for number in members:
+        if stop():
+            break
         rest = tuple(i for i in members if i != number)
         sets += [rest, *search.rivals(rest, number)]
     return Screening(tuple(search.scored(list(dict.fromkeys(sets)))), ())
@@ -78,8 +87,10 @@ def screen_each(system: WeakSystem, super_model: SuperModel) -> Screening:
 class _Search:
     """Columns of a weak system, and what each would gain beside a set."""
 
-    def __init__(self, system: WeakSystem, super_model: SuperModel) -> None:
-        self.system, self.super_model = system, super_model
+    def __init__(
+        self, system: WeakSystem, super_model: SuperModel, stop: Callable[[], bool] = never
+    ) -> None:
+        self.system, self.super_model, self.stop = system, super_model, stop
         self.base = super_model.base_index()
         count = len(super_model.candidates)
         self.index = [super_model.index(i, coefficients_only=True) for i in range(count)]
@@ -99,7 +110,7 @@ class _Search:
 
     def grown(self, members: tuple[int, ...]) -> tuple[int, ...]:
         """Add the mechanism that gains most until none gains enough."""
-        while len(members) < PER_EQUATION * self.equations.size:
+        while len(members) < PER_EQUATION * self.equations.size and not self.stop():
             gain, number = max(self.gains(members), default=(0.0, -1))
             if gain < LEAST:
                 break
@@ -109,6 +120,8 @@ class _Search:
     def exchanged(self, members: tuple[int, ...]) -> tuple[int, ...]:
         """Replace members for which others gain more, and drop those that gain too little."""
         for number in members:
+            if self.stop():
+                break
             rest = tuple(i for i in members if i != number)
             gain, best = max(self.gains(rest), default=(0.0, -1))
             if gain < LEAST:
