@@ -74,6 +74,19 @@ def test_a_system_that_forgets_its_start_is_judged_by_whole_recordings():
     assert chosen == options[-1]
 
 
+def test_errors_beyond_those_of_unrelated_motions_end_the_look_ahead(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A load that is not there drives it off: whole recordings would only cost time."""
+    model = parse_model(PARTS.format(force="u - c*v - 40"))
+    looked: list[float] = []
+    arena = Outlook.arena
+    monkeypatch.setattr(Outlook, "arena", lambda o, s: looked.append(s) or arena(o, s))
+    chosen, *options = headline(model, lambda q, v, u: u - 10.0 * q - 0.05 * v)
+    assert chosen < options[-1]
+    assert max(looked) < options[-1]
+
+
 def test_a_mass_without_a_spring_is_judged_by_short_runs():
     """A constant force is missing: errors add up for as long as the run lasts."""
     model = parse_model(PARTS.format(force="u - c*v"))

@@ -31,7 +31,9 @@ BELIEVED = 0.8
 in which friction can stick and slide."""
 SMALL, SATURATED, FORGOTTEN = 0.1, 1.3, 0.7
 """Error of re-calibration that is small, its growth that counts as none, and the error below which
-a growth that ended tells a system that forgets its start; unrelated motions differ by 1.4."""
+a growth that ended tells a system that forgets its start."""
+UNRELATED = 1.4
+"""Error by which unrelated motions differ: grown beyond it, it comes back at no longer horizon."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +143,8 @@ class Outlook:
             scores.append(score)
             if not growing:
                 headline = horizon
+            elif UNRELATED < score < np.inf:
+                break
         whole = len(scores) == len(options)
         # Where no sensor tells a start, growth says only that a start absorbs less and less.
         told = starts_told(self.super_model, self.prepared)
