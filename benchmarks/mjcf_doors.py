@@ -187,8 +187,10 @@ def _scored(row: dict[str, Any]) -> dict[str, Any]:
         return {**row, "right": row["verdict"] == "nothing", "false": len(findings)}
     values = ("damping", "armature", "stiffness")
     sites = {f"equation:v_{joint}", *(f"parameter:{value}_{joint}" for value in values)}
-    if row["effect"] == "rotor" and joint in FILES[row["file"]].gains:
-        sites.add(f"parameter:gain_{FILES[row['file']].gains[joint]}")
+    if row["effect"] == "rotor":
+        file = FILES[row["file"]]
+        sites |= {f"parameter:gain_{gain}" for j, gain in file.gains.items() if j == joint}
+        sites |= {f"parameter:mass_{body}" for j, body in file.bodies.items() if j == joint}
     there = [f for f in findings if f[1] in sites]
     planted = [f for f in there if f[0] in effect.names]
     law = bool(findings) and findings[0] in planted

@@ -37,6 +37,9 @@ class File:
     gains : mapping
         Joint to the actuator that moves it alone, where no force but that and damping acts: more
         inertia there is a gain and a damping divided by one factor (counted as equal).
+    bodies : mapping
+        Joint on the ground along which a body slides, and nothing else, to that body: more inertia
+        there is more of its mass (counted as equal).
     held : tuple of str
         Joints that are taken out: of a base, of objects.
     """
@@ -48,6 +51,7 @@ class File:
     dt: float = 0.01
     amplitude: float = 0.8
     gains: Mapping[str, str] = field(default_factory=dict)
+    bodies: Mapping[str, str] = field(default_factory=dict)
     held: tuple[str, ...] = ()
 
     @property
@@ -90,7 +94,9 @@ ASSETS = "envs/mujoco/assets"
 _PLANE = ("rootx", "rootz", "rooty")
 FILES = {
     "pendulum": File(SUITE, "suite/pendulum.xml", ("hinge",)),
-    "cartpole": File(SUITE, "suite/cartpole.xml", ("slider", "hinge_1"), True),
+    "cartpole": File(
+        SUITE, "suite/cartpole.xml", ("slider", "hinge_1"), True, bodies={"slider": "cart"}
+    ),
     "acrobot": File(SUITE, "suite/acrobot.xml", ("shoulder", "elbow")),
     "reacher": File(SUITE, "suite/reacher.xml", ("shoulder", "wrist"), amplitude=0.5),
     "point_mass": File(
@@ -100,7 +106,12 @@ FILES = {
         gains={"root_x": "t1", "root_y": "t2"},
     ),
     "inverted_pendulum": File(
-        "gymnasium", f"{ASSETS}/inverted_pendulum.xml", ("slider", "hinge"), True, amplitude=0.4
+        "gymnasium",
+        f"{ASSETS}/inverted_pendulum.xml",
+        ("slider", "hinge"),
+        True,
+        amplitude=0.4,
+        bodies={"slider": "cart"},
     ),
     "inverted_double_pendulum": File(
         "gymnasium",
@@ -108,6 +119,7 @@ FILES = {
         ("slider", "hinge", "hinge2"),
         True,
         amplitude=0.3,
+        bodies={"slider": "cart"},
     ),
     "hopper": File(
         SUITE,
