@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,11 @@ from jaxsr.diagnosis.likelihood import support
 from jaxsr.diagnosis.likelihood.course import followed
 from jaxsr.diagnosis.likelihood.offered import offered
 from jaxsr.diagnosis.likelihood.support import MOST
+from jaxsr.diagnosis.likelihood.table import tabled
+from jaxsr.diagnosis.likelihood.workspace import Workspace
+from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.setup import state_scale
 from jaxsr.models import parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -38,18 +44,26 @@ def chain(pushed: tuple[int, ...] = (2,)) -> str:
     return "\n".join(lines)
 
 
-def recorded(rng: np.random.Generator, also: tuple[int, ...] = ()) -> Recording:
-    """The chain behind an actuator that gives no more than half of the largest command."""
+def recorded(
+    rng: np.random.Generator, also: tuple[int, ...] = (), dragged: int | None = None
+) -> Recording:
+    """The chain behind an actuator that gives no more than half of the largest command.
+
+    Or behind one that gives all of it, and one of the masses with a drag of its own.
+    """
     waves = np.sin(np.outer(TIME, rng.uniform(2.0, 30.0, 5)) + rng.uniform(0.0, 6.0, 5))
     command = 8.0 * waves.sum(axis=1)
     others = {f"F{k}": np.sin(rng.uniform(2.0, 30.0) * TIME) for k in also}
-    most = 0.5 * np.abs(command).max()
+    most = (0.5 if dragged is None else 1.0) * np.abs(command).max()
     stiffness = 700.0 * (2.0 * np.eye(COUNT) - np.eye(COUNT, k=1) - np.eye(COUNT, k=-1))
 
     def rate(t: float, x: np.ndarray) -> np.ndarray:
         force = np.zeros(COUNT)
         force[1] = np.clip(np.interp(t, TIME, command), -most, most)
         force[[k - 1 for k in also]] = [np.interp(t, TIME, others[f"F{k}"]) for k in also]
+        if dragged is not None:
+            v = x[COUNT + dragged - 1]
+            force[dragged - 1] -= 1.5 * v * abs(v)
         return np.concatenate([x[COUNT:], force - stiffness @ x[:COUNT] - 0.7 * x[COUNT:]])
 
     start = np.zeros(2 * COUNT)
@@ -103,3 +117,50 @@ def test_many_sensors_leave_room_for_forces(monkeypatch: pytest.MonkeyPatch) -> 
     laws = [c for c in every if c.terms and not c.states and c.mechanism != "constant_force"]
     assert at_sensors > 12  # two for each of them, at least
     assert len(laws) == 15
+
+
+def test_gains_are_those_of_the_table_about_the_same_path() -> None:
+    """A coefficient's column is a force's, times what the law says along the path."""
+    model = parse_model(chain())
+    prepared = [Prepared.build(model, recorded(np.random.default_rng(3), dragged=4))]
+    course = followed(model, prepared)
+    assert course is not None
+    response, scale = course.response(), state_scale(model, course.prepared)
+    some = [
+        c
+        for c in force_candidates(model, scale, course.motion)
+        if c.mechanism in ("quadratic_drag", "coulomb_friction", "cubic_stiffness")
+    ]
+    signals = course.motion.signals
+    forces = []
+    for c in some:
+        v = signals[c.terms[0][0]]
+        q = signals["x" + c.terms[0][0][1:]]
+        law = {"quadratic_drag": v * np.abs(v), "coulomb_friction": np.sign(v)}
+        forces.append({c.terms[0][0]: law.get(c.mechanism, q**3)})
+    told = response.gains(forces)
+    pushes = [c for c in force_candidates(model, scale) if c.mechanism == "constant_force"]
+    super_model = SuperModel.build(model, [*some, *pushes])
+    null = course.null
+    work = Workspace.build(super_model, course.prepared, course.seconds, null.noise)
+    table = tabled(work, work.theta, null.path, null.noise, null.decay)
+    table = replace(table, grams=[table.grams[0]]) if not null.share else table
+    base = list(table.base)
+    exact = np.array([table.best([*base, *table.own[i]]) for i in range(len(some))])
+    exact -= table.best(base)
+    best = int(np.argmax(exact))
+    assert (some[best].mechanism, some[best].site) == ("quadratic_drag", "equation:v4")
+    assert int(np.argmax(told)) == best
+    assert np.corrcoef(told, exact)[0, 1] > 0.98
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_law_that_acts_is_among_few(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    model = parse_model(chain())
+    rng = np.random.default_rng([seed, 4])
+    mass = int(rng.integers(1, COUNT + 1))
+    course = followed(model, [Prepared.build(model, recorded(rng, dragged=mass))])
+    assert course is not None
+    monkeypatch.setattr(support, "MOST", 20)  # ten places for 150 forces
+    every = {c.label for c in offered(model, course)}
+    assert f"quadratic_drag@equation:v{mass}" in every

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import partial
 
 import numpy as np
 
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
 from jaxsr.diagnosis.likelihood.kalman import System, smoothed
 from jaxsr.diagnosis.likelihood.limits import censored
-from jaxsr.diagnosis.likelihood.local import linearised
+from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
+from jaxsr.diagnosis.likelihood.response import Response
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace, along, in_columns
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
@@ -48,10 +49,8 @@ class Course:
         State to the rms of its net force.
     seconds : float
         How long a force that nobody knows keeps its sign.
-    reach : dict of str to ndarray
-        State to what re-calibration can do along its equation, in its net force, shape (its rows,
-        columns): the same change of parameters is one column of all equations, and all equations
-        together are orthonormal.
+    response : callable
+        Makes what forces along the equations do to the readings: for many candidates alone.
     """
 
     prepared: tuple[Prepared, ...]
@@ -59,7 +58,7 @@ class Course:
     motion: Motion
     size: dict[str, float]
     seconds: float
-    reach: dict[str, np.ndarray]
+    response: Callable[[], Response]
 
 
 def followed(
@@ -83,8 +82,26 @@ def followed(
     table = tabled(work, null.theta, null.path, null.noise, null.decay)
     sizes = zip(work.force_states, table.scales.size, strict=True)
     size = {model.states[s]: max(float(v), 1e-300) for s, v in sizes}
-    motion, told = _motion(work, null, table, known, width or 0.0)
-    return Course(known, null, motion, size, seconds, _reach(told, size))
+    motion = _motion(work, null, table, known, width or 0.0)
+    return Course(known, null, motion, size, seconds, partial(_response, work, null, table))
+
+
+def _response(work: Workspace, null: Hypothesis, table: Table) -> Response:
+    """Return what forces along the equations do about re-calibration's path."""
+    local, count = _by_forces(work, null), len(work.scales.forces)
+    scales = replace(table.scales, forces=tuple(range(count)), noise=null.noise, decay=null.decay)
+    states = tuple(work.columns.given.states[s] for s in work.force_states)
+    edges = np.cumsum([0, *(p.time.size for p in work.prepared)])
+    deviation = table.belief.deviation[list(table.base)]
+    return Response(local, scales, null.share, states, work.rows, edges, deviation)
+
+
+def _by_forces(work: Workspace, found: Hypothesis) -> LocalModel:
+    """Linearise by a force along each equation, then by the free parameters."""
+    problem, theta = work.narrow, in_columns(work, found.theta)
+    active = [*work.scales.forces, *work.columns.base_index()]
+    args = problem.simulator, problem.stepping, problem.segments, theta, found.path
+    return linearised(*args, active)
 
 
 def _forces(model: Model, prepared: Sequence[Prepared]) -> list[Candidate]:
@@ -95,11 +112,8 @@ def _forces(model: Model, prepared: Sequence[Prepared]) -> list[Candidate]:
 
 def _motion(
     work: Workspace, null: Hypothesis, table: Table, prepared: Sequence[Prepared], width: float
-) -> tuple[Motion, dict[str, np.ndarray]]:
-    """Return signals along the course, and the smoothed forces, seen through narrow windows.
-
-    With them comes what free parameters do along every equation, seen through the same windows.
-    """
+) -> Motion:
+    """Return signals along the course, and the smoothed forces, seen through narrow windows."""
     model = work.columns.given
     forces, columns = left_over(work, null, table)
     narrow = max(width / 3.0, NARROWEST * max(float(np.median(np.diff(p.time))) for p in prepared))
@@ -109,16 +123,15 @@ def _motion(
     signals = {
         n: np.concatenate(parts) for n, parts in zip(names, zip(*rows, strict=True), strict=True)
     }
-    residual, basis, told = {}, {}, {}
+    residual, basis = {}, {}
     for k, index in enumerate(work.force_states):
         state = model.states[index]
         residual[state] = grid.integrate(whole(work, prepared, forces[k]))
-        told[state] = np.zeros((len(residual[state]), len(columns[k])))
-        if told[state].size:
-            every = np.stack([whole(work, prepared, c) for c in columns[k]], -1)
-            told[state] = grid.integrate(every)
-        basis[state] = _orthonormal(told[state])
-    motion = Motion(
+        told = np.zeros((len(residual[state]), len(columns[k])))
+        if told.size:
+            told = grid.integrate(np.stack([whole(work, prepared, c) for c in columns[k]], -1))
+        basis[state] = _orthonormal(told)
+    return Motion(
         signals={**signals, "t": signals[model.time]},
         recordings=tuple(p.recording.name for p in prepared),
         edges=grid.edges,
@@ -128,7 +141,6 @@ def _motion(
         residual=residual,
         basis=basis,
     )
-    return motion, told
 
 
 def _orthonormal(columns: np.ndarray) -> np.ndarray:
@@ -137,13 +149,6 @@ def _orthonormal(columns: np.ndarray) -> np.ndarray:
         return columns[:, :0]
     left, strength, _ = np.linalg.svd(columns, full_matrices=False)
     return left[:, strength > 1e-9 * strength.max(initial=1e-300)]
-
-
-def _reach(told: dict[str, np.ndarray], size: dict[str, float]) -> dict[str, np.ndarray]:
-    """Return what all equations together can do of themselves, each in its net force."""
-    every = _orthonormal(np.concatenate([c / size[state] for state, c in told.items()]))
-    edges = np.cumsum([0, *(len(c) for c in told.values())])
-    return {state: every[a:b] for state, (a, b) in zip(told, pairwise(edges), strict=True)}
 
 
 def left_over(work: Workspace, found: Hypothesis, table: Table) -> tuple[np.ndarray, np.ndarray]:
@@ -162,15 +167,13 @@ def left_over(work: Workspace, found: Hypothesis, table: Table) -> tuple[np.ndar
     columns : ndarray, shape (forces, free parameters, samples, pieces)
     """
     work = censored(work, found.members, found.theta, found.path)
-    problem, theta = work.narrow, in_columns(work, found.theta)
-    free = list(work.columns.base_index())
-    active = [*work.scales.forces, *free]
-    args = problem.simulator, problem.stepping, problem.segments, theta, found.path
-    local, m = linearised(*args, active), len(work.scales.forces)
+    problem, free = work.narrow, list(work.columns.base_index())
+    local, m = _by_forces(work, found), len(work.scales.forces)
     scales = replace(table.scales, forces=tuple(range(m)))
     share = found.share or float(scales.shares[1])
     latent = scales.latent(local, share)
-    system = System.of(local.moved(np.zeros(len(active))), [latent], [scales.noise], scales.start)
+    moved = local.moved(np.zeros(m + len(free)))
+    system = System.of(moved, [latent], [scales.noise], scales.start)
     n = len(found.path)
     forces = smoothed(system, n + m)[n:]
     own = [local.by_constant[:, :, s, k] for k, s in enumerate(work.force_states)]

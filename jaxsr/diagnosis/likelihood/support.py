@@ -1,4 +1,4 @@
-"""Which candidates of a model with many equations the residual forces speak for at all."""
+"""Which candidates of a model with many equations the readings speak for at all."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from jaxsr.models import Model
 
 MOST = 120
 """Candidates up to which all become columns: a table's cost grows with their number."""
-LEAST = 1e-9
-"""Power of a column beside what re-calibration does of it, below which it is rounding."""
 SITES = 3
 """Equations at which memories are offered where candidates are more than that: those with the
 largest residual forces."""
 
 
 def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the candidates that remove most of the smoothed forces; all where they are few.
+    """Return the forces of which the readings are most evidence, and all others; all where few.
 
+    Each is weighed by its best coefficient, along the path of re-calibration and to first order
+    (`Response.gains`): smoothed forces tell nothing where they were taken for noise.
     Of those at one place that differ in their inner constants alone, one comes before the second
-    of any: what re-calibration does most of removes little, and is asked all the same. A limit of
+    of any: what re-calibration does most of adds little, and is asked all the same. A limit of
     an actuator that is sharp is another law than a round one. What is no force along an equation (a
     sensor, a wrong value, a mass) stays, and so does a constant force along each; where that is
     much, `MOST` is exceeded by half for what is a force.
@@ -49,8 +49,9 @@ def supported(model: Model, course: Course, candidates: Sequence[Candidate]) -> 
         elif not forces or candidate.mechanism == "constant_force":
             kept.append(number)
         else:
-            ranked.append((_removed(model, course, candidate, signals), number))
-    ranked.sort(reverse=True)
+            ranked.append(number)
+    gains = _gains(model, course, [candidates[i] for i in ranked], signals)
+    ranked = sorted(zip(gains, ranked, strict=True), reverse=True)
     turns, taken = Counter[Hashable](), list[tuple[int, int]]()
     for place, (_, number) in enumerate(ranked):
         law = _law(candidates[number])
@@ -73,33 +74,29 @@ def _power(course: Course, state: str) -> float:
     return float(missing @ missing) / max(missing.size, 1) / course.size[state] ** 2
 
 
-def _removed(
+def _gains(
     model: Model,
     course: Course,
-    candidate: Candidate,
+    candidates: Sequence[Candidate],
     signals: Mapping[str, np.ndarray | float],
-) -> float:
-    """Return the power that the best coefficient of a candidate removes from all equations."""
-    names = candidate.names(set(model.symbols), "__0")
-    residual, best = course.motion.residual, 0.0
-    pull = sum(y @ course.reach[s] / course.size[s] for s, y in residual.items())
-    for spec in candidate.parameters:
-        if not spec.coefficient:
-            continue
-        along, size, shared = 0.0, 1e-300, np.zeros_like(pull)
-        for state, template in candidate.terms:
-            if state not in course.motion.residual:
+) -> list[float]:
+    """Return the log evidence that the best coefficient of each candidate adds."""
+    response, forces, owner = course.response(), list[Mapping[str, np.ndarray]](), list[int]()
+    for number, candidate in enumerate(candidates):
+        names = candidate.names(set(model.symbols), "__0")
+        for spec in candidate.parameters:
+            if not spec.coefficient:
                 continue
-            slope = _slope(model, candidate, names, spec, template, signals)
-            column = course.motion.integrate(slope) / course.size[state]
-            along += float(column @ course.motion.residual[state]) / course.size[state]
-            size += float(column @ column)
-            shared += column @ course.reach[state]
-        along, size = along - float(shared @ pull), size - float(shared @ shared)
-        if size < LEAST * float(shared @ shared):  # re-calibration is all that it does
-            continue
-        best = max(best, along**2 / size)
-    return best if np.isfinite(best) else 0.0
+            force: dict[str, np.ndarray] = {}
+            for state, template in candidate.terms:
+                if state in response.states:
+                    slope = _slope(model, candidate, names, spec, template, signals)
+                    force[state] = force[state] + slope if state in force else slope
+            forces.append(force)
+            owner.append(number)
+    best = np.full(len(candidates), -np.inf)
+    np.maximum.at(best, owner, response.gains(forces))
+    return best.tolist()
 
 
 def _slope(
