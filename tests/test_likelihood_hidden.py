@@ -92,7 +92,7 @@ def test_a_tank_that_no_sensor_reads_overflows() -> None:
 
 
 @pytest.mark.long
-def test_a_model_of_ten_masses_offers_what_its_residual_forces_speak_for() -> None:
+def test_a_model_of_ten_masses_offers_what_its_readings_speak_for() -> None:
     sensors = tuple(f"y{i}" for i in range(10))
     model, prepared = recorded(chain(10, 5), sensors, Missing({"cubic": 60.0}), 60)
     course = followed(model, prepared)
