@@ -13,8 +13,8 @@ from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.judging.criteria import simplest_adequate
-from jaxsr.diagnosis.judging.detection import detect
+from jaxsr.diagnosis.judging.criteria import independent_residuals
+from jaxsr.diagnosis.judging.detection import detect_in_noise
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.dissipative import dissipative
@@ -127,14 +127,17 @@ def contest(arena: Arena) -> dict[str, Entry]:
         entry = enter(arena, (i,), null.fit.theta)
         if plausible(arena, entry):
             best = found.get(candidate.mechanism)
-            if best is None or entry.error < best.error:
+            if best is None or entry.fit.cost < best.fit.cost:
                 found[candidate.mechanism] = entry
     return found
 
 
 def winner(arena: Arena, entries: dict[str, Entry]) -> str:
-    """Return what the decision takes."""
-    chosen = simplest_adequate(arena.super_model, list(entries.values()))
-    if not detect(entries["nothing"], chosen, len(arena.super_model.candidates)).detected:
-        return "nothing"
-    return next(name for name, entry in entries.items() if entry is chosen)
+    """Return what has the least Schwarz criterion, where it stands out from noise."""
+    n = independent_residuals(min(entries.values(), key=lambda e: e.fit.cost))
+    name = min(
+        entries, key=lambda k: n * np.log(entries[k].fit.cost) + entries[k].constants * np.log(n)
+    )
+    count = len(arena.super_model.candidates)
+    told = detect_in_noise(entries["nothing"], entries[name], count).detected
+    return name if told else "nothing"

@@ -9,12 +9,10 @@ import pytest
 from diagnosis_systems import simulator_of
 
 from jaxsr.diagnosis.contest.arena import Arena, build_arena
-from jaxsr.diagnosis.contest.blocks import gain, held_back, weights
+from jaxsr.diagnosis.contest.blocks import gain, held_back
 from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.uncertainty import half_widths
-from jaxsr.diagnosis.judging.criteria import simplest_adequate
-from jaxsr.diagnosis.judging.detection import detect
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models import Model, parse_model
 from jaxsr.models.least_squares import Fit, Problem
@@ -242,80 +240,11 @@ def test_gain_is_the_mean_log_ratio():
     assert gain(better, better) == (0.0, 0.0, 0.5)
 
 
-NOTHING = SuperModel.build(OSCILLATOR, [])
-
-
-def choose(*entries: Entry) -> int:
-    """Number of constants of the chosen entry; all stand for models without a wrong value."""
-    plain = [replace(e, members=()) for e in entries]
-    return simplest_adequate(NOTHING, plain).fit.active.size
-
-
 def entry(errors: np.ndarray, active: int, members: tuple[int, ...] = ()) -> Entry:
     """An entry with given errors and so many estimated constants."""
     none, residual = np.zeros(0), np.random.default_rng(0).standard_normal((1, 600, 2))
     fitted = Fit(none, none, 1.0, residual, np.arange(active), none, none, True)
     return Entry(members, fitted, np.asarray(errors))
-
-
-def test_of_two_equal_sets_the_smaller_is_chosen():
-    """By one standard error the smaller stands in 84 of 100 draws; a floor on the gain helps."""
-    rng, right = np.random.default_rng(6), 0
-    for _ in range(400):
-        small, large = Equal().draw(rng, 2)
-        right += choose(entry(large, 4), entry(small, 3)) == 3
-    assert right > 0.8 * 400
-
-
-def test_a_clearly_better_set_is_chosen_whatever_its_size():
-    rng = np.random.default_rng(7)
-    for _ in range(50):
-        small, large = Equal().draw(rng, 2)
-        assert choose(entry(small, 3), entry(large / 2.0, 5)) == 5
-
-
-def test_best_of_many_equal_rivals_is_rarely_detected():
-    """Thirty rivals no better than re-calibration: a detection in at most 2 of 100 cases."""
-    rng, alarms = np.random.default_rng(8), 0
-    for _ in range(300):
-        errors = Equal().draw(rng, 31)
-        null = entry(errors[0], 2)
-        rivals = [entry(e, 3, (i,)) for i, e in enumerate(errors[1:])]
-        chosen = min(rivals, key=lambda e: gain(null.errors, e.errors)[2])
-        alarms += detect(null, chosen, 30).detected
-    assert alarms <= 6
-
-
-def test_real_effects_are_detected():
-    rng, found = np.random.default_rng(9), 0
-    for _ in range(100):
-        null, rival = Equal().draw(rng, 2)
-        found += detect(entry(null, 2), entry(rival / 2.0, 3, (0,)), 30).detected
-    assert found >= 99
-
-
-def test_weights_are_probabilities():
-    rng = np.random.default_rng(10)
-    errors = Equal().draw(rng, 4)
-    entries = [entry(e, 2) for e in (*errors[:3], errors[3] * 1.8)]
-    share = weights([e.errors for e in entries], 40.0, np.zeros(4), rng)
-    assert (share >= 0).all()
-    assert share.sum() == pytest.approx(1.0)
-    assert share[3] < 1e-3
-    same = weights([entries[0].errors] * 2, 40.0, np.zeros(2), rng)
-    np.testing.assert_allclose(same, 0.5)
-    # A price of 0.1 on the log error: odds of exp(40/2 * 12 blocks * 0.1) to 1.
-    odds = weights([entries[0].errors] * 2, 40.0, np.array([0.0, 0.1]), rng)
-    np.testing.assert_allclose(odds[0] / odds[1], np.exp(24.0), rtol=1e-6)
-
-
-def test_weights_are_those_of_the_same_generator():
-    entries = [entry(e, 2) for e in Equal().draw(np.random.default_rng(11), 3)]
-    a, b = (
-        weights([e.errors for e in entries], 5.0, np.zeros(3), np.random.default_rng(1))
-        for _ in range(2)
-    )
-    np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.long

@@ -10,20 +10,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from jaxsr._progress import as_budget
-from jaxsr._result import StoppedBy
-from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.contest.colour import colour, independent
 from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.judging.alternatives import (
-    alternatives,
-    likelier_without,
-    without_doubtful,
-)
-from jaxsr.diagnosis.judging.criteria import most_credible
-from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, detect, detect_in_noise
+from jaxsr.diagnosis.judging.detection import detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import NOISE_ALONE, residual_to_noise
-from jaxsr.diagnosis.verdict import Costs
 from jaxsr.models import parse_model
 from jaxsr.models.least_squares import Fit
 
@@ -102,87 +92,6 @@ def test_what_escapes_is_no_detection_and_no_warning(escaped: float) -> None:
     assert not detect_in_noise(gone, gone, 30).detected
 
 
-def super_model(mechanisms: int) -> Any:
-    names = [
-        SimpleNamespace(label=f"m{k}", mechanism="drag", sharp=False, tried=1, passing=False)
-        for k in range(40)
-    ]
-    return SimpleNamespace(candidates=names[:mechanisms])
-
-
-@pytest.mark.parametrize(
-    ("gains", "members", "without"),
-    [
-        (np.full(12, 0.004), (0,), True),  # 2 of the 3.5 that Schwarz's price asks for
-        (np.full(12, 0.03), (0,), False),
-        (np.eye(12)[0] * 0.2 - 0.03, (0,), True),  # all but one block lose
-        (np.full(12, 0.004), (0, 1), False),  # sets of several are not judged so
-    ],
-)
-def test_a_mechanism_that_blocks_held_back_do_not_speak_for_is_not_believed(
-    gains: np.ndarray, members: tuple[int, ...], without: bool
-) -> None:
-    noise = np.random.default_rng(4).normal(size=ROWS * SEGMENTS)
-    null = entry(noise, 2, ())
-    chosen = replace(entry(noise, 3, members), errors=null.errors * (1.0 - gains))
-    known = super_model(2), chosen, [null, chosen]
-    assert likelier_without(*known, np.random.default_rng(0)) is without
-
-
-def among(gain: float) -> tuple[Any, list[Any]]:
-    """Return what is known of two mechanisms: together, each alone and none.
-
-    Beside the first, which explains most, the second explains a share `gain` of every block.
-    """
-    noise = np.random.default_rng(4).normal(size=ROWS * SEGMENTS)
-    null = entry(noise, 2, ())
-    left = {(): 1.0, (1,): 0.9, (0,): 0.1, (0, 1): 0.1 * (1.0 - gain)}
-    every = [
-        replace(entry(noise, 2 + len(m), m), errors=null.errors * size) for m, size in left.items()
-    ]
-    return super_model(2), every
-
-
-@pytest.mark.parametrize("gain", [0.002, 0.01, 0.03, 0.1])
-def test_a_member_that_may_as_well_be_absent_is_left_out(gain: float) -> None:
-    known, entries = among(gain)
-    rng = np.random.default_rng
-    acts, _ = alternatives(known, entries[-1], 1, entries, rng(0))
-    chosen = without_doubtful(known, entries[-1], entries, Costs().allow, rng(0))
-    assert chosen.members == ((0, 1) if acts > 20.0 * (1.0 - acts) else (0,))
-    assert without_doubtful(known, entries[-1], entries, lambda p: True, rng(0)) is entries[-1]
-
-
-def test_small_gains_are_doubtful_and_large_ones_are_not() -> None:
-    found = []
-    for gain in (0.002, 0.1):
-        known, entries = among(gain)
-        rng = np.random.default_rng(0)
-        found.append(without_doubtful(known, entries[-1], entries, Costs().allow, rng).members)
-    assert found == [(0,), (0, 1)]
-
-
-def test_the_best_of_many_useless_mechanisms_is_not_taken():
-    """Of 40 columns fitted to noise the best must not be more credible than none."""
-    rng, taken = np.random.default_rng(3), 0
-    for _ in range(300):
-        noise = rng.normal(size=ROWS * SEGMENTS)
-        columns = rng.normal(size=(ROWS * SEGMENTS, 40))
-        pairs = [fitted(noise, columns[:, [k]]) for k in range(40)]
-        options = [Entry((k,), e.fit, e.errors) for k, (_, e) in enumerate(pairs)]
-        taken += bool(most_credible(super_model(40), [pairs[0][0], *options]).members)
-    assert taken <= 3  # the price asks for chi-squared above 14.3: 0.6 % of 300
-
-
-@pytest.mark.parametrize("test", [detect, detect_in_noise])
-def test_the_stated_rate_of_false_alarms_is_that_of_the_threshold(test):
-    """Shared by all candidates (Bonferroni); what the report says is what is applied."""
-    rng = np.random.default_rng(6)
-    found = test(*fitted(rng.normal(size=ROWS * SEGMENTS), SMOOTH[:, :1]), 25)
-    assert found.rate == pytest.approx(25 * found.threshold)
-    assert found.rate <= 10.0 * SIGNIFICANCE == pytest.approx(1e-2)
-
-
 @pytest.mark.parametrize("rho", [0.5, 0.7, 0.85])
 def test_the_colour_of_noise_is_its_lag_one_correlation(rho):
     rng = np.random.default_rng(6)
@@ -250,14 +159,3 @@ def test_noise_is_no_less_than_a_converter_makes_over_all_recordings() -> None:
     residual = np.random.default_rng(0).uniform(-step / 2, step / 2, (1, 300, 4))
     outcome: Any = SimpleNamespace(fit=SimpleNamespace(residual=residual))
     assert residual_to_noise(arena, outcome) == pytest.approx(1.0, abs=0.1)
-
-
-def test_a_search_cut_short_is_told_though_time_is_left():
-    """Larger sets get a share of the time: the whole of it may last longer."""
-    for seconds, grown, told in (
-        (60.0, StoppedBy.BUDGET, StoppedBy.BUDGET),
-        (60.0, StoppedBy.CONVERGED, StoppedBy.CONVERGED),
-        (1e-9, StoppedBy.CONVERGED, StoppedBy.BUDGET),
-    ):
-        own: Any = SimpleNamespace(search=as_budget(seconds))
-        assert Case.stopped_by(own, grown) is told

@@ -16,7 +16,7 @@ from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.reduced import lean
 from jaxsr.diagnosis.explaining import experiment
 from jaxsr.diagnosis.explaining.experiment import _shapes, best_experiment
-from jaxsr.diagnosis.judging.alternatives import Alternative
+from jaxsr.diagnosis.judging.weights import Alternative
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models import Simulator, parse_model

@@ -8,18 +8,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxsr._progress import Budget
-from jaxsr._result import StoppedBy
-from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.comparison import contest
 from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.contest.scoring import horizons
-from jaxsr.diagnosis.diagnose import Decided, looked_further
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.choice import decide
 from jaxsr.diagnosis.search.horizon import Outlook
-from jaxsr.diagnosis.setup import prepare, screen_all
 from jaxsr.models import Model, Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
@@ -94,7 +87,8 @@ def test_a_mass_without_a_spring_is_judged_by_short_runs():
     assert chosen < options[-1]
 
 
-def test_friction_shortens_segments_only_where_the_weak_view_believes_in_it() -> None:
+def test_friction_shortens_segments() -> None:
+    """Caught among the many orders in which it can stick and slide an estimate ends nowhere."""
     model = parse_model(PARTS.format(force="u - 10*q - c*v"))
     friction = next(
         c for c in force_candidates(model, {}) if c.label == "coulomb_friction@equation:v"
@@ -103,40 +97,6 @@ def test_friction_shortens_segments_only_where_the_weak_view_believes_in_it() ->
     super_model = SuperModel.build(model, [friction])
     simulator, scale = Simulator(super_model.model), np.array([1e-3])
     outlook = Outlook(super_model, prepared, Stepping("rk4", 2), scale, simulator)
-    starts = [(members, neutral_values(super_model)) for members in ((), (0,))]
-    believed, doubted = (max(outlook.headline(starts, p).lengths) for p in (0.5, 0.9))
-    assert believed < 0.5 * doubted
-
-
-def second_look(limit: float) -> tuple[object, Decided]:
-    """Look beyond a headline of a second; return what stood before and what stands after.
-
-    A damped mass whose motor follows commands up to a limit.
-    """
-
-    def force(q: float, v: float, u: float) -> float:
-        return float(np.clip(u, -limit, limit)) - 0.3 * v
-
-    simulator = Simulator(parse_model(PARTS.format(force="u - c*v")))
-    prepared = prepare(simulator.model, [driven(s, force, 7e-4) for s in (1, 2)])
-    case = Case(simulator, prepared, screen_all(simulator, prepared), Budget(), Budget())
-    field = contest(case)
-    before = (decide(case, field[0], field[1]), 1.0, StoppedBy.CONVERGED)
-    return before, looked_further(case, before, np.random.default_rng(0))
-
-
-@pytest.mark.slow
-def test_a_limit_that_acts_rarely_shows_in_longer_segments() -> None:
-    """Starts estimated for every short segment absorb what acts in 3 % of the samples."""
-    _, ((arena, _, chosen, detection), horizon, _) = second_look(4.5)
-    assert detection.detected and horizon > 1.0
-    super_model = arena.super_model
-    (number,) = chosen.members
-    assert super_model.candidates[number].label == "input_saturation@input:u"
-    assert abs(chosen.fit.theta[super_model.index(number)[0]] - 4.5) < 0.3
-
-
-@pytest.mark.long
-def test_a_second_look_at_nothing_changes_nothing() -> None:
-    before, after = second_look(100.0)
-    assert after is before
+    null, sharp = ((m, neutral_values(super_model)) for m in ((), (0,)))
+    short, long = (max(outlook.headline([null, second]).lengths) for second in (sharp, null))
+    assert short < 0.5 * long

@@ -19,7 +19,6 @@ from jaxsr.diagnosis.mechanisms.elastic import elastic
 from jaxsr.diagnosis.mechanisms.memory import overflows
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.stepwise import _wider_forms
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.rollout import Stepping
@@ -76,18 +75,6 @@ def levels() -> SuperModel:
     model = parse_model(TANKS)
     site = sites_of(model, {s: np.linspace(1.0, 9.0, 21) for s in model.states})[0]
     return SuperModel.build(model, list(overflows(site, STEP)))
-
-
-def test_the_form_with_a_part_starts_where_the_plain_one_ended() -> None:
-    super_model = levels()
-    size = [len(c.parameters) for c in super_model.candidates]
-    leader, plain = entry_at(super_model, ()), size.index(2)
-    full = entry_at(super_model, (plain,), ko=0.3, xo=7.25)
-    (trial,) = _wider_forms(super_model, leader, full, {})
-    (number,) = trial.members
-    assert size[number] == 3
-    assert super_model.own_values(number, trial.theta) == {"ko": 0.3, "xo": 7.25, "part": 0.5}
-    assert _wider_forms(super_model, leader, full, {trial.members: full}) == []
 
 
 def test_an_estimate_may_end_at_a_hard_edge_and_at_no_other_bound() -> None:

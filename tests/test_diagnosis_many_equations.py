@@ -9,7 +9,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis import diagnose
-from jaxsr.diagnosis.contest.integration import EXPLICIT, choose_stepping, rounded_explicit
 from jaxsr.diagnosis.screening.many_equations import (
     _basis,
     _Search,
@@ -182,34 +181,6 @@ def test_gain_is_that_of_least_squares_without_a_block() -> None:
     rows = [search.row == k for k in range(COUNT)]
     fall = [np.log(np.sum(r[k] ** 2) / np.sum(left[k] ** 2)) for k in rows]
     assert gains[number] == pytest.approx(np.sum(fall), rel=1e-6)
-
-
-def test_jumps_are_widened_only_until_explicit_steps_are_stable() -> None:
-    recording = moved(left_out, 0)
-    prepared = prepare(CHAIN.model, [recording])
-    theta = np.array([p.value for p in CHAIN.model.parameters.values()])
-    smooth = choose_stepping(CHAIN, prepared, theta)
-    assert smooth.method == "rk4"
-    assert rounded_explicit(smooth, CHAIN, prepared, theta) is smooth
-    text = (
-        '[model]\nstates = ["q", "v"]\ninputs = ["u"]\noutputs = ["y"]\n[equations]\nq = "v"\n'
-        'v = "u - c*q - Fc*sign(v)"\n[readings]\ny = "q"\n[parameters]\nc = 20.0\nFc = 0.8\n'
-    )
-    rubbing = Simulator(parse_model(text, "rubbing.toml"))
-    columns = {"u": recording.channels["u1"], "y": recording.channels["y1"]}
-    alone = prepare(rubbing.model, [Recording("one.csv", TIME, columns)])
-    stiff = Stepping("rodas3", 2, (1e-4,))
-    before = np.array([20.0, 0.8])
-    rounded = rounded_explicit(stiff, rubbing, alone, before)
-    factor = rounded.widths[0] / 1e-4
-    assert rounded.method == "rk4"
-    assert rounded.substeps <= EXPLICIT
-    assert factor in (4.0, 8.0, 16.0, 32.0)
-    # slope of the jump times step within twice the stable range, and no wider than needed
-    assert 0.8 / rounded.widths[0] * STEP <= 2.5 * EXPLICIT
-    assert factor == 4.0 or 0.8 / rounded.widths[0] * STEP > 1.25 * EXPLICIT
-    steeper = np.array([20.0, 100.0])
-    assert rounded_explicit(stiff, rubbing, alone, steeper) is stiff
 
 
 @pytest.mark.long

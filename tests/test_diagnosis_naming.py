@@ -6,15 +6,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from diagnosis_systems import TWO_MASSES
 
-from jaxsr._progress import Budget, Silent
-from jaxsr.diagnosis.laws import renaming
-from jaxsr.diagnosis.laws.curves import Curve
 from jaxsr.diagnosis.laws.landmarks import Landmarks
 from jaxsr.diagnosis.laws.naming import named
-from jaxsr.diagnosis.laws.unnamed import choices, law_of, length_of
+from jaxsr.diagnosis.laws.unnamed import law_of
+from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.expressions import evaluate, parse
+from jaxsr.expressions import Term, evaluate, parse
 from jaxsr.models import parse_model
 
 MODEL = parse_model("""
@@ -128,31 +127,31 @@ def test_a_proposal_is_a_law_over_the_states_themselves() -> None:
     law = law_of(proposal, {"q": 0.5, "w": 4.0})
     value = evaluate(law, {"q": 1.5, "w": -3.0})
     assert value == pytest.approx(2.0 + 0.5 * 3.0**2 * (-0.75))
-    longer = SimpleNamespace(terms=(parse("sign(w)"), parse("sin(q)**2*w*exp(q)")))
-    assert length_of(longer, 100.0) > length_of(proposal, 100.0)
 
 
-def test_a_curve_of_many_bumps_was_chosen_among_more_than_a_short_law() -> None:
-    candidate, _ = Curve("w", "q", -1.0, 1.0).proposed()
-    assert candidate.tried > choices(parse("sin(q)*w")) ** 4 > 1.0
+TWO = parse_model(TWO_MASSES)
+SIMPLE = [
+    c
+    for c in force_candidates(TWO, {})
+    if [p.coefficient for p in c.parameters] == [True] and [s for s, _ in c.terms] == ["vb"]
+]
 
 
-@pytest.mark.parametrize("shorter", [True, False])
-def test_a_chosen_law_gets_its_names_where_the_criterion_prefers_them(monkeypatch, shorter) -> None:
-    fit = SimpleNamespace(usable=True)
-    lawless, chosen, sum_of_names = (
-        SimpleNamespace(members=m, fit=fit) for m in ((), (0,), (1, 2))
-    )
-    model = SimpleNamespace(candidates=[SimpleNamespace(mechanism="unnamed")])
-    arena = SimpleNamespace(super_model=model)
-    case = SimpleNamespace(search=Budget(), progress=Silent())
-    entries = [lawless, chosen]
-    price = {(0,): 1.0, (1, 2): 0.0 if shorter else 2.0}
-    monkeypatch.setattr(renaming, "names_of", lambda *_: ("a law",))
-    monkeypatch.setattr(renaming, "independent_residuals", lambda _: 100.0)
-    monkeypatch.setattr(renaming, "criterion", lambda _, entry, n: price[entry.members])
-    monkeypatch.setattr(renaming, "with_candidates", lambda *_: (arena, [*entries, sum_of_names]))
-    monkeypatch.setattr(renaming, "decide", lambda _, arena, rest: (arena, rest, rest[-1], None))
-    found = renaming.with_names(case, (arena, entries, chosen, None))
-    assert found[2] is (sum_of_names if shorter else chosen)
-    assert (chosen in found[1]) == (not shorter)
+@pytest.mark.long
+@pytest.mark.parametrize("mechanism", SIMPLE, ids=lambda c: c.mechanism)
+def test_a_course_names_its_mechanism(mechanism):
+    rng = np.random.default_rng(0)
+    site = next(s for s in sites_of(TWO, {}) if s.state == "vb")
+    states = dict(zip(TWO.states, rng.normal(size=(4, 300)), strict=True))
+    (spec,) = mechanism.parameters
+    term = parse(mechanism.terms[0][1].format(**{spec.name: "c"}))
+
+    def law(value: float) -> Term:
+        return term.substitute({"c": Term.constant(value)})
+
+    ((found, values),) = named(site, law(0.7), states)
+    assert found.key == mechanism.key and values == pytest.approx([0.7])
+    driving = named(site, law(-0.7), states)
+    assert (driving == ()) == (spec.low == 0.0)
+    other = Term.apply("mul", law(0.7), parse("1 + 0.3*tanh(3*b*vb)"))
+    assert named(site, other, states) == ()

@@ -14,7 +14,7 @@ from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis.compared import UNNAMED, Compared
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.open_mass import NOTHING_FOLLOWS, Proposal, open_mass, priors
+from jaxsr.diagnosis.open_mass import NOT_BORNE_OUT, Proposal, open_mass, priors
 from jaxsr.models import parse_model
 from jaxsr.report.words import left_open, whole_sentence
 from jaxsr.report.words import verdict_sentence as first_screen
@@ -52,10 +52,10 @@ def test_nothing_is_open_where_everything_was_compared() -> None:
     assert mass.factor == 1.0 and mass.in_words(StoppedBy.BUDGET) == ""
 
 
-def test_a_model_that_follows_nothing_is_no_likelier_than_none() -> None:
-    mass = open_mass([], follows=False)
-    assert mass.factor == 1.0 - NOTHING_FOLLOWS
-    assert "better than a constant" in mass.in_words(StoppedBy.CONVERGED)
+def test_what_free_runs_do_not_bear_out_is_no_likelier_than_none() -> None:
+    mass = open_mass([], borne_out=False)
+    assert mass.factor == 1.0 - NOT_BORNE_OUT
+    assert "do not bear out" in mass.in_words(StoppedBy.CONVERGED)
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,11 @@ import pytest
 
 from jaxsr._clock import now
 from jaxsr._progress import Budget
-from jaxsr._result import Verdict
+from jaxsr._result import StoppedBy, Verdict
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis import settled as module
 from jaxsr.diagnosis.contest.widths import WIDEST
+from jaxsr.diagnosis.decision import Decision
 from jaxsr.diagnosis.explanations import explanations, unnamed, weights_of
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.likelihood.posterior import Posterior, WrongValue
@@ -63,6 +64,11 @@ def found(hypotheses: list[Weighed], probabilities: list[float], **more: Any) ->
     logs = np.log(np.maximum(probabilities, 1e-300))
     every = cast("Any", (CANDIDATES, tuple(hypotheses), logs))
     return Posterior(*every, **more)
+
+
+def decision(arena: Any, entries: list[Any], chosen: Any, borne_out: bool = True) -> Decision:
+    """Return one of which only the sets count."""
+    return Decision(arena, entries, chosen, 1.0, StoppedBy.CONVERGED, borne_out=borne_out)
 
 
 def claim(posterior: Posterior) -> Verdict:
@@ -171,26 +177,39 @@ def test_a_law_that_is_set_aside_leaves_the_others_and_what_it_was_for() -> None
     np.testing.assert_allclose(posterior.probabilities[:2], [0.9 / 0.95, 0.05 / 0.95])
 
 
+@pytest.mark.parametrize("sound", [True, False])
 def test_laws_that_no_free_run_bears_out_are_set_aside_one_after_another(
-    monkeypatch: pytest.MonkeyPatch,
+    sound: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Named sets are not: where none is borne out, the evidence has no say."""
+    """A named set is not: where it is not borne out, nothing is claimed."""
     course = importlib.import_module("jaxsr.diagnosis.diagnose")
-    posterior = found([Weighed((4,)), Weighed((5,)), Weighed((0,)), Weighed(())], [0.9, 0.09, 1, 1])
+    sets = [Weighed((4,), 9.0), Weighed((5,), 8.0), Weighed((0,), 7.0), Weighed(())]
     laws = (Named("unnamed@x", mechanism=UNNAMED), Named("unnamed@y", mechanism=UNNAMED))
-    posterior = replace(posterior, candidates=cast("Any", (*CANDIDATES, *laws)))
+    every = cast("Any", (*CANDIDATES, *laws))
+    posterior = replace(found(sets, [0.9, 0.09, 0.01, 1e-9]), candidates=every)
     asked: list[tuple[int, ...]] = []
+
+    def asking(case: Any, found: Posterior) -> Decision:
+        asked.append(found.leader.members)
+        arena = SimpleNamespace(super_model=SimpleNamespace(candidates=every))
+        entries = [Estimated(found.leader.members), Estimated(())]
+        return decision(arena, entries, entries[0], sound and asked[-1] == (0,))
+
     monkeypatch.setattr(course, "weighed", lambda *_: posterior)
-    monkeypatch.setattr(
-        course, "decided_by_evidence", lambda case, found: asked.append(found.leader.members)
-    )
+    monkeypatch.setattr(course, "decided_by_evidence", asking)
+    monkeypatch.setattr(course, "above_noise", lambda *_: True)
+    monkeypatch.setattr(course, "plainest", lambda found, _: (found, {}))
+    monkeypatch.setattr(course, "deviations_of", lambda _: {})
+    monkeypatch.setattr(Weighed, "noise", None, raising=False)
     case = SimpleNamespace(
         failures=SimpleNamespace(attempt=lambda _, act, __: act()),
         search=SimpleNamespace(exhausted=False),
+        simulator=SimpleNamespace(model=GIVEN),
     )
-    given = cast("Any", case), Costs(), np.random.default_rng(0)
-    assert course.decided_by_posterior(*given) is None
+    told = course._decided(cast("Any", case), Costs(), np.random.default_rng(0))
     assert asked == [(4,), (5,), (0,)]
+    assert told.claim.leading == {"a@x"}
+    assert told.claim.verdict is (Verdict.STRUCTURE if sound else Verdict.UNDECIDED)
 
 
 def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:
@@ -263,11 +282,11 @@ def test_a_richer_law_is_named_where_it_explains_more_than_is_left(
     monkeypatch.setattr(module, "residual_to_noise", lambda *_: left)
     monkeypatch.setattr(module, "fewest", lambda chosen, *_: chosen)
     monkeypatch.setattr(module, "no_richer", lambda *_: ([richer, plain], (plain, richer)[named]))
-    found = cast("Any", ((arena, [richer], richer, None), 1.0, None))
     claim = Claim(Verdict.STRUCTURE, frozenset({candidates[1].label}), 1.0)
-    ((_, entries, chosen, _), *_), renamed = plainest(found, claim, lambda: False)
-    assert chosen is (plain, richer)[named]
-    assert plain in entries or left == 1.0
+    found = replace(decision(arena, [richer], richer), claim=claim)
+    told, renamed = plainest(found, lambda: False)
+    assert told.chosen is (plain, richer)[named]
+    assert cast("Any", plain) in told.entries or left == 1.0
     assert renamed == ({} if named else {candidates[1].label: candidates[0].label})
 
 
@@ -284,18 +303,13 @@ def test_the_chosen_set_is_the_one_that_is_claimed() -> None:
     null, law, sensor = Estimated(()), Estimated((0,)), Estimated((3,))
 
     def chosen(*leading: str) -> tuple[int, ...]:
-        found = cast("Any", ((arena, [null, law, sensor], law, None), 1.0, None))
         claim = Claim(Verdict.STRUCTURE, frozenset(leading), 1.0)
-        return answered(found, claim, ("k",))[0][2].members
+        return answered(decision(arena, [null, law, sensor], law), claim, ("k",)).chosen.members
 
     assert chosen("c@y") == (3,)
     assert chosen() == ()
     assert chosen("wrong_value@parameter:k") == ()  # re-calibration's
     assert chosen("b@x") == (0,)  # not estimated: the leader stays
-
-
-def _never(*args: object) -> None:
-    raise AssertionError("the contest was asked")
 
 
 @pytest.mark.long
@@ -307,14 +321,7 @@ def _never(*args: object) -> None:
         (lambda q, v: 0.0, 6.0, "nothing", None),
     ],
 )
-def test_the_evidence_decides_without_a_contest(
-    monkeypatch: pytest.MonkeyPatch, force: Any, k: float, verdict: str, mechanism: str | None
-) -> None:
-    import importlib
-
-    monkeypatch.setattr(
-        importlib.import_module("jaxsr.diagnosis.diagnose"), "decided_among_few", _never
-    )
+def test_the_evidence_decides(force: Any, k: float, verdict: str, mechanism: str | None) -> None:
     rng = np.random.default_rng(2)
     runs = [recorded(rng, force, k) for _ in range(2)]
     document = diagnose(Simulator(parse_model(MODEL)), runs, budget=600.0).document
@@ -336,7 +343,7 @@ def test_the_start_of_the_program_takes_nothing_of_the_search(
         raise Seen(case)
 
     course = importlib.import_module("jaxsr.diagnosis.diagnose")
-    monkeypatch.setattr(course, "decided_by_posterior", see)
+    monkeypatch.setattr(course, "_decided", see)
     run = recorded(np.random.default_rng(2), lambda q, v: 0.0)
     with pytest.raises(Seen) as seen:
         diagnose(Simulator(parse_model(MODEL)), [run], budget=Budget(1000.0, now() - 400.0))

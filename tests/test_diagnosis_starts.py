@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,8 @@ from jaxsr.diagnosis.contest import enter as entering
 from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
 from jaxsr.diagnosis.contest.carried import starts_told
 from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry, told_starts
+from jaxsr.diagnosis.contest.entry import told_starts
 from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.judging.criteria import criterion
-from jaxsr.diagnosis.judging.detection import detect_in_noise
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import input_samples, prepare, state_scale
@@ -113,25 +110,6 @@ def test_a_start_counts_where_it_shows() -> None:
     assert told_starts(fit_of(by_start)) == 10 + 4
     assert told_starts(fit_of(np.zeros((3, 2, 25, 10)))) == 0
     assert told_starts(fit_of(np.zeros((0, 2, 25, 10)))) == 0
-
-
-def test_a_law_pays_for_the_starts_that_it_alone_needs() -> None:
-    """With a start for each of 20 segments, it must gain as 20 more constants do."""
-    seen = np.ones((1, 1, 50, 20))
-    errors = np.ones(12)
-    null = Entry((), fit_of(seen, 1100.0), errors, starts=20)
-    plain = Entry((0,), fit_of(seen, 1000.0), errors, starts=20)
-    hungry = replace(plain, members=(1,), starts=40, fit=fit_of(seen, 990.0))
-    known: Any = type("Known", (), {"mechanism": "drag", "sharp": False, "tried": 1})
-    first, second = known(), known()
-    first.label, second.label = "a", "b"
-    super_model: Any = type("Super", (), {"candidates": (first, second), "index": lambda *_: [0]})()
-    n = 1000.0
-    apart = criterion(super_model, hungry, n) - criterion(super_model, plain, n)
-    assert apart == pytest.approx(20.0 * np.log(n) + n * np.log(0.99))
-    usable = [replace(e, fit=replace(e.fit, cost=e.fit.cost)) for e in (null, hungry)]
-    alone = detect_in_noise(null, replace(hungry, starts=20), 1)
-    assert detect_in_noise(*usable, 1).p > alone.p
 
 
 @pytest.mark.slow

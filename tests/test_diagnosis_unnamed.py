@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from diagnosis_systems import CART
 from scipy.integrate import solve_ivp
 
-from jaxsr._progress import Budget
 from jaxsr.diagnosis import diagnose
-from jaxsr.diagnosis.laws import weak_laws
 from jaxsr.diagnosis.laws.natural import Natural
-from jaxsr.diagnosis.laws.weak_laws import _search, _worst_state
-from jaxsr.diagnosis.screening.weak_system import WeakSystem
 from jaxsr.evolution.config import PrimitiveSet
 from jaxsr.evolution.create import random_term
 from jaxsr.expressions import evaluate, parse, to_text
@@ -195,54 +190,3 @@ def test_one_law_stands_for_a_crowd_of_named_ones():
     term = evaluate(parse(first["term"]), {"q": q, "v": v, **values})
     law = -3.0 * v * (q / 0.3) ** 2
     assert np.std(term - law) < 0.05 * np.std(law)
-
-
-def test_the_search_asks_the_equation_that_fails_most_for_its_size():
-    """An equation without an input, however small its terms, is no worse for that."""
-    rng = np.random.default_rng(2)
-    state = np.repeat([0, 1], 50)
-    terms = np.where(state == 0, 1.0, 1e4)[:, None] * rng.normal(size=(100, 2))
-    for failing in (0, 1):
-        left = np.where(state == failing, 0.3, 0.01) * np.where(state == 0, 1.0, 1e4)
-        residual = left * rng.normal(size=100)
-        system = WeakSystem(
-            residual=residual,
-            jacobian=terms,
-            input_side=np.where(state == 0, rng.normal(size=100), 0.0),
-            state=state,
-            recording=np.zeros(100, dtype=int),
-            centre=np.arange(100.0),
-            row=np.arange(100),
-            theta=np.ones(2),
-            half_width=1.0,
-        )
-        assert _worst_state(system, (0, 1)) == failing
-
-
-def test_forces_at_other_equations_stay_however_alike_their_names(monkeypatch):
-    """The states v and wv: what is chosen at wv is no part of what a law at v replaces."""
-    sites = ("equation:v", "equation:wv", "external:v", "output:v")
-    families = ("elastic", "dissipative", "external", "measurement")
-    candidates = [SimpleNamespace(site=s, family=f) for s, f in zip(sites, families, strict=True)]
-    arena = SimpleNamespace(super_model=SimpleNamespace(candidates=candidates))
-    case = SimpleNamespace(
-        screened=object(),
-        search=Budget(),
-        simulator=SimpleNamespace(model=SimpleNamespace(states=("v", "wv"))),
-    )
-    view = SimpleNamespace(state=np.array([0, 1]))
-    monkeypatch.setattr(weak_laws, "_without", lambda *_: np.zeros(0))
-    monkeypatch.setattr(weak_laws, "_view", lambda *_: view)
-    monkeypatch.setattr(weak_laws, "_worst_state", lambda system, states: 0)
-    monkeypatch.setattr(weak_laws, "propose_instead", lambda *_: "a law")
-    entry = SimpleNamespace(members=(0, 1, 2, 3))
-    found = weak_laws.propose_unnamed(case, arena, entry, np.random.default_rng(0))
-    assert found == ("a law", (1, 3))
-    # a member's own state can leave no equation to be read off the sensors
-    view.state = np.array([], dtype=int)
-    assert weak_laws.propose_unnamed(case, arena, entry, np.random.default_rng(0)) is None
-
-
-def test_a_budget_that_runs_out_before_the_search_proposes_nothing():
-    case = SimpleNamespace(screened=object(), search=Budget(1e-9))
-    assert _search(case, None, None, (), 0, np.random.default_rng(0)) == []

@@ -14,7 +14,6 @@ from jaxsr.diagnosis.contest.arena import (
     build_arena,
     in_steps_of,
     in_widths,
-    in_widths_of_best,
     neutral_values,
     with_rounded_jumps,
 )
@@ -27,7 +26,6 @@ from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.judging.refine import Ground, refine, without_width
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.choice import in_own_widths
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -226,22 +224,6 @@ def test_a_width_is_kept_between_the_sharpest_and_the_widest() -> None:
     sharpest = width_of(arena) / BEGIN
     entry = enter(arena, (0,), neutral_values(arena.super_model))
     assert width_of(in_steps_of(arena, entry)) >= 0.99 * sharpest
-
-
-def test_sets_to_come_begin_at_the_width_of_the_best() -> None:
-    arena, _ = rail(0.03, "coulomb_friction")
-    null = enter(arena, (), neutral_values(arena.super_model))
-    entry = enter(arena, (0,), null.fit.theta, null.fit.path)
-    later, entries = in_widths_of_best(arena, [null, entry])
-    assert width_of(later) == width_of(in_steps_of(arena, entry)) != width_of(arena)
-    near = enter(later, (0,), entry.fit.theta, entry.fit.path, near=True)
-    assert near.fit.cost == pytest.approx(entry.fit.cost, rel=1e-3)
-    assert entries[0].stepping is None
-    # estimated at another width, it finds its own again
-    narrow = enter(arena, (0,), entry.fit.theta, entry.fit.path, near=True)
-    again = in_own_widths(arena, narrow)
-    assert again.fit.cost == pytest.approx(entry.fit.cost, rel=1e-2)
-    assert again.fit.cost < narrow.fit.cost
 
 
 def test_what_never_turns_has_no_width() -> None:

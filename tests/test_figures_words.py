@@ -14,7 +14,7 @@ from jaxsr.diagnosis.contest.uncertainty import Sensitivities
 from jaxsr.diagnosis.explaining import experiment
 from jaxsr.diagnosis.explaining.experiment import next_experiment
 from jaxsr.diagnosis.explaining.explain import Weight, confusable_rows, in_figures, sentence_of
-from jaxsr.diagnosis.judging.alternatives import Alternative
+from jaxsr.diagnosis.judging.weights import Alternative
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.models import Simulator, parse_model

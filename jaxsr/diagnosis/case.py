@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 from jaxsr._progress import Budget, Progress, Silent
-from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.compared import Compared
+from jaxsr.diagnosis.contest.arena import Arena
+from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.failures import Failures
 from jaxsr.diagnosis.rectified import Rectified
 from jaxsr.diagnosis.setup import Screened
@@ -38,8 +38,8 @@ class Case:
     rectified : tuple of Rectified
         Sensors that read no signs; in `prepared` they have them.
     so_far : list
-        What could be decided on if time ended now: arena, entries and the headline's horizon in s,
-        the latest last.
+        What is there if time ends now: an arena, re-calibration in it, and the headline's horizon
+        in s, the latest last.
     """
 
     simulator: Simulator
@@ -52,9 +52,4 @@ class Case:
     compared: Compared = field(default_factory=Compared)
     quiet: tuple[str, ...] = ()
     rectified: tuple[Rectified, ...] = ()
-    so_far: list[tuple[Any, list[Any], float]] = field(default_factory=list)
-
-    def stopped_by(self, grown: StoppedBy) -> StoppedBy:
-        """Why no more sets are tried, where larger ones are not tried by `grown`."""
-        ended = self.search.stopped_by
-        return grown if ended is StoppedBy.CONVERGED else ended
+    so_far: list[tuple[Arena, Entry, float]] = field(default_factory=list)

@@ -13,13 +13,12 @@ from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.judging.leading import leading
-from jaxsr.diagnosis.judging.noise_ratio import residual_to_noise
+from jaxsr.diagnosis.judging.noise_ratio import ABOVE_NOISE, residual_to_noise
 from jaxsr.diagnosis.judging.parsimony import fewer_do, fewest
-from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE
 from jaxsr.diagnosis.likelihood.paths import path_over
 from jaxsr.diagnosis.likelihood.posterior import Posterior
-from jaxsr.diagnosis.search.believed import plainest
 from jaxsr.diagnosis.search.contenders import Start
+from jaxsr.diagnosis.search.nesting import plainest
 
 
 @dataclass(frozen=True)

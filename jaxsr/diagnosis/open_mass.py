@@ -27,9 +27,9 @@ from jaxsr._result import StoppedBy, Verdict
 
 NAMED = 3
 """Hypotheses that a sentence names."""
-NOTHING_FOLLOWS = 0.5
-"""Mass that is open at least where the best answer predicts no better than a constant: it is no
-likelier than that none of the answers holds (even odds)."""
+NOT_BORNE_OUT = 0.5
+"""Mass that is open at least where free runs do not bear out the best answer: it is no likelier
+than that none of the answers holds (even odds)."""
 
 
 @dataclass(frozen=True)
@@ -67,21 +67,21 @@ class OpenMass:
         Names of what was not compared.
     proposed : int
         Number of all hypotheses.
-    follows : bool
-        Whether the best answer follows the recordings better than a constant.
+    borne_out : bool
+        Whether free runs bear out the best answer.
     """
 
     probability: float = 0.0
     by_verdict: tuple[tuple[Verdict, float], ...] = ()
     left: tuple[str, ...] = ()
     proposed: int = 0
-    follows: bool = True
+    borne_out: bool = True
 
     @property
     def factor(self) -> float:
         """By which probabilities over what was compared are lowered."""
         kept = 1.0 - self.probability
-        return kept if self.follows else min(kept, 1.0 - NOTHING_FOLLOWS)
+        return kept if self.borne_out else min(kept, 1.0 - NOT_BORNE_OUT)
 
     def against(self, verdict: Verdict) -> float:
         """Return the mass that would change an answer."""
@@ -100,10 +100,10 @@ class OpenMass:
                 f"{ended}: {len(self.left)} of {self.proposed} causes were not compared ({names}), "
                 f"and {self.probability:.0%} of the probability is left to them."
             )
-        if not self.follows:
+        if not self.borne_out:
             parts.append(
-                "No model compared follows the recordings better than a constant does: none of "
-                "them is believed."
+                "Free runs do not bear out what is most probable: something acts that none of what "
+                "was compared explains."
             )
         return " ".join(parts)
 
@@ -112,15 +112,15 @@ class OpenMass:
         return {"probability": 1.0 - self.factor, "not_tried": list(self.left)}
 
 
-def open_mass(proposals: Iterable[Proposal], follows: bool = True) -> OpenMass:
+def open_mass(proposals: Iterable[Proposal], borne_out: bool = True) -> OpenMass:
     """Sum the prior mass of what was not compared.
 
     Parameters
     ----------
     proposals : iterable of Proposal
         Every hypothesis once.
-    follows : bool
-        Whether the best answer follows the recordings better than a constant.
+    borne_out : bool
+        Whether free runs bear out the best answer.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def open_mass(proposals: Iterable[Proposal], follows: bool = True) -> OpenMass:
             mass[proposal.verdict] = mass.get(proposal.verdict, 0.0) + prior
     left = tuple(p.name for p in table if not p.compared)
     total = min(sum(mass.values()), 1.0)
-    return OpenMass(total, tuple(mass.items()), left, len(table), follows)
+    return OpenMass(total, tuple(mass.items()), left, len(table), borne_out)
 
 
 def _in_words(name: str) -> str:

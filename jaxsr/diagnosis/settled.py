@@ -18,7 +18,6 @@ from scipy.special import fdtrc
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION, SEVERAL, UNNAMED
-from jaxsr.diagnosis.comparison import opening
 from jaxsr.diagnosis.contest.arena import (
     Arena,
     in_sharpest_widths,
@@ -26,18 +25,19 @@ from jaxsr.diagnosis.contest.arena import (
 )
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.widths import WIDEST
+from jaxsr.diagnosis.decision import Decision
 from jaxsr.diagnosis.explanations import labels_of
 from jaxsr.diagnosis.free_runs import FreeRuns
-from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection, detect_in_noise
+from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, detect_in_noise
 from jaxsr.diagnosis.judging.leading import best_so_far
 from jaxsr.diagnosis.judging.noise_ratio import (
+    ABOVE_NOISE,
     ratios_to_noise,
     residual_to_noise,
     root_mean_square,
     sensor_noise,
 )
 from jaxsr.diagnosis.judging.parsimony import fewest
-from jaxsr.diagnosis.laws.newcomers import ABOVE_NOISE, REMOVED
 from jaxsr.diagnosis.laws.written import Writer
 from jaxsr.diagnosis.likelihood.course import Course
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
@@ -46,12 +46,15 @@ from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.believed import plainest as no_richer
 from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
 from jaxsr.diagnosis.search.nesting import inner_of
+from jaxsr.diagnosis.search.nesting import plainest as no_richer
+from jaxsr.diagnosis.search.opening import opening
 from jaxsr.diagnosis.thinning import for_evidence
 from jaxsr.diagnosis.verdict import Claim
 
+REMOVED = 0.3
+"""Share of the re-calibrated error up to which a mismatch counts as explained."""
 WEIGHING = 0.75
 """Share of the time left that the posterior may take."""
 RIVALS, TOLD = 4, 1e-3
@@ -60,7 +63,6 @@ first of them whatever it has."""
 
 Renamed = Mapping[str, str]
 """Labels, and those that are told in their place."""
-Settled = tuple[tuple[Arena, list[Entry], Entry, Detection], float, StoppedBy]
 
 
 def weighed(case: Case, rng: np.random.Generator) -> Posterior | None:
@@ -109,29 +111,28 @@ def _left_over(arena: Arena, entry: Entry, noise: Noise) -> float:
     )
 
 
-def borne_out(found: Settled, leader: Hypothesis) -> bool:
+def borne_out(found: Decision, leader: Hypothesis) -> bool:
     """Whether free runs bear a decision out.
 
     They do not where the set follows the recordings worse than re-calibration, or leaves more than
     the sensors' noise, which the evidence takes for noise. Where it has a force beside the set,
     that is what free runs gather of it, and where its noise is that which neighbouring samples
     tell, how round free runs take corners: the set stands then as long as they detect it and it
-    explains the mismatch, all but what a law without a name is sought for (`laws.newcomers`).
+    explains the mismatch.
 
     Parameters
     ----------
     leader : Hypothesis
         Of the evidence.
     """
-    (arena, entries, chosen, detection), *_ = found
-    null = next(e for e in entries if not e.members)
+    arena, chosen, null = found.arena, found.chosen, found.null
     if not chosen.follows_as_well_as(null):
         return False
     if residual_to_noise(arena, chosen) <= ABOVE_NOISE:
         return True
     if not (leader.settled and (leader.share > 0.0 or _as_told(arena, leader.noise))):
         return False
-    return detection.detected and chosen.fit.cost < REMOVED**2 * null.fit.cost
+    return found.detection.detected and chosen.fit.cost < REMOVED**2 * null.fit.cost
 
 
 def _as_told(arena: Arena, noise: Noise) -> bool:
@@ -140,7 +141,7 @@ def _as_told(arena: Arena, noise: Noise) -> bool:
     return all(size <= ABOVE_NOISE * sensor_noise(arena, k) for k, size in enumerate(sizes))
 
 
-def above_noise(found: Settled, noise: Noise) -> bool:
+def above_noise(found: Decision, noise: Noise) -> bool:
     """Whether re-calibration leaves more than the sensors' noise, at the rate of the detection.
 
     Neighbouring samples tell that noise by as many of its values.
@@ -150,25 +151,23 @@ def above_noise(found: Settled, noise: Noise) -> bool:
     noise : Noise
         That the evidence has of the sensors.
     """
-    (arena, entries, *_), *_ = found
-    null = next(e for e in entries if not e.members)
+    null = found.null
     count = max(int(np.count_nonzero(null.fit.residual[0])), 1)
-    return bool(fdtrc(count, count, _left_over(arena, null, noise) ** 2) < SIGNIFICANCE)
+    return bool(fdtrc(count, count, _left_over(found.arena, null, noise) ** 2) < SIGNIFICANCE)
 
 
-def answered(found: Settled, claim: Claim, free: Collection[str]) -> Settled:
-    """Return a decision with the leading set of a claim as the chosen one.
+def answered(found: Decision, claim: Claim, free: Collection[str]) -> Decision:
+    """Return a decision with a claim, and its leading set as the chosen one.
 
     Wrong values of `free` parameters are re-calibration's.
     """
-    (arena, entries, chosen, detection), headline, stopped = found
     wanted = claim.leading - {f"wrong_value@parameter:{name}" for name in free}
-    every = arena.super_model.candidates
-    of = {frozenset(every[i].label for i in e.members): e for e in reversed(entries)}
-    return (arena, entries, of.get(wanted, chosen), detection), headline, stopped
+    every = found.arena.super_model.candidates
+    of = {frozenset(every[i].label for i in e.members): e for e in reversed(found.entries)}
+    return replace(found, claim=claim, chosen=of.get(wanted, found.chosen))
 
 
-def plainest(found: Settled, claim: Claim, stop: Callable[[], bool]) -> tuple[Settled, Renamed]:
+def plainest(found: Decision, stop: Callable[[], bool]) -> tuple[Decision, Renamed]:
     """Return a decision with the fewest members that matter, and their laws no richer than needed.
 
     Where free runs leave more than the sensors' noise, something acts that nobody named. What
@@ -176,22 +175,23 @@ def plainest(found: Settled, claim: Claim, stop: Callable[[], bool]) -> tuple[Se
     that (`judging.parsimony`). One of the claimed verdict stays. With it come the labels of richer
     laws that are told by those of the laws inside.
     """
-    (arena, entries, chosen, detection), headline, stopped = found
+    arena, entries, chosen = found.arena, found.entries, found.chosen
     if residual_to_noise(arena, chosen) <= ABOVE_NOISE:
         return found, {}
     every, members = arena.super_model.candidates, {*chosen.members}
     inside = [e for e in entries if {*e.members} < members]
-    inside = [e for e in inside if any(every[i].verdict is claim.verdict for i in e.members)]
+    verdict = found.claim.verdict
+    inside = [e for e in inside if any(every[i].verdict is verdict for i in e.members)]
     few = fewest(chosen, arena, inside)
     entries, plain = no_richer(arena, few, entries, stop)
     richer = (i for i in few.members if i not in plain.members)
     inner = {every[i].label: inner_of(every, i) for i in richer}
     renamed = {label: every[i].label for label, i in inner.items() if i is not None}
-    return ((arena, entries, plain, detection), headline, stopped), renamed
+    return replace(found, entries=entries, chosen=plain), renamed
 
 
-def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
-    """Return the decision, its horizon in s, and why the search ended; None if not borne out.
+def decided_by_evidence(case: Case, found: Posterior) -> Decision:
+    """Return the decision on the leading set, without what is claimed.
 
     What decides comes first: the leading set, its parts, and laws inside theirs. Sets that they are
     only compared with have the time that is left.
@@ -200,9 +200,8 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     own, rivals = [leader, *_inside(found)], _rivals(found)
     shown = [h for h in dict.fromkeys([*own, *rivals]) if h.members]
     super_model, starts = _starts(case, found, [null, *shown])
-    opened = opening(case, super_model, starts, led=True)
-    assert opened is not None  # a horizon of its own was not asked for
-    arena, entry, headline, starts = opened
+    arena, entry, headline, starts = opening(case, super_model, starts)
+    case.so_far.append((arena, entry, headline.seconds))
     case.compared.reach(RECALIBRATION)
     if found.timely:
         case.compared.tell(super_model, range(len(super_model.candidates)))
@@ -225,15 +224,15 @@ def decided_by_evidence(case: Case, found: Posterior) -> Settled | None:
     if not found.timely:
         stopped = StoppedBy.INTERRUPTED if case.budget.interrupted else StoppedBy.BUDGET
 
-    def decision(arena: Arena, entries: list[Entry]) -> Settled:
+    def decision(arena: Arena, entries: list[Entry]) -> Decision:
         re_calibrated = next(e for e in entries if not e.members)
         chosen = next(e for e in entries if e.members == wanted)
         detection = detect_in_noise(re_calibrated, chosen, count)
-        return (arena, entries, chosen, detection), headline.seconds, stopped
+        return Decision(arena, entries, chosen, headline.seconds, stopped, detection)
 
-    if not borne_out(decision(arena, entries), leader):
-        return None
-    return decision(*runs.beside(arena, entries, [start for start, h in pairs if h in rivals]))
+    sound = borne_out(decision(arena, entries), leader)
+    beside = [start for start, h in pairs if h in rivals]
+    return replace(decision(*runs.beside(arena, entries, beside)), borne_out=sound)
 
 
 def as_wide_as_a_jump(arena: Arena, width: float | None) -> Arena:

@@ -11,10 +11,6 @@ from jaxsr._deadline import ask
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.segments import Segments
 
-MIN_GAIN = 0.05
-"""Smallest gain in log held-back mean square that counts, whatever its significance: smoothing
-sign() alone can move the error of a friction model by half of it."""
-
 
 def held_back(
     pieces: Sequence[tuple[int, int, int, int]], segments: Segments, result: Fit
@@ -130,25 +126,3 @@ def correlation_length(residual: np.ndarray) -> float:
             break
         total += rho
     return 1.0 + 2.0 * total
-
-
-def weights(
-    errors: Sequence[np.ndarray], effective: float, price: np.ndarray, rng: np.random.Generator
-) -> np.ndarray:
-    """Probabilities of entries by their blocks' errors, `price` added to the log error of each.
-
-    Pseudo-Bayesian model averaging with the Bayesian bootstrap over blocks: the held-back log
-    score of a block is -(n/2) log(error), n independent residuals per block.
-
-    References
-    ----------
-    Yao, Vehtari, Simpson & Gelman, Bayesian Analysis 13 (2018), section 3.4.
-    """
-    log_errors = np.log(np.stack(list(errors)) + 1e-300)
-    score = -0.5 * effective * (log_errors + price[:, None])
-    blocks = score.shape[1]
-    draws = rng.dirichlet(np.ones(blocks), size=2000) * blocks
-    total = draws @ score.T
-    total -= total.max(axis=1, keepdims=True)
-    share = np.exp(total)
-    return (share / share.sum(axis=1, keepdims=True)).mean(axis=0)

@@ -28,8 +28,6 @@ TOLERABLE = 0.1
 """Integration error of a set, relative to what it leaves unexplained."""
 FINEST = {"rk4": 8, "rodas3": 2}
 """Substeps up to which that is held to."""
-ROUNDEST, EXPLICIT = (4.0, 8.0, 16.0, 32.0), 2
-"""Factors by which jumps may be widened for explicit steps, and the most of these per sample."""
 POINTS = 200
 TRIAL = 400
 
@@ -60,25 +58,6 @@ def choose_stepping(
         if change / factor**order < STEP_ERROR:
             return Stepping(method, factor * needed, widths)
     return Stepping(method, 4 * needed, widths)
-
-
-def rounded_explicit(
-    stepping: Stepping, simulator: Simulator, prepared: Sequence[Prepared], theta: np.ndarray
-) -> Stepping:
-    """Widen jumps until explicit steps are stable, where they are too steep; up to `ROUNDEST`.
-
-    Many sharp laws cost an implicit method a large Jacobian at every step.
-    """
-    if stepping.method == "rk4" or not stepping.widths:
-        return stepping
-    step = min(p.recording.sample_time for p in prepared)
-    x, u, _ = _samples(simulator, prepared, theta)
-    for factor in ROUNDEST:
-        widths = tuple(factor * w for w in stepping.widths)
-        needed = _substeps(_fastest(simulator, theta, widths, x, u) * step)
-        if needed <= EXPLICIT:
-            return Stepping("rk4", needed, widths)
-    return stepping
 
 
 def with_smooth(

@@ -14,7 +14,7 @@ from jaxsr.diagnosis.contest.arena import Arena
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.uncertainty import Sensitivities
 from jaxsr.diagnosis.explaining.ingredients import Ingredients
-from jaxsr.diagnosis.locating.responses import Responses
+from jaxsr.diagnosis.explaining.responses import Responses
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.site import Threshold, sites_of
 from jaxsr.expressions import evaluate

@@ -10,7 +10,6 @@ import numpy as np
 
 from jaxsr._deadline import ask
 from jaxsr.diagnosis.contest.arena import neutral_values
-from jaxsr.diagnosis.contest.blocks import gain
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.explaining.ladder import ladder
 from jaxsr.diagnosis.explaining.rival_runs import RivalRuns, rival_runs
@@ -272,8 +271,6 @@ def _considered(parts: Ingredients, factor: float) -> list[Any]:
 
 def _probability(parts: Ingredients, entry: Entry) -> float | None:
     """Return the probability of a set over what was compared; None where no evidence tells it."""
-    if parts.weights is None:
-        return None
     candidates = parts.arena.super_model.candidates
     return parts.weights.of.get(frozenset(candidates[i].label for i in entry.members))
 
@@ -282,7 +279,7 @@ def _richer(parts: Ingredients, entry: Entry) -> bool:
     """Whether a set counts as one with a simpler law in the place of one of its own."""
     candidates = parts.arena.super_model.candidates
     labels = {candidates[i].label for i in entry.members}
-    return parts.weights is not None and not labels.isdisjoint(parts.weights.renamed)
+    return not labels.isdisjoint(parts.weights.renamed)
 
 
 def _by_evidence(told: float | None, taken: float | None) -> str:
@@ -297,29 +294,11 @@ def _by_evidence(told: float | None, taken: float | None) -> str:
 
 
 def _reason(parts: Ingredients, entry: Entry) -> str:
-    if parts.weights is not None:
-        if entry is parts.chosen:
-            return "By the evidence of the recordings."
-        if _richer(parts, entry):
-            return "Explains less beyond the simpler law than nobody named: counted with that one."
-        return _by_evidence(_probability(parts, entry), _probability(parts, parts.chosen))
     if entry is parts.chosen:
-        if not entry.members:
-            return "Re-calibration alone: nothing beats it on held-back blocks."
-        return "Fewest constants among the sets that the best one does not beat."
-    if not entry.members:
-        return "Re-calibration alone leaves the mismatch."
-    if not np.isfinite(entry.errors).all():
-        return "No simulation closes: the set contradicts the recordings."
-    mean, error, _ = gain(entry.errors, parts.chosen.errors)
-    percent = 100.0 * (np.exp(0.5 * mean) - 1.0)
-    if mean > max(error, 0.0) and mean > 0.02:
-        return f"Held-back error {percent:.0f} % above the chosen set's."
-    if entry.fit.active.size > parts.chosen.fit.active.size:
-        return "No clear gain for more constants."
-    if not parts.chosen.members:
-        return "No gain over re-calibration beyond chance."
-    return "Within the scatter of the blocks; kept as an alternative."
+        return "By the evidence of the recordings."
+    if _richer(parts, entry):
+        return "Explains less beyond the simpler law than nobody named: counted with that one."
+    return _by_evidence(_probability(parts, entry), _probability(parts, parts.chosen))
 
 
 __all__ = ["build_evidence", "force_errors", "neutral_values", "relative_force_errors"]

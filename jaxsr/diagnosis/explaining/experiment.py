@@ -11,8 +11,8 @@ from jaxsr._progress import Budget
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.reduced import Lean, lean
 from jaxsr.diagnosis.explaining.ingredients import Ingredients
-from jaxsr.diagnosis.judging.alternatives import Alternative
 from jaxsr.diagnosis.judging.equivalence import equivalent
+from jaxsr.diagnosis.judging.weights import Alternative
 from jaxsr.models import Model
 from jaxsr.models.lifting import closed, linear
 from jaxsr.models.segments import Prepared, build_segments

@@ -1,4 +1,4 @@
-"""What a decision rests on: the course of a diagnosis up to it."""
+"""What a report rests on: the course of a diagnosis and its decision."""
 
 from __future__ import annotations
 
@@ -8,33 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.judging.detection import Detection
-from jaxsr.diagnosis.judging.weights import Weights
+from jaxsr.diagnosis.decision import Decision
 from jaxsr.diagnosis.thinning import Whole
-from jaxsr.diagnosis.verdict import Claim
 
 
-@dataclass(frozen=True, eq=False)
-class Ingredients:
-    """The course of a diagnosis up to the decision."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ingredients(Decision):
+    """The course of a diagnosis up to the decision, and that."""
 
     case: Case
-    arena: Arena
-    entries: list[Entry]
-    null: Entry
-    chosen: Entry
-    detection: Detection
-    headline: float
     horizons: list[float]
     held_out: Sequence[Any]
     rng: np.random.Generator
     seed: int
     command: str | None
-    stopped: StoppedBy  # why no more sets were tried
     whole: Whole | None = None  # all recordings, where the search worked on a part of them
-    weights: Weights | None = None  # probabilities of sets, where the evidence decided,
-    claim: Claim | None = None  # and its verdict

@@ -126,17 +126,13 @@ def _proposed(parts: Ingredients) -> str:
     super_model = parts.arena.super_model
     kinds = len({c.mechanism for c in super_model.candidates})
     places = len({c.label for c in super_model.candidates})
-    if parts.weights is not None:
-        count, runs = len(parts.weights.of), len(parts.entries)
-        weighed = f"{count} sets weighed by their evidence, {runs} of them in free run"
-        return f"{kinds} mechanisms at {places} places tried; {weighed}."
-    return f"{kinds} mechanisms at {places} places tried; {len(parts.entries)} sets estimated."
+    count, runs = len(parts.weights.of), len(parts.entries)
+    weighed = f"{count} sets weighed by their evidence, {runs} of them in free run"
+    return f"{kinds} mechanisms at {places} places tried; {weighed}."
 
 
 def _decided(parts: Ingredients, judged: Judged, scores: dict[str, float]) -> str:
     labels = [parts.arena.super_model.candidates[i].label for i in parts.chosen.members]
-    if parts.weights is None and not labels and parts.detection.detected:
-        return "Blocks held back in turn speak for re-calibration alone: no set is believed."
     if not labels:
         return "No set beats re-calibration."
     named = " and ".join(mechanism_at(label) for label in labels)

@@ -107,18 +107,6 @@ class ToldValues:
         return tuple(rows)
 
 
-def moved_values(parts: Ingredients, recalibrated: Estimate) -> list[str]:
-    """Return free parameters whose given values lie outside their intervals, the farthest first."""
-    given, rows = neutral_values(parts.arena.super_model), []
-    for name in parts.case.simulator.model.free_parameters:
-        place = recalibrated.positions[name]
-        half = float(recalibrated.told[place])
-        distance = abs(float(recalibrated.theta[place]) - given[place])
-        if distance > half:
-            rows.append((distance / max(half, 1e-300), name))
-    return [name for _, name in sorted(rows, reverse=True)]
-
-
 def told_values(
     parts: Ingredients, recalibrated: Estimate, names: list[str], given: float
 ) -> ToldValues:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.special
 
-from jaxsr.diagnosis.contest.blocks import MIN_GAIN, gain
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.coloured import likelihood_ratio
 from jaxsr.diagnosis.judging.criteria import independent_residuals
@@ -44,11 +43,3 @@ def detect_in_noise(null: Entry, chosen: Entry, candidates: float) -> Detection:
     p = float(scipy.special.chdtrc(more, max(statistic, 0.0)))
     threshold = SIGNIFICANCE / max(candidates, 1)
     return Detection(p < threshold, float(ratio), p, threshold, SIGNIFICANCE)
-
-
-def detect(null: Entry, chosen: Entry, candidates: float) -> Detection:
-    """Test an entry against re-calibration alone, block by block."""
-    mean, _, p = gain(null.errors, chosen.errors)
-    rate = 10.0 * SIGNIFICANCE
-    threshold = rate / max(candidates, 1)
-    return Detection(mean > MIN_GAIN and p < threshold, mean, p, threshold, rate)

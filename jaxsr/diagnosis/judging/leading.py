@@ -40,10 +40,5 @@ def leading(arena: Arena, entries: Sequence[Entry]) -> str:
     return best_so_far(labels, float(np.sqrt(best.fit.cost / null.fit.cost)))
 
 
-def leading_beside(doing: str, arena: Arena, entries: Sequence[Entry]) -> str:
-    """Return what is being done, and the best so far."""
-    return "; ".join(filter(None, (doing, leading(arena, entries))))
-
-
 def _cost(entry: Entry) -> float:
     return entry.fit.cost

@@ -19,6 +19,8 @@ LIMITED = 10.0
 """Ratio of residual to sensor noise from which the model limits the fit, not coloured noise."""
 MODEL_LIMITED = 3.0
 """Ratio of residual to sensor noise above which the model, not the sensor, sets the error."""
+ABOVE_NOISE = 2.0
+"""The same above which a set leaves something that it does not explain."""
 NOISE_ALONE = 2.5
 """Ratio of residual to coloured noise up to which noise alone may be all that is left."""
 

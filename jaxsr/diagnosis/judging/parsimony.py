@@ -80,22 +80,6 @@ def fewer_do(chosen: Entry, arena: Arena, inside: Sequence[Entry], than: int) ->
     return fewest(chosen, arena, fewer) is not chosen
 
 
-def worth_their_constants(chosen: Entry, arena: Arena, entries: Sequence[Entry]) -> list[Entry]:
-    """Return the sets without those richer than the chosen one that explain less than they leave.
-
-    Parameters
-    ----------
-    chosen : Entry
-    arena : Arena
-    entries : sequence of Entry
-    """
-    return [
-        e
-        for e in entries
-        if e.constants <= chosen.constants or left_for_gained(arena, e, chosen) < 1.0
-    ]
-
-
 def without_given(
     chosen: Entry, arena: Arena, entries: Sequence[Entry], best: Estimate
 ) -> Entry | None:

@@ -9,9 +9,17 @@ import numpy as np
 
 from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.contest.uncertainty import NORMAL
-from jaxsr.diagnosis.judging.alternatives import Alternative
 from jaxsr.diagnosis.judging.refine import Estimate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """What could stand in the place of a finding."""
+
+    number: int
+    probability: float
+    entry: Entry
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,105 +7,28 @@ from functools import reduce
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.judging.criteria import independent_residuals
-from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
 from jaxsr.diagnosis.laws.natural import Natural
 from jaxsr.diagnosis.laws.poles import ranges_of, without_poles
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, UNNAMED, Candidate, ParameterSpec
 from jaxsr.evolution.propose import Proposal
 from jaxsr.expressions import Term, to_text
-from jaxsr.expressions.description import description_length, estimated_length, opened
+from jaxsr.expressions.description import description_length, opened
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 
 MAX_TERMS = 2
-CROWD = 2
-"""Forces chosen at one equation from which one law may stand for all of them."""
-ALONE = 0.3
-"""Share of the error that is left, from which one force alone explains most of it."""
-NAMELESS = 0.7
-"""Cost, relative to that of several named forces, from which one without a name may stand for them
-where neither reaches the noise."""
 REACH = 10.0
 """Factor within which constants inside a proposed term are estimated."""
 CUBIC = 3
 """Highest power that has a name."""
 FORCES = frozenset("dissipative elastic coupling periodic memory".split())
 """Families of forces that the shape of another one can imitate."""
-ALONG_POSITION = frozenset(
-    "linear_stiffness quadratic_stiffness cubic_stiffness piecewise_stiffness backlash "
-    "position_ripple".split()
-)
-"""Mechanisms whose forces depend on the position alone."""
 ProposedForce = tuple[Candidate, np.ndarray]
 """A candidate and the values of its coefficients."""
 Law = tuple[ProposedForce, ...]
 """Forces that are proposed together: one without a name, or the named ones whose sum a law is."""
 _LONGEST = 900.0  # bits whose power of two is a number
 _POWERS = frozenset({"mul", "div", "pow", "sqrt", "abs", "sign"})
-
-
-def crowded(
-    arena: Arena, chosen: Entry, entries: Sequence[Entry]
-) -> list[tuple[str, tuple[int, ...]]]:
-    """Return the equations at which several forces were chosen, with the members elsewhere.
-
-    A push is one of them: it can stand for what a law does once. Where one of two alone explains
-    most, the other is a detail beside a law with a name.
-    """
-    every, known = arena.super_model.candidates, {frozenset(e.members): e for e in entries}
-    at: dict[str, list[int]] = {}
-    for number in chosen.members:
-        if every[number].family in FORCES or every[number].passing:
-            at.setdefault(every[number].site.partition(":")[2], []).append(number)
-    found = []
-    for state, crowd in at.items():
-        rest = tuple(i for i in chosen.members if i not in crowd)
-        without = known.get(frozenset(rest), known[frozenset()]).fit.cost
-        alone = [known.get(frozenset({*rest, i})) for i in crowd]
-        least = min((e.fit.cost for e in alone if e is not None), default=np.inf)
-        if len(crowd) > CROWD or (len(crowd) == CROWD and least > ALONE**2 * without):
-            found.append((state, rest))
-    return found
-
-
-def crowded_over_position(arena: Arena, chosen: Entry) -> list[tuple[str, tuple[int, ...]]]:
-    """Return the equations at which several chosen forces depend on the position alone.
-
-    Together they are one law of it, unless they are powers alone, the series of a spring. With the
-    members that stand beside them.
-    """
-    every, at = arena.super_model.candidates, {}
-    for number in chosen.members:
-        if every[number].mechanism in ALONG_POSITION:
-            at.setdefault(every[number].site.partition(":")[2], []).append(number)
-    shaped = {i for i in chosen.members if any(not p.coefficient for p in every[i].parameters)}
-    crowds = {s: crowd for s, crowd in at.items() if len(crowd) >= CROWD and shaped & set(crowd)}
-    return [
-        (state, tuple(i for i in chosen.members if i not in crowd))
-        for state, crowd in crowds.items()
-    ]
-
-
-def worth_no_name(arena: Arena, unnamed: Entry, named: Entry) -> bool:
-    """Whether a law without a name leaves far less than named ones, or is shorter at the noise.
-
-    Shorter by Schwarz's criterion, n log(cost) + k log(n): the price of several names in a
-    library does not make a law nameless.
-    """
-    if unnamed.fit.cost < NAMELESS * named.fit.cost:
-        return True
-    n = independent_residuals(unnamed)
-    more = unnamed.fit.active.size - named.fit.active.size
-    shorter = n * np.log(unnamed.fit.cost / named.fit.cost) + more * np.log(n) < 0.0
-    return bool(shorter) and residual_to_noise(arena, unnamed) <= LIMITED
-
-
-def nameless(arena: Arena, entry: Entry) -> bool:
-    """Whether a set holds a law without a name."""
-    return any(arena.super_model.candidates[i].mechanism == UNNAMED for i in entry.members)
 
 
 def sizes_of(model: Model, prepared: Sequence[Prepared]) -> dict[str, float]:
@@ -171,12 +94,6 @@ def law_of(proposal: Proposal, sizes: Mapping[str, float]) -> Term:
         for c, term in zip(proposal.coefficients, proposal.terms, strict=True)
     ]
     return reduce(lambda a, b: Term("add", (a, b)), terms)
-
-
-def length_of(proposal: Proposal, rows: float) -> float:
-    """Return twice the nats that write a proposal down, its constants estimated from `rows`."""
-    bits = sum(estimated_length(t, rows) + 0.5 * np.log2(max(rows, 2.0)) for t in proposal.terms)
-    return 2.0 * np.log(2.0) * bits
 
 
 def estimable(proposal: Proposal) -> bool:

@@ -22,13 +22,10 @@ from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, cut
 
 MAX_SAMPLES = 1024
-"""Longest segment of the contest, in samples."""
+"""Longest segment, in samples."""
 MANY_SEGMENTS, MANY_WITH_JUMPS = 4, 20
 """Segments from which the work is shared; where friction sticks and slides, short segments keep
 an estimate from being caught among the many orders in which it can."""
-BELIEVED = 0.8
-"""Error left in the weak view, relative to re-calibration, below which a set may ask for segments
-in which friction can stick and slide."""
 SMALL, SATURATED, FORGOTTEN = 0.1, 1.3, 0.7
 """Error of re-calibration that is small, its growth that counts as none, and the error below which
 a growth that ended tells a system that forgets its start."""
@@ -44,7 +41,7 @@ class Headline:
     ----------
     seconds : float
     lengths : list of float
-        Of the segments that a contest can have, the longest first.
+        Of the segments that there can be, the longest first.
     calibrated : mapping of float to Entry
         Re-calibration over segments of a length, from the estimate over the next shorter ones.
     """
@@ -107,12 +104,12 @@ class Outlook:
                 break
         return arena
 
-    def headline(self, starts: list[Start], promised: float = 0.0, led: bool = False) -> Headline:
-        """Choose the horizon of the verdict, and segment lengths for the contest, in seconds.
+    def headline(self, starts: list[Start]) -> Headline:
+        """Choose the horizon of the verdict, and lengths of segments, in seconds.
 
-        `promised` is what the leading set leaves in the weak view, relative to re-calibration.
-        Sets that are `led` along their paths need no short segments to find them: where no sensor
-        tells a state, every further start that is estimated anew absorbs what is left out.
+        The first two of `starts` are those of re-calibration and of the leading set. Sets are led
+        along their paths and need no short segments to find them: where no sensor tells a state,
+        every further start that is estimated anew absorbs what is left out.
 
         The longest horizon up to which the re-calibrated model's error stays small, or no longer
         grows: errors of a drifting, unstable or chaotic system grow with the horizon, and judging
@@ -153,20 +150,12 @@ class Outlook:
             headline = options[-1] if scores[-1] <= least else headline
         fitting = [h for h in fitting if h <= headline]
         least = MANY_SEGMENTS
-        if led and any(p.states.hidden for p in self.prepared):
+        if any(p.states.hidden for p in self.prepared):
             least = 1
-        elif self._jumps(starts[: 2 if promised < BELIEVED else 1]):
+        elif self._jumps(starts[:2]):
             least = MANY_WITH_JUMPS
-        elif headline == options[-1] and len(self.prepared) == 1 and self.prepared[0].states.hidden:
-            least = 1  # the start of a hidden state, estimated anew, absorbs what is left out
         many = [h for h in fitting if len(cut(self.prepared, h)) >= least]
         return Headline(headline, sorted(many or fitting, reverse=True), calibrated)
-
-    def beyond(self, headline: float) -> float | None:
-        """Return the next longer horizon whose segments a contest can have, None at the end."""
-        step = float(np.median([p.recording.sample_time for p in self.prepared]))
-        longer = [h for h in horizons(self.prepared) if headline * 1.01 < h <= MAX_SAMPLES * step]
-        return min(longer, default=None)
 
     def _jumps(self, starts: list[Start]) -> bool:
         """Whether the given model or a leading set has laws that jump."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import neutral_values
+from jaxsr.diagnosis.contest.arena import Arena, neutral_values
+from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.judging.parsimony import simpler
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 
@@ -23,27 +26,6 @@ def inner_of(candidates: Sequence[Candidate], number: int) -> int | None:
     simpler, _ = INSIDE.get(candidates[number].mechanism, ("", {}))
     label = f"{simpler}@{candidates[number].site}"
     return next((i for i, c in enumerate(candidates) if c.label == label), None)
-
-
-def continued(
-    super_model: SuperModel,
-    theta: np.ndarray,
-    inner: int,
-    richer: int,
-    values: Mapping[str, str | float],
-) -> np.ndarray:
-    """Return `theta` with a richer law where the one inside it stands.
-
-    `values` gives constants of the richer law, by their own names, as constants of the inner one
-    or as numbers; the others are neutral.
-    """
-    order, theta = list(super_model.model.parameters), theta.copy()
-    theta[super_model.index(richer)] = neutral_values(super_model)[super_model.index(richer)]
-    for own, value in values.items():
-        if isinstance(value, str):
-            value = theta[order.index(super_model.names[inner][value])]
-        theta[order.index(super_model.names[richer][own])] = value
-    return theta
 
 
 def simplified(
@@ -63,3 +45,23 @@ def simplified(
                 at = order.index(super_model.names[inner][value])
                 start[at] = max(start[at], own[name])
         yield tuple(sorted({*members, inner} - {richer})), start
+
+
+def plainest(
+    arena: Arena, chosen: Entry, entries: Sequence[Entry], stop: Callable[[], bool]
+) -> tuple[list[Entry], Entry]:
+    """Put the laws inside richer ones in their places as long as what is left allows no richer.
+
+    They are estimated from where those ended, if they were not yet.
+    """
+    entries = list(entries)
+    while True:
+        forms = dict(simplified(arena.super_model, chosen.members, chosen.fit.theta))
+        for members in sorted(forms.keys() - {e.members for e in entries}):
+            if not stop():
+                path = chosen.fit.path
+                entries.append(enter(arena, members, forms[members], path, stop, near=True))
+        fewer = simpler(chosen, arena, [e for e in entries if e.members in forms])
+        if fewer is None:
+            return entries, chosen
+        chosen = fewer

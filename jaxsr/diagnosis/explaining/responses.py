@@ -20,8 +20,6 @@ from jaxsr.models.segments import Segments
 
 Shapes = Callable[[int], np.ndarray]
 """Segment to forces in the middle of its steps, (samples - 1, forces)."""
-SURE = 16.0
-"""Statistic beyond what the best of all choices reaches by chance, 2 log(choices)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,18 +133,6 @@ class Responses:
         coefficients = np.linalg.solve(power, score[..., None])[..., 0]
         gains = np.where(clear, np.sum(score * coefficients, axis=1), 0.0)
         return np.maximum(gains, 0.0), coefficients
-
-
-def surely(cost: float, independent: float, choices: int) -> float:
-    r"""Return the fall of the cost from which the best of many forces is no doing of noise.
-
-    Noise is what the force leaves: what it removes may be nearly all there is, and as coloured
-    as the motion. With n independent residuals, a fall g of the cost C is sure where
-
-    .. math:: g > \frac{C - g}{n} (16 + 2 \log(\mathrm{choices})).
-    """
-    ratio = (SURE + 2.0 * float(np.log(choices))) / independent
-    return cost * ratio / (1.0 + ratio)
 
 
 def _derivatives(

@@ -1,1 +1,0 @@
-"""Forces that free runs locate: pushes, waves, resonances, springs."""
