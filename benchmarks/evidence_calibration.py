@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks.evidence_plants import Dry, Plant, cart, drive, pendulum, two_mass
 from benchmarks.provenance import write
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
-from jaxsr.diagnosis.setup import screen_all
+from jaxsr.diagnosis.setup import seen_by
 from jaxsr.models.segments import Prepared
 
 SAMPLES, RECORDINGS = 200, 1
@@ -116,7 +116,7 @@ def judged(seed: int) -> dict[str, Any]:
     start = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = posterior(simulator.model, prepared, screen_all(simulator, prepared))
+        found = posterior(simulator.model, prepared, seen_by(simulator, prepared))
     seconds = round(time.process_time() - start, 1)
     row = {"seed": seed, "states": len(plant.start) * 2, "truth": label, "cpu_seconds": seconds}
     if found is None:

@@ -13,13 +13,13 @@ import scipy.stats
 
 from jaxsr._progress import Budget
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.refine import Estimate, named_super_model
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
 from jaxsr.models import Model, Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared

@@ -24,10 +24,6 @@ from benchmarks.figure_parts import (
     some,
     white,
 )
-from jaxsr.diagnosis.contest.arena import neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.scoring import free_run
-from jaxsr.diagnosis.contest.uncertainty import sensitivities
 from jaxsr.diagnosis.explaining.acting import where_acting
 from jaxsr.diagnosis.explaining.detectable import detectable_rows
 from jaxsr.diagnosis.explaining.evidence import noise_floor
@@ -38,6 +34,10 @@ from jaxsr.diagnosis.explaining.wrong_values import frozen
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.external import push
 from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.shooting.arena import neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.scoring import free_run
+from jaxsr.diagnosis.shooting.uncertainty import sensitivities
 from jaxsr.models import Model, Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared

@@ -22,7 +22,7 @@ import numpy as np
 
 import benchmarks.frictional_machines as frictional
 import benchmarks.saturated_machines as saturated
-import jaxsr.diagnosis.contest.converters as converters
+import jaxsr.diagnosis.shooting.converters as converters
 from benchmarks.planted import (
     Task,
     answered_with_values,

@@ -44,9 +44,9 @@ from jaxsr.datasets import fetch
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.result import Diagnosis
-from jaxsr.diagnosis.screening.weak_grid import WeakGrid
-from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.diagnosis.setup import prepare, state_scale
+from jaxsr.diagnosis.weak.weak_grid import WeakGrid
+from jaxsr.diagnosis.weak.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 from jaxsr.views import WeakView

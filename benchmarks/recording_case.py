@@ -12,13 +12,13 @@ import jax
 import numpy as np
 
 import jaxsr
-from jaxsr.diagnosis.contest.arena import build_arena
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.contest.scoring import free_run
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.result import Diagnosis
 from jaxsr.diagnosis.setup import prepare
+from jaxsr.diagnosis.shooting.arena import build_arena
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.integration import choose_stepping
+from jaxsr.diagnosis.shooting.scoring import free_run
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 

@@ -29,13 +29,13 @@ from benchmarks.real_recordings import HALF_WIDTH, ROOT, SEED
 from jaxsr._files import atomic_write_text, dump_json
 from jaxsr._result import InputError
 from jaxsr.datasets import fetch
-from jaxsr.diagnosis.contest.arena import neutral_values, parameter_bounds
-from jaxsr.diagnosis.contest.enter import active_parameters
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.screening.weak_grid import WeakGrid
-from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
 from jaxsr.diagnosis.setup import prepare, state_scale
+from jaxsr.diagnosis.shooting.arena import neutral_values, parameter_bounds
+from jaxsr.diagnosis.shooting.enter import active_parameters
+from jaxsr.diagnosis.weak.weak_grid import WeakGrid
+from jaxsr.diagnosis.weak.weak_system import WeakSystem, weak_system
 
 RESULT = Path(__file__).parent / "results" / "ur10e_arm.json"
 FILES = ("ur10e_ident.csv", "ur10e_unloaded.csv", "ur10e_ptp.csv")

@@ -9,10 +9,6 @@ import numpy as np
 from diagnosis_systems import on_an_axis
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.judging.criteria import independent_residuals
 from jaxsr.diagnosis.judging.detection import detect_in_noise
 from jaxsr.diagnosis.judging.plausible import plausible
@@ -23,6 +19,10 @@ from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.setup import state_scale
+from jaxsr.diagnosis.shooting.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.integration import choose_stepping
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording

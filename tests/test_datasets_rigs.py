@@ -27,8 +27,8 @@ from jaxsr.datasets.bam_xl330 import FULL_DUTY
 from jaxsr.datasets.mjcf import read_leg
 from jaxsr.datasets.tx40 import EVERY, OFFSET, REDUCTION
 from jaxsr.datasets.tx40 import make as make_tx40
-from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.contest.scoring import free_run
+from jaxsr.diagnosis.shooting.integration import choose_stepping
+from jaxsr.diagnosis.shooting.scoring import free_run
 from jaxsr.models import Simulator
 from jaxsr.models.field import Field, Point
 from jaxsr.models.reading import parse_model

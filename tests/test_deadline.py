@@ -15,12 +15,12 @@ from jaxsr._deadline import OutOfTime, ask, limited, unlimited
 from jaxsr._files import dump_json
 from jaxsr._progress import Budget, Silent
 from jaxsr.diagnosis import diagnose
-from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.tangent import _finite
 from jaxsr.diagnosis.explaining.value_findings import expected_weight, weight_of_value
 from jaxsr.diagnosis.failures import Failures
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.tangent import _finite
 from jaxsr.discovery import affordable
 from jaxsr.discovery.affordable import evenly
 from jaxsr.discovery.samples import roles

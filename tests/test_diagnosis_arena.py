@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from diagnosis_systems import ARM, DEMO, simulator_of
 
-from jaxsr.diagnosis.contest.arena import MARGIN, Arena, build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.setup import prepare, state_scale
+from jaxsr.diagnosis.shooting.arena import MARGIN, Arena, build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
 from jaxsr.models import Model, Simulator, parse_model
 from jaxsr.models.lifting import closed
 from jaxsr.models.rollout import Stepping

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from jaxsr.diagnosis.contest.blocks import correlation_length
-from jaxsr.diagnosis.contest.converters import Converters, independent_samples, steps_of
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.explaining.coarse import coarse_sensors, rounded_reading
 from jaxsr.diagnosis.judging.detection import detect_in_noise
+from jaxsr.diagnosis.shooting.blocks import correlation_length
+from jaxsr.diagnosis.shooting.converters import Converters, independent_samples, steps_of
+from jaxsr.diagnosis.shooting.entry import Entry
 from jaxsr.expressions import evaluate
 from jaxsr.models import Simulator, apply_edit, parse_model
 from jaxsr.models.least_squares import Fit

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from jaxsr.diagnosis.contest.colour import colour, independent
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.detection import detect_in_noise
 from jaxsr.diagnosis.judging.noise_ratio import NOISE_ALONE, residual_to_noise
+from jaxsr.diagnosis.shooting.colour import colour, independent
+from jaxsr.diagnosis.shooting.entry import Entry
 from jaxsr.models import parse_model
 from jaxsr.models.least_squares import Fit
 

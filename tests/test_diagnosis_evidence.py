@@ -13,7 +13,7 @@ import pytest
 from jaxsr._progress import Budget
 from jaxsr.diagnosis.explaining.document import _in_time
 from jaxsr.diagnosis.explaining.evidence import Forces, force_errors
-from jaxsr.diagnosis.screening.weak_system import WeakSystem
+from jaxsr.diagnosis.weak.weak_system import WeakSystem
 from jaxsr.models import parse_model
 
 MODEL = parse_model(

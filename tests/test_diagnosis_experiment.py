@@ -11,14 +11,14 @@ import pytest
 from diagnosis_systems import CART
 
 from jaxsr._progress import Budget
-from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.reduced import lean
 from jaxsr.diagnosis.explaining import experiment
 from jaxsr.diagnosis.explaining.experiment import _shapes, best_experiment
 from jaxsr.diagnosis.judging.weights import Alternative
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.reduced import lean
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.lifting import closed
 from jaxsr.models.rollout import Stepping

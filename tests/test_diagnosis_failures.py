@@ -10,9 +10,9 @@ import pytest
 from jaxsr._progress import Silent
 from jaxsr._result import InputError
 from jaxsr.diagnosis import diagnose
-from jaxsr.diagnosis.contest.tangent import _finite
 from jaxsr.diagnosis.failures import Failures, unsimulable
 from jaxsr.diagnosis.setup import prepare_data
+from jaxsr.diagnosis.shooting.tangent import _finite
 from jaxsr.models import Simulator, parse_model
 from jaxsr.recordings import Recording
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.contest.arena import neutral_values
-from jaxsr.diagnosis.contest.scoring import horizons
+from jaxsr.diagnosis.calibrating.horizon import Outlook
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.horizon import Outlook
+from jaxsr.diagnosis.shooting.arena import neutral_values
+from jaxsr.diagnosis.shooting.scoring import horizons
 from jaxsr.models import Model, Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared

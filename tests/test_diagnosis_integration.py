@@ -8,29 +8,27 @@ import numpy as np
 import pytest
 from diagnosis_systems import on_an_axis, simulator_of
 
-from jaxsr.diagnosis.contest.arena import Arena, build_arena, in_steps_of, neutral_values
-from jaxsr.diagnosis.contest.enter import ITERATIONS, enter
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.integration import (
+from jaxsr.diagnosis.judging.plausible import STEEPEST, plausible, sound_members
+from jaxsr.diagnosis.mechanisms.dissipative import dissipative
+from jaxsr.diagnosis.mechanisms.elastic import elastic
+from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import Arena, build_arena, in_steps_of, neutral_values
+from jaxsr.diagnosis.shooting.enter import ITERATIONS, enter
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.integration import (
     FINEST,
     STABLE,
     TOLERABLE,
     _substeps,
     accurate,
-    rounded_share,
     steady,
     with_steps,
 )
-from jaxsr.diagnosis.contest.reduced import reduce
-from jaxsr.diagnosis.contest.uncertainty import half_widths
-from jaxsr.diagnosis.judging.plausible import plausible, sound_members
-from jaxsr.diagnosis.mechanisms.dissipative import dissipative
-from jaxsr.diagnosis.mechanisms.elastic import elastic
-from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.screening.screen import STEEPEST
+from jaxsr.diagnosis.shooting.reduced import reduce
+from jaxsr.diagnosis.shooting.uncertainty import half_widths
 from jaxsr.models import Simulator, parse_model
-from jaxsr.models.lifting import carried_errors, readings_along
+from jaxsr.models.lifting import carried_errors
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -157,29 +155,6 @@ def test_recalibration_is_not_charged_with_steps_that_are_too_few(seed: int) -> 
     quick = build_arena(super_model, prepared, Stepping("rk4", 1), None, scale, own)
     glance = enter(quick, (), neutral_values(super_model), max_iterations=ITERATIONS - 1)
     assert glance.fit.cost > 1.1 * fine[0]
-
-
-def test_a_jump_rounded_wrongly_takes_the_share_of_the_cost_that_its_width_would() -> None:
-    """Readings of a law twice as soft: all but a little of what is left goes with its width."""
-    arena, null = arena_of(0, Stepping("rk4", 1))
-    entry = enter(arena, (0,), null.fit.theta, null.fit.path, fit_widths=False)
-    reduced = reduce(arena.problem, arena.super_model, (0,))
-    own = with_steps(reduced.problem, "rk4", 8)
-    theta, path = entry.fit.theta[reduced.parameters], entry.fit.path
-    assert path is not None
-    y, _ = readings_along(own.simulator, own.stepping, own.segments, theta, path)
-    softer = tuple(2.0 * w for w in own.stepping.widths)
-    settings = [
-        (replace(own.stepping, widths=w), own.segments) for w in (softer, own.stepping.widths)
-    ]
-    other = y - carried_errors(own.simulator, settings[0], settings[1], theta, path)
-    shares = []
-    for noise in (0.0, NOISE):
-        measured = other + noise * np.random.default_rng(1).normal(size=other.shape)
-        problem = replace(own, segments=replace(own.segments, outputs=measured))
-        shares.append(rounded_share(problem, theta, path))
-    assert shares[0] > 0.9
-    assert shares[1] < 0.1
 
 
 def test_a_peak_above_three_times_the_friction_counts_where_the_data_allow_less() -> None:

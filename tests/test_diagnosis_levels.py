@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,14 +10,14 @@ import pytest
 from diagnosis_systems import TANKS
 
 from jaxsr import diagnose
-from jaxsr.diagnosis.contest.arena import neutral_values
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.reduced import STIFF_STEPS, lean
 from jaxsr.diagnosis.judging.plausible import plausible
 from jaxsr.diagnosis.mechanisms.elastic import elastic
 from jaxsr.diagnosis.mechanisms.memory import overflows
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import neutral_values
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.reduced import STIFF_STEPS, lean
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.rollout import Stepping
@@ -90,7 +89,7 @@ def test_an_estimate_may_end_at_a_hard_edge_and_at_no_other_bound() -> None:
     assert not plausible(arena, entry_at(super_model, (0,), ko=0.0, xo=7.0))
     far = super_model.candidates[0].parameters[1].high
     assert not plausible(arena, entry_at(super_model, (0,), ko=0.5 * highest, xo=far))
-    assert not plausible(arena, replace(inside, errors=np.full(12, np.inf)))
+    assert not plausible(arena, inside.lost())
 
 
 def test_an_edge_is_as_hard_whatever_the_cross_section() -> None:

@@ -9,13 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis import diagnose
-from jaxsr.diagnosis.screening.many_equations import (
-    _basis,
-    _Search,
-    many_equations,
-    screen_each,
-)
-from jaxsr.diagnosis.setup import Screened, prepare, screen_all
+from jaxsr.diagnosis.setup import prepare
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.lifting import closed
 from jaxsr.models.rollout import Stepping
@@ -110,77 +104,6 @@ LEFT_OUT = {
     "quadratic_drag@equation:v2": ("kd", 1.5),
     "coulomb_friction@equation:v4": ("Fc", 0.8),
 }
-
-
-def screened(force: Force, seed: int) -> Screened:
-    found = screen_all(CHAIN, prepare(CHAIN.model, [moved(force, seed)]))
-    assert found is not None
-    return found
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [0, 1])
-def test_what_acts_at_several_of_many_equations_is_found_and_nothing_else(seed: int) -> None:
-    found = screened(left_out, seed)
-    leading, model = found.screening.sets[0], found.super_model
-    assert many_equations(found.system)
-    assert {model.candidates[i].label for i in leading.members} == set(LEFT_OUT)
-    for i in leading.members:
-        name, value = LEFT_OUT[model.candidates[i].label]
-        assert model.own_values(i, leading.values)[name] == pytest.approx(value, rel=0.05)
-    assert leading.error < 0.05 * found.screening.empty.error
-    lacking = [s for s in found.screening.sets if len(s.members) == len(leading.members) - 1]
-    assert len(lacking) == len(leading.members)
-    assert all(s.error > leading.error for s in lacking)
-
-
-@pytest.mark.long
-def test_screening_ends_with_what_it_has_when_its_time_does() -> None:
-    """Each of hundreds of candidates is held against every member: that may take all of it."""
-    found = screened(left_out, 0)
-    asked = iter([False, False])  # time for two mechanisms of the three
-
-    def stop() -> bool:
-        return next(asked, True)
-
-    ended = screen_each(found.system, found.super_model, stop).sets
-    labels = [{found.super_model.candidates[i].label for i in s.members} for s in ended]
-    assert len(labels) == 2
-    assert len(labels[0]) == 2
-    assert labels[0] < set(LEFT_OUT)
-    assert labels[1] == set()
-    assert ended[0].error < ended[1].error
-
-
-@pytest.mark.slow
-def test_nothing_is_found_where_nothing_is_left_out() -> None:
-    """No alarm in 5 draws: a rate above 45 % would show with a probability of 95 %."""
-    for seed in range(5):
-        sets = screened(lambda mass, v: 0.0, seed).screening.sets
-        assert [s.members for s in sets] == [()]
-
-
-@pytest.mark.long
-def test_gain_is_that_of_least_squares_without_a_block() -> None:
-    found = screened(left_out, 2)
-    search = _Search(found.system, found.super_model)
-    gains = {number: gain for gain, number in search.gains(())}
-    number = max(gains, key=lambda i: gains[i])
-    assert len(search.index[number]) == len(found.super_model.candidates[number].parameters) == 1
-    _, scale = search.estimate(())
-    weight = (1.0 / scale)[search.row][:, None]
-    basis = _basis(found.system.jacobian[:, search.base] * weight)
-    r = found.system.residual * weight[:, 0]
-    c = found.system.jacobian[:, search.index[number]] * weight
-    r, c = r - basis @ (basis.T @ r), c - basis @ (basis.T @ c)
-    left = np.empty_like(r)
-    for block in range(search.blocks):
-        inside = search.block == block
-        value = -np.linalg.lstsq(c[~inside], r[~inside], rcond=None)[0]
-        left[inside] = (r + c @ value)[inside]
-    rows = [search.row == k for k in range(COUNT)]
-    fall = [np.log(np.sum(r[k] ** 2) / np.sum(left[k] ** 2)) for k in rows]
-    assert gains[number] == pytest.approx(np.sum(fall), rel=1e-6)
 
 
 @pytest.mark.long

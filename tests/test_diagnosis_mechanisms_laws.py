@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from diagnosis_systems import ARM as ARM_FILE
 from diagnosis_systems import SPRUNG, STIFF
+from weak_singles import best_of
 
+from benchmarks.concealed.weak_columns import WeakColumns, with_candidates
 from jaxsr.diagnosis.likelihood.posterior import posterior
 from jaxsr.diagnosis.mechanisms import (
     FAMILIES,
@@ -19,10 +21,9 @@ from jaxsr.diagnosis.mechanisms import (
 from jaxsr.diagnosis.mechanisms.actuator import actuator
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.screening.columns import WeakColumns, with_candidates
-from jaxsr.diagnosis.screening.weak_grid import WeakGrid
-from jaxsr.diagnosis.screening.weak_system import weak_system
-from jaxsr.diagnosis.setup import prepare, screen_all
+from jaxsr.diagnosis.setup import Seen, prepare, seen_by
+from jaxsr.diagnosis.weak.weak_grid import WeakGrid
+from jaxsr.diagnosis.weak.weak_system import weak_system
 from jaxsr.models import Model, Simulator, apply_edit, model_text, parse_model, read_model
 from jaxsr.recordings import Recording
 
@@ -192,23 +193,19 @@ def recording(added=lambda q, v, t: 0.0, frequency: float = 0.0, seed: int = 1) 
     return Recording("one.csv", TIME, {"u": u(TIME), "y": x[0] + noise})
 
 
-def screened(item: Recording):
+def seen(item: Recording) -> Seen:
     model = parse_model(SPRUNG)
-    found = screen_all(Simulator(model), prepare(model, [item]))
+    found = seen_by(Simulator(model), prepare(model, [item]))
     assert found is not None
     return found
 
 
 def offered(item: Recording) -> list[Candidate]:
-    return list(screened(item).super_model.candidates)
+    return list(seen(item).candidates)
 
 
 def best_single(item: Recording) -> tuple[str, dict[str, float]]:
-    found = screened(item)
-    single = min((s for s in found.screening.sets if len(s.members) == 1), key=lambda s: s.error)
-    number = single.members[0]
-    candidate = found.super_model.candidates[number]
-    return candidate.label, found.super_model.own_values(number, single.values)
+    return best_of(parse_model(SPRUNG), seen(item))
 
 
 def test_columns_evaluated_alone_are_those_of_the_differentiated_model():

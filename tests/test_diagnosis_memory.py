@@ -9,10 +9,6 @@ import pytest
 from diagnosis_systems import ARM
 from memory_plants import GIVEN, PLANTS, STEP, arena_of, contest, winner
 
-from jaxsr.diagnosis.contest.arena import Arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.reduced import reduce
-from jaxsr.diagnosis.contest.uncertainty import half_widths, sensitivities
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.memory import (
     RESOLVED,
@@ -25,6 +21,10 @@ from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
 from jaxsr.diagnosis.setup import state_scale
+from jaxsr.diagnosis.shooting.arena import Arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.reduced import reduce
+from jaxsr.diagnosis.shooting.uncertainty import half_widths, sensitivities
 from jaxsr.expressions import parse, to_numpy
 from jaxsr.models import Model, Simulator, apply_edit, parse_model, read_model
 from jaxsr.models.rollout import Stepping, outputs

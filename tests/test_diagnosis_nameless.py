@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnosis_systems import CART, TWO_MASSES
+from diagnosis_systems import CART, TANKS, TWO_MASSES
 from scipy.integrate import solve_ivp
 
 from jaxsr import diagnose
@@ -82,3 +82,26 @@ def test_damping_by_the_square_of_the_way_is_no_friction_that_jumps():
     train = found.fit["train"]
     assert train["explained"][-1] < 0.5 * train["recalibrated"][-1]
     assert error < 1.5 * train["explained"][-1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
+def test_an_outflow_of_another_law_is_said_to_have_no_name(seed: int) -> None:
+    """The lower tank empties by 0.05*sqrt(h) + 0.01*h; the upper level is not measured."""
+    rng = np.random.default_rng(seed)
+    drive = np.repeat(rng.uniform(0.5, 4.5, 50), 12)
+    upper, lower, level, fine = 4.0, 4.0, np.empty(drive.size), 40
+    for k, u in enumerate(drive):
+        level[k] = lower
+        for _ in range(fine):
+            flow = 0.06 * np.sqrt(upper)
+            upper += (0.065 * u - flow) * 4.0 / fine
+            lower += (flow - 0.05 * np.sqrt(lower) - 0.01 * lower) * 4.0 / fine
+    y = level + 0.01 * rng.normal(size=level.size)
+    recording = Recording("run.csv", 4.0 * np.arange(drive.size), {"u": drive, "y": y})
+    found = diagnose(Simulator(parse_model(TANKS)), [recording], seed=0)
+    assert found.verdict == "structure"
+    named = {(row["mechanism"], row["site"]) for row in found.findings}
+    assert ("unnamed", "equation:h2") in named
+    train = found.fit["train"]
+    assert train["explained"][-1] < 0.3 * train["recalibrated"][-1]

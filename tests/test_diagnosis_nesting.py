@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from diagnosis_systems import STIFF
 
+from jaxsr.diagnosis.judging.nesting import INSIDE
 from jaxsr.diagnosis.mechanisms import force_candidates
-from jaxsr.diagnosis.search.nesting import INSIDE
 from jaxsr.models import Model, Simulator, apply_edit, parse_model
 
 SCALE = {"q": np.linspace(-2.0, 2.0, 21), "v": np.linspace(-2.0, 2.0, 21)}

@@ -10,9 +10,9 @@ import pytest
 from benchmarks.planted import misjudged, within
 from benchmarks.saturated_machines import MACHINES
 from jaxsr.diagnosis import diagnose
-from jaxsr.diagnosis.contest.converters import BITS, finest_noise
 from jaxsr.diagnosis.likelihood.scales import LOUDEST, Scales
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
+from jaxsr.diagnosis.shooting.converters import BITS, finest_noise
 from jaxsr.models import Simulator
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings.converter import uniform_variance

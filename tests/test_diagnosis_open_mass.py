@@ -76,21 +76,20 @@ def test_sentences_of_an_open_search_do_not_blame_the_recordings() -> None:
     assert "cannot tell" not in first_screen(document)
 
 
-def test_what_promises_but_is_not_estimated_stays_open() -> None:
+def test_what_was_not_asked_about_stays_open() -> None:
     model = parse_model(RAIL)
     scale = {"q": np.linspace(-1.0, 1.0, 21), "v": np.linspace(-2.0, 2.0, 21)}
     super_model = SuperModel.build(model, force_candidates(model, scale)[:6])
     labels = list(dict.fromkeys(c.label for c in super_model.candidates))
     null, record = SimpleNamespace(members=(), fit=SimpleNamespace(usable=True)), Compared()
-    record.tell(super_model, range(len(super_model.candidates)))
-    record.leave(super_model, [0])
-    table = {p.name: p for p in record.proposals([super_model], [null], null)}
+    record.tell(labels[1:])
+    table = {p.name: p for p in record.proposals(super_model.candidates, [null])}
     assert not table[labels[0]].compared
     assert all(table[name].compared for name in labels[1:])
     # stages that were not reached are open as well
     assert not table[UNNAMED].compared
     record.reach(UNNAMED)
-    again = record.proposals([super_model], [null], null)
+    again = record.proposals(super_model.candidates, [null])
     assert {p.name: p.compared for p in again}[UNNAMED]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from jaxsr._result import Verdict
+from jaxsr.diagnosis.calibrating import nesting
 from jaxsr.diagnosis.judging import parsimony
 from jaxsr.diagnosis.judging.parsimony import (
     fewer_do,
@@ -17,7 +18,6 @@ from jaxsr.diagnosis.judging.parsimony import (
     simpler,
     without_given,
 )
-from jaxsr.diagnosis.search import nesting
 
 GIVEN = {"J": 0.02, "Fc": 0.0, "kt": 0.0}
 FRICTION, VALUE, DRIFT = 0, 1, 2

@@ -6,15 +6,15 @@ import jax
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.contest.uncertainty import half_widths
 from jaxsr.diagnosis.mechanisms import sites_of
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.play import play
 from jaxsr.diagnosis.mechanisms.springs import springs_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.integration import choose_stepping
+from jaxsr.diagnosis.shooting.uncertainty import half_widths
 from jaxsr.expressions import to_text
 from jaxsr.models import Model, Simulator, apply_edit, parse_model
 from jaxsr.models.segments import Prepared

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from diagnosis_systems import SPRUNG, simulator_of, sprung_recording
 
-from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.calibrating.horizon import Headline
+from jaxsr.diagnosis.calibrating.opening import _recalibrated
 from jaxsr.diagnosis.judging.noise_ratio import ABOVE_NOISE, in_noise, residual_to_noise
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.horizon import Headline
-from jaxsr.diagnosis.search.opening import _recalibrated
 from jaxsr.diagnosis.setup import prepare
+from jaxsr.diagnosis.shooting.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
 from jaxsr.models import parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.recordings import Recording

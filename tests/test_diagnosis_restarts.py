@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
+from jaxsr.diagnosis.calibrating.restarts import Restarts, design, touched
 from jaxsr.diagnosis.explaining.bounds import bound_rows
 from jaxsr.diagnosis.explaining.recalibrating import not_worse
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.restarts import Restarts, design, touched
 from jaxsr.diagnosis.setup import prepare
+from jaxsr.diagnosis.shooting.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.recordings import Recording

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_systems import simulator_of
 
-from jaxsr.diagnosis.contest.scoring import FreeRun, free_run, horizons
+from jaxsr.diagnosis.shooting.scoring import FreeRun, free_run, horizons
 from jaxsr.models import Model, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from diagnosis_systems import SPRUNG, simulator_of, sprung_recording
 
-from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.uncertainty import sensitivities
 from jaxsr.diagnosis.mechanisms import force_candidates, sensor_candidates
 from jaxsr.diagnosis.mechanisms.candidate import UNNAMED
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import prepare, state_scale
+from jaxsr.diagnosis.shooting.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.uncertainty import sensitivities
 from jaxsr.models import parse_model
 from jaxsr.models.rollout import Stepping
 
@@ -71,7 +71,7 @@ def test_what_the_sensors_see_of_a_mechanism_does_not_depend_on_its_company(
     centre = entered(arena, "cubic_stiffness")
     tables = []
     for together in (1, 3, 100):
-        monkeypatch.setattr("jaxsr.diagnosis.contest.tangent.TOGETHER", together)
+        monkeypatch.setattr("jaxsr.diagnosis.shooting.tangent.TOGETHER", together)
         tables.append(sensitivities(arena, centre.fit, centre.members))
     one, three, every = tables
     assert one.candidates == every.candidates == tuple(i for i in range(len(KINDS)) if i != 0)

@@ -15,13 +15,13 @@ from jaxsr._progress import Budget
 from jaxsr._result import StoppedBy, Verdict
 from jaxsr.diagnosis import diagnose
 from jaxsr.diagnosis import settled as module
-from jaxsr.diagnosis.contest.widths import WIDEST
 from jaxsr.diagnosis.decision import Decision
 from jaxsr.diagnosis.explanations import explanations, unnamed, weights_of
 from jaxsr.diagnosis.judging.weights import Weights
 from jaxsr.diagnosis.likelihood.posterior import Posterior, WrongValue
 from jaxsr.diagnosis.mechanisms.candidate import UNNAMED
 from jaxsr.diagnosis.settled import answered, plainest
+from jaxsr.diagnosis.shooting.widths import WIDEST
 from jaxsr.diagnosis.verdict import Claim, Costs, Explanation, claimed
 from jaxsr.models import Simulator, parse_model
 from tests.test_likelihood_search import MODEL, recorded

@@ -9,15 +9,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxsr
-from jaxsr.diagnosis.contest import enter as entering
-from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
-from jaxsr.diagnosis.contest.carried import starts_told
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import told_starts
-from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import input_samples, prepare, state_scale
+from jaxsr.diagnosis.shooting import enter as entering
+from jaxsr.diagnosis.shooting.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.shooting.carried import starts_told
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import told_starts
+from jaxsr.diagnosis.shooting.integration import choose_stepping
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.least_squares import Fit
 from jaxsr.recordings import Recording

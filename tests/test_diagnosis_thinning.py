@@ -13,10 +13,6 @@ from scipy.signal import lfilter, lsim
 
 from jaxsr._progress import Budget
 from jaxsr.diagnosis import diagnose, thinning
-from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.reduced import lean
-from jaxsr.diagnosis.contest.scoring import free_run
 from jaxsr.diagnosis.explaining import whole_runs as explaining_runs
 from jaxsr.diagnosis.explaining.whole_runs import whole_horizons, whole_runs
 from jaxsr.diagnosis.judging import whole as judging_whole
@@ -25,6 +21,10 @@ from jaxsr.diagnosis.judging.whole import chunks, over_all
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.memory import actuator_lags
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.reduced import lean
+from jaxsr.diagnosis.shooting.scoring import free_run
 from jaxsr.diagnosis.thinning import MOST, Whole, prepare_search, spread
 from jaxsr.models import Simulator, model_text, parse_model
 from jaxsr.models.rollout import Stepping

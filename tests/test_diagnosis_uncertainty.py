@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.uncertainty import spread_over_blocks
+from jaxsr.diagnosis.shooting.uncertainty import spread_over_blocks
 
 
 def estimate(

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.uncertainty import unseen
 from jaxsr.diagnosis.judging.refine import Ground, refine
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.uncertainty import unseen
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared

@@ -10,8 +10,8 @@ import pytest
 from diagnosis_systems import ARM, RAIL
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.screening.weak_grid import WeakGrid
-from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
+from jaxsr.diagnosis.weak.weak_grid import WeakGrid
+from jaxsr.diagnosis.weak.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator, parse_model, read_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording

@@ -9,7 +9,11 @@ import pytest
 from diagnosis_systems import RAIL
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.contest.arena import (
+from jaxsr.diagnosis.judging.plausible import plausible
+from jaxsr.diagnosis.judging.refine import Ground, refine, without_width
+from jaxsr.diagnosis.mechanisms import force_candidates
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import (
     Arena,
     build_arena,
     in_steps_of,
@@ -17,15 +21,11 @@ from jaxsr.diagnosis.contest.arena import (
     neutral_values,
     with_rounded_jumps,
 )
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.contest.widths import BEGIN, fitted_widths, promised
-from jaxsr.diagnosis.contest.widths import width_of as width_of_law
-from jaxsr.diagnosis.judging.plausible import plausible
-from jaxsr.diagnosis.judging.refine import Ground, refine, without_width
-from jaxsr.diagnosis.mechanisms import force_candidates
-from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.integration import choose_stepping
+from jaxsr.diagnosis.shooting.widths import BEGIN, fitted_widths, promised
+from jaxsr.diagnosis.shooting.widths import width_of as width_of_law
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from diagnosis_systems import CART
 
-from jaxsr.diagnosis.contest.uncertainty import Sensitivities
 from jaxsr.diagnosis.explaining import experiment
 from jaxsr.diagnosis.explaining.experiment import next_experiment
 from jaxsr.diagnosis.explaining.explain import Weight, confusable_rows, in_figures, sentence_of
 from jaxsr.diagnosis.judging.weights import Alternative
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.uncertainty import Sensitivities
 from jaxsr.models import Simulator, parse_model
 from jaxsr.report.evidence import Trajectory
 from jaxsr.report.fit_tables import Role, figures_at_a_glance, fit_groups

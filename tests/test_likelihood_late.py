@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from jaxsr.diagnosis.likelihood.local import _shown, linearised
 from jaxsr.diagnosis.likelihood.posterior import posterior
-from jaxsr.diagnosis.setup import screen_all
+from jaxsr.diagnosis.setup import seen_by
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.lifting import readings_along
 from jaxsr.models.rollout import Stepping
@@ -148,7 +148,7 @@ def moving(
 def test_a_late_sensor_is_found_though_a_force_imitates_it(seed: int, delay: float) -> None:
     rng, simulator = np.random.default_rng(seed), Simulator(parse_model(PENDULUM))
     prepared = [Prepared.build(simulator.model, moving(rng, delay)) for _ in range(2)]
-    found = posterior(simulator.model, prepared, screen_all(simulator, prepared))
+    found = posterior(simulator.model, prepared, seen_by(simulator, prepared))
     assert found is not None and found.leader.share == 0.0
     (number,) = found.leader.members
     assert found.candidates[number].label == "sensor_delay@output:angle"
@@ -165,7 +165,7 @@ def test_a_clock_of_its_own_is_found(skew: float) -> None:
     """
     rng, simulator = np.random.default_rng(0), Simulator(parse_model(PENDULUM))
     prepared = [Prepared.build(simulator.model, moving(rng, 0.0, skew, 1e-3)) for _ in range(2)]
-    found = posterior(simulator.model, prepared, screen_all(simulator, prepared))
+    found = posterior(simulator.model, prepared, seen_by(simulator, prepared))
     assert found is not None and found.leader.share == 0.0
     (number,) = found.leader.members
     assert found.candidates[number].label == "clock_skew@output:angle"

@@ -23,7 +23,7 @@ from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.setup import screen_all
+from jaxsr.diagnosis.setup import seen_by
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording
@@ -70,7 +70,7 @@ def searched(seed: int, force, k: float = 6.0) -> Posterior:
     rng = np.random.default_rng(seed)
     simulator = Simulator(parse_model(MODEL))
     prepared = [Prepared.build(simulator.model, recorded(rng, force, k)) for _ in range(2)]
-    found = posterior(simulator.model, prepared, screen_all(simulator, prepared))
+    found = posterior(simulator.model, prepared, seen_by(simulator, prepared))
     assert found is not None
     return found
 

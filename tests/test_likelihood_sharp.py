@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from benchmarks.evidence_plants import Dry, cart, drive
-from jaxsr.diagnosis.contest.integration import with_steps
 from jaxsr.diagnosis.likelihood import hypotheses, local, rounding
 from jaxsr.diagnosis.likelihood.loop import begun, search
 from jaxsr.diagnosis.likelihood.posterior import posterior
@@ -18,6 +17,7 @@ from jaxsr.diagnosis.likelihood.workspace import Workspace, in_columns
 from jaxsr.diagnosis.mechanisms import force_candidates
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import state_scale
+from jaxsr.diagnosis.shooting.integration import with_steps
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import Recording

@@ -12,10 +12,11 @@ import pytest
 
 from jaxsr._result import StoppedBy
 from jaxsr.diagnosis import settled
-from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.decision import Decision
 from jaxsr.diagnosis.judging.detection import Detection
 from jaxsr.diagnosis.likelihood import loop
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
+from jaxsr.diagnosis.shooting.entry import Entry
 
 PLAIN = 12
 """Candidates; the last is what the force stands for."""
@@ -60,16 +61,16 @@ def test_where_there_is_no_force_candidates_come_by_their_promise() -> None:
     assert additions(0.0) == list(range(PLAIN))
 
 
-def decision(left: float, detected: bool) -> settled.Settled:
+def decision(left: float, detected: bool) -> Decision:
     """A decision whose set leaves a share of what re-calibration leaves."""
     residual = np.ones((1, 50, 2))
     null, chosen = (
-        Entry(members, cast(Any, SimpleNamespace(cost=cost, residual=residual)), np.ones(1))
+        Entry(members, cast(Any, SimpleNamespace(cost=cost, residual=residual)))
         for members, cost in (((), 1.0), ((0,), left))
     )
     arena: Any = SimpleNamespace(problem=SimpleNamespace(scale=np.ones(1)))
     test = Detection(detected, 0.0, 1.0, 0.0, 1e-3)
-    return (arena, [null, chosen], chosen, test), 1.0, StoppedBy.CONVERGED
+    return Decision(arena, [null, chosen], chosen, 1.0, StoppedBy.CONVERGED, test)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +87,7 @@ def decision(left: float, detected: bool) -> settled.Settled:
         (0.08, 7.0, True, 0.0, 1.0, True),  # no more is taken for noise than the sensor has
         (0.08, 7.0, True, 0.1, 7.0, True),
         (0.08, 7.0, False, 0.1, 7.0, False),
-        (0.1, 7.0, True, 0.1, 1.0, False),  # a law without a name is sought
+        (0.1, 7.0, True, 0.1, 1.0, False),  # something else acts as well
     ],
 )
 def test_a_decision_stands_on_noise_or_explains_most_of_what_no_noise_is(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jaxsr.diagnosis.contest.reduced import restepped
 from jaxsr.diagnosis.mechanisms.site import sites_of
+from jaxsr.diagnosis.shooting.reduced import restepped
 from jaxsr.models import parse_model
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments, build_segments, cut, unbroken

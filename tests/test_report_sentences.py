@@ -10,7 +10,7 @@ import pytest
 from diagnosis_systems import CART
 from test_report_documents import drive_document, drive_evidence
 
-from jaxsr.diagnosis.contest.scoring import free_run
+from jaxsr.diagnosis.shooting.scoring import free_run
 from jaxsr.models import Simulator, parse_model
 from jaxsr.models.lifting import closed
 from jaxsr.models.rollout import Stepping

@@ -9,11 +9,11 @@ import pytest
 from unrested_plants import PLANTS, SAMPLES, Plant
 
 from jaxsr.diagnosis import diagnose
-from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.memory_starts import START, memory_starts, start_of
 from jaxsr.diagnosis.mechanisms.memory import actuator_lags
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import build_arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.memory_starts import START, memory_starts, start_of
 from jaxsr.models import Simulator
 from jaxsr.models.driven import driven_states, known_states
 from jaxsr.models.rollout import Stepping

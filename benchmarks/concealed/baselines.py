@@ -79,7 +79,7 @@ def _problem(model: Model, data: tuple[Prepared, ...]) -> Problem:
 
 def held_out(c: Calibrated, model: Model, theta: np.ndarray) -> float:
     """Free-run NRMSE on the held-out recordings at a fifth of their length."""
-    from jaxsr.diagnosis.contest.scoring import free_run
+    from jaxsr.diagnosis.shooting.scoring import free_run
 
     with np.errstate(all="ignore"):
         run = free_run(Simulator(model), Stepping("rk4", 4), c.held, theta, c.span)

@@ -17,14 +17,15 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.concealed.weak_columns import WeakColumns, with_candidates
 from jaxsr._result import InputError
 from jaxsr.diagnosis.mechanisms import sensor_candidates
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import timing_candidates
-from jaxsr.diagnosis.screening.weak_grid import WeakGrid
-from jaxsr.diagnosis.screening.weak_system import weak_system
-from jaxsr.diagnosis.setup import sample_step, screen_all
+from jaxsr.diagnosis.setup import sample_step, seen_by
+from jaxsr.diagnosis.weak.weak_grid import WeakGrid
+from jaxsr.diagnosis.weak.weak_system import weak_system
 from jaxsr.models import Model, Simulator
 from jaxsr.models.edits import apply_edit
 from jaxsr.models.segments import Prepared
@@ -79,10 +80,12 @@ def library(model: Model, data: Sequence[Prepared]) -> Library | None:
     data : sequence of Prepared
         The last recording is held back.
     """
-    screened = screen_all(Simulator(model), data)
-    if screened is None:
+    seen = seen_by(Simulator(model), data)
+    if seen is None:
         return None
-    system, super_model = screened.system, screened.super_model
+    super_model = SuperModel.build(model, seen.candidates)
+    given = weak_system(Simulator(model), seen.grid, np.array(_values(model)))
+    system = with_candidates(WeakColumns(seen.grid), given, super_model)
     order = list(super_model.model.parameters)
     scale = np.ones(len(model.states))
     for state in np.unique(system.state):

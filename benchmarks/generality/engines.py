@@ -15,12 +15,12 @@ import numpy as np
 
 from benchmarks.evidence import document, weighed
 from jaxsr.diagnosis import diagnose
-from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.contest.scoring import free_run, horizons
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.posterior import Posterior
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import prepare
+from jaxsr.diagnosis.shooting.integration import choose_stepping
+from jaxsr.diagnosis.shooting.scoring import free_run, horizons
 from jaxsr.models import Model, Simulator
 
 BUDGET = 120.0

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 from jaxsr._progress import Budget, Progress, Silent
 from jaxsr.diagnosis.compared import Compared
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.failures import Failures
 from jaxsr.diagnosis.rectified import Rectified
-from jaxsr.diagnosis.setup import Screened
+from jaxsr.diagnosis.setup import Seen
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.entry import Entry
 from jaxsr.models import Simulator
 from jaxsr.models.segments import Prepared
 
@@ -23,7 +23,7 @@ class Case:
     ----------
     simulator : Simulator
     prepared : tuple of Prepared
-    screened : Screened or None
+    seen : Seen or None
     budget : Budget
         Of the whole diagnosis.
     search : Budget
@@ -44,7 +44,7 @@ class Case:
 
     simulator: Simulator
     prepared: tuple[Prepared, ...]
-    screened: Screened | None
+    seen: Seen | None
     budget: Budget
     search: Budget
     progress: Progress = field(default_factory=Silent)

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from jaxsr._result import Verdict
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.open_mass import Proposal
-
-if TYPE_CHECKING:
-    from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-    from jaxsr.diagnosis.setup import Screened
 
 RECALIBRATION = "re-calibration"
 LOCATED = "forces that free runs locate"
@@ -50,60 +47,39 @@ class Compared:
     told : set of str
         Labels of mechanisms whose gain over re-calibration is known, by a linearisation or by
         an estimate.
-    cut : set of str
-        Labels that promised a gain and whose estimate time cut short or did not allow.
     stages : set of str
         Stages of the search that were reached, or that nothing asked for.
     """
 
     told: set[str] = field(default_factory=set)
-    cut: set[str] = field(default_factory=set)
     stages: set[str] = field(default_factory=set)
 
-    def tell(self, super_model: SuperModel, numbers: Iterable[int]) -> None:
-        """Keep that candidates were compared with re-calibration."""
-        self.told |= {super_model.candidates[i].label for i in numbers}
-
-    def screen(self, screened: Screened | None, super_model: SuperModel) -> None:
-        """Keep what the weak view told: what leaves no trace there stands in no super-model."""
-        if screened is not None:
-            left = {c.label for c in super_model.candidates} | screened.unscreened
-            self.told |= {c.label for c in screened.super_model.candidates} - left
-
-    def leave(self, super_model: SuperModel, numbers: Iterable[int]) -> None:
-        """Keep that candidates which promise a gain were not estimated to the end."""
-        self.cut |= {super_model.candidates[i].label for i in numbers}
+    def tell(self, labels: Iterable[str]) -> None:
+        """Keep that mechanisms were compared with re-calibration."""
+        self.told |= set(labels)
 
     def reach(self, *stages: str) -> None:
         """Keep that stages were reached, or that nothing asked for them."""
         self.stages |= set(stages)
 
-    def become(self, other: Compared) -> None:
-        """Take over what another search, whose answer stands, has compared."""
-        self.told, self.cut, self.stages = set(other.told), set(other.cut), set(other.stages)
-
     def proposals(
-        self,
-        super_models: Sequence[SuperModel],
-        entries: Sequence[Estimated],
-        chosen: Estimated,
+        self, candidates: Iterable[Candidate], entries: Sequence[Estimated]
     ) -> Iterator[Proposal]:
-        """Yield every mechanism at every place of the super-models, and every stage.
+        """Yield every mechanism at every place among the candidates, and every stage.
 
-        `entries` are those of the last super-model; what was estimated was compared, unless time
-        cut it short.
+        Parameters
+        ----------
+        candidates : iterable of Candidate
+        entries : sequence of Estimated
+            Of which those that can be used tell whether sets of several were compared.
         """
-        candidates = super_models[-1].candidates
-        known = {candidates[i].label for e in entries if e.fit.usable for i in e.members}
-        known = (known | self.told) - self.cut
-        known |= {candidates[i].label for i in chosen.members}
         seen = set[str]()
-        for candidate in (c for s in super_models for c in s.candidates):
+        for candidate in candidates:
             if candidate.label not in seen:
                 seen.add(candidate.label)
                 family, verdict = candidate.family, candidate.verdict
-                yield Proposal(candidate.label, family, verdict, candidate.label in known)
-        sets = any(e.fit.usable and len(e.members) > 1 for e in (*entries, chosen))
+                yield Proposal(candidate.label, family, verdict, candidate.label in self.told)
+        sets = any(e.fit.usable and len(e.members) > 1 for e in entries)
         reached = self.stages | ({SEVERAL} if sets else set())
         for name, family, verdict in _STAGES:
             yield Proposal(name, family, verdict, name in reached)

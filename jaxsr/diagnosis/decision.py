@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from jaxsr._result import StoppedBy, Verdict
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, Detection
 from jaxsr.diagnosis.judging.weights import Weights
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.entry import Entry
 from jaxsr.diagnosis.verdict import Claim
 
 UNTESTED = Detection(False, 0.0, 1.0, SIGNIFICANCE, SIGNIFICANCE)

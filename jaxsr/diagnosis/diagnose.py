@@ -12,8 +12,6 @@ import numpy as np
 from jaxsr._deadline import OutOfTime, limited
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest.arena import in_steps_of
-from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.decision import Decision
 from jaxsr.diagnosis.explaining.document import assemble
 from jaxsr.diagnosis.explaining.ingredients import Ingredients
@@ -31,7 +29,9 @@ from jaxsr.diagnosis.settled import (
     plainest,
     weighed,
 )
-from jaxsr.diagnosis.setup import screen_all
+from jaxsr.diagnosis.setup import seen_by
+from jaxsr.diagnosis.shooting.arena import in_steps_of
+from jaxsr.diagnosis.shooting.scoring import horizons
 from jaxsr.diagnosis.thinning import Whole, prepare_search, time_for
 from jaxsr.diagnosis.unsigned import rectified_sensors
 from jaxsr.diagnosis.verdict import FALSE_CLAIM, Costs, claimed
@@ -45,8 +45,8 @@ SEARCHING = 0.7
 """Share of the time budget after which no more sets are tried."""
 HEARING = 0.05
 """Share of the time budget in which it is told whether noise of the inputs acted."""
-SCREENING = 0.25
-"""Share of the time budget after which no more memories are screened in the weak view."""
+TELLING = 0.25
+"""Share of the time budget in which signs of readings are told."""
 REPORTING = 2.0
 """Time kept for refining and reporting, relative to that of reading and screening."""
 ENDING = 0.15
@@ -110,18 +110,17 @@ def diagnose(
     simulator = Simulator(simulator.model.pinned(), files=files)
     failures = Failures(progress)
     read = _read(simulator, data, budget, failures)
-    progress.stage("screening mechanisms in the weak view")
+    progress.stage("looking at the equations in the weak view")
     last = budget.keeping(max(ENDING * budget.seconds, budget.elapsed - began))
-    early = budget.share(SCREENING)
     with limited(lambda: last.remaining == 0.0):
-        screened = failures.attempt(
-            "screening", lambda: screen_all(simulator, read.prepared, early), None
+        seen = failures.attempt(
+            "looking at the equations", lambda: seen_by(simulator, read.prepared), None
         )
-    # What was slow to read and to screen is slow to report.
+    # What was slow to read and to look at is slow to report.
     reading = max(budget.elapsed - began, time_for(read.whole, budget.seconds))
     reporting = max((1.0 - SEARCHING) * budget.seconds, REPORTING * reading)
     search = budget.keeping(reporting)
-    case = Case(simulator, read.prepared, screened, budget, search, progress, failures)
+    case = Case(simulator, read.prepared, seen, budget, search, progress, failures)
     case = replace(case, quiet=read.quiet, rectified=read.rectified)
     try:
         with limited(lambda: last.remaining == 0.0):
@@ -136,7 +135,6 @@ def diagnose(
         case=case,
         horizons=horizons(case.prepared),
         held_out=held_out,
-        rng=rng,
         seed=seed,
         command=command,
         whole=read.whole,
@@ -171,7 +169,7 @@ def _read(
     """Read recordings, give readings their signs back, tell noise of inputs that did not act."""
     model = simulator.model
     prepared, whole = prepare_search(model, data, seconds=budget.seconds)
-    telling = budget.share(SCREENING)
+    telling = budget.share(TELLING)
     rectified = failures.attempt(
         "telling signs of readings",
         lambda: rectified_sensors(simulator, prepared, lambda: telling.exhausted),

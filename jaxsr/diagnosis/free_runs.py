@@ -7,18 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxsr.diagnosis.calibrating.horizon import Start
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest.arena import Arena, in_widths_of_best
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.output_weights import rescaled
 from jaxsr.diagnosis.judging.leading import leading
+from jaxsr.diagnosis.judging.nesting import plainest
 from jaxsr.diagnosis.judging.noise_ratio import ABOVE_NOISE, residual_to_noise
 from jaxsr.diagnosis.judging.parsimony import fewer_do, fewest
 from jaxsr.diagnosis.likelihood.paths import path_over
 from jaxsr.diagnosis.likelihood.posterior import Posterior
-from jaxsr.diagnosis.search.contenders import Start
-from jaxsr.diagnosis.search.nesting import plainest
+from jaxsr.diagnosis.shooting.arena import Arena, in_widths_of_best
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.output_weights import rescaled
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxsr.diagnosis.calibrating.opening import opening
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.decision import Decision
-from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.contenders import contenders, leading_sets
-from jaxsr.diagnosis.search.opening import opening
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel, one_of_each
+from jaxsr.diagnosis.shooting.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.scoring import horizons
 from jaxsr.models import Simulator
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.rollout import Stepping
@@ -22,8 +21,9 @@ from jaxsr.models.states import spread
 
 def unweighed(case: Case) -> Decision:
     """Return re-calibration alone, where no mechanism could be weighed."""
-    super_model, starts = contenders(case, leading_sets(case))
-    arena, null, headline, _ = opening(case, super_model, starts)
+    seen = () if case.seen is None else case.seen.candidates
+    super_model = SuperModel.build(case.simulator.model, one_of_each(seen))
+    arena, null, headline, _ = opening(case, super_model, [((), neutral_values(super_model))])
     return Decision(arena, [null], null, headline.seconds, case.search.stopped_by)
 
 
@@ -52,5 +52,4 @@ def _given(arena: Arena) -> Entry:
     shape = segments.outputs.shape
     by = np.zeros((len(active), *shape)), np.zeros((len(segments.guess), *shape))
     fit = Fit(theta, segments.guess, 1.0, np.zeros(shape), np.array(active, int), *by, False)
-    blocks = 1 + max(block for block, *_ in arena.pieces)
-    return Entry((), replace(fit, path=segments.course), np.ones(blocks))
+    return Entry((), replace(fit, path=segments.course))

@@ -23,12 +23,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import build_arena, neutral_values
-from jaxsr.diagnosis.contest.blocks import correlation_length
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import build_arena, neutral_values
+from jaxsr.diagnosis.shooting.blocks import correlation_length
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.integration import choose_stepping
+from jaxsr.diagnosis.shooting.scoring import horizons
 from jaxsr.models import Model, Simulator
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.segments import Prepared

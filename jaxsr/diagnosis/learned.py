@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxsr._progress import Budget, Progress, Silent, as_budget
 from jaxsr._result import InputError
-from jaxsr.diagnosis.contest.scoring import free_run, horizons
+from jaxsr.diagnosis.shooting.scoring import free_run, horizons
 from jaxsr.expressions import to_text
 from jaxsr.models import Model, Parameter, Simulator
 from jaxsr.models.rollout import Stepping

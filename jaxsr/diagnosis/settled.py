@@ -16,20 +16,17 @@ import numpy as np
 from scipy.special import fdtrc
 
 from jaxsr._result import StoppedBy
+from jaxsr.diagnosis.calibrating.horizon import Start
+from jaxsr.diagnosis.calibrating.opening import opening
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION, SEVERAL, UNNAMED
-from jaxsr.diagnosis.contest.arena import (
-    Arena,
-    in_sharpest_widths,
-    neutral_values,
-)
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.widths import WIDEST
 from jaxsr.diagnosis.decision import Decision
 from jaxsr.diagnosis.explanations import labels_of
 from jaxsr.diagnosis.free_runs import FreeRuns
 from jaxsr.diagnosis.judging.detection import SIGNIFICANCE, detect_in_noise
 from jaxsr.diagnosis.judging.leading import best_so_far
+from jaxsr.diagnosis.judging.nesting import inner_of
+from jaxsr.diagnosis.judging.nesting import plainest as no_richer
 from jaxsr.diagnosis.judging.noise_ratio import (
     ABOVE_NOISE,
     ratios_to_noise,
@@ -45,11 +42,14 @@ from jaxsr.diagnosis.likelihood.later import Written
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.state import State
-from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.contenders import Start, contenders, leading_sets
-from jaxsr.diagnosis.search.nesting import inner_of
-from jaxsr.diagnosis.search.nesting import plainest as no_richer
-from jaxsr.diagnosis.search.opening import opening
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel, one_of_each
+from jaxsr.diagnosis.shooting.arena import (
+    Arena,
+    in_sharpest_widths,
+    neutral_values,
+)
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.widths import WIDEST
 from jaxsr.diagnosis.thinning import for_evidence
 from jaxsr.diagnosis.verdict import Claim
 
@@ -93,7 +93,7 @@ def weighed(case: Case, rng: np.random.Generator) -> Posterior | None:
     with np.errstate(all="ignore"):  # a law may be no number anywhere: such sets lose
         return case.failures.attempt(
             "weighing mechanisms",
-            lambda: posterior(model, told, case.screened, stop, tell, write),
+            lambda: posterior(model, told, case.seen, stop, tell, write),
             None,
         )
 
@@ -204,10 +204,10 @@ def decided_by_evidence(case: Case, found: Posterior) -> Decision:
     case.so_far.append((arena, entry, headline.seconds))
     case.compared.reach(RECALIBRATION)
     if found.timely:
-        case.compared.tell(super_model, range(len(super_model.candidates)))
+        case.compared.tell(c.label for c in super_model.candidates)
         case.compared.reach(LOCATED, SEVERAL, UNNAMED)
     else:
-        case.compared.told |= found.asked
+        case.compared.tell(found.asked)
     arena = as_wide_as_a_jump(arena, leader.width)
     asked = [frozenset(h.members) for h in found.hypotheses]
     pairs = list(zip(starts[1:], shown, strict=True))
@@ -275,7 +275,7 @@ def _starts(
     memories that nobody speaks for are dear.
     """
     own = [found.candidates[i] for i in dict.fromkeys(i for h in shown for i in h.members)]
-    others = contenders(case, leading_sets(case))[0].candidates if found.timely else ()
+    others = one_of_each(found.candidates) if found.timely else ()
     inner = [inner_of(found.candidates, i) for i in found.leader.members]
     others = [found.candidates[i] for i in inner if i is not None] + [*others]
     candidates = own + [c for c in dict.fromkeys(others) if c not in own]

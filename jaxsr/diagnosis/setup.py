@@ -9,17 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxsr._progress import Budget
 from jaxsr._result import InputError
 from jaxsr.diagnosis.mechanisms import Motion, force_candidates
-from jaxsr.diagnosis.mechanisms.memory import memory_candidates
-from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.screening.columns import WeakColumns, motion_of, with_candidates
-from jaxsr.diagnosis.screening.many_equations import many_equations, screen_each
-from jaxsr.diagnosis.screening.memory_columns import with_memory
-from jaxsr.diagnosis.screening.screen import Screening, screen
-from jaxsr.diagnosis.screening.weak_grid import WeakGrid
-from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
+from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.weak.residual_motion import motion_of
+from jaxsr.diagnosis.weak.weak_grid import WeakGrid
+from jaxsr.diagnosis.weak.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator
 from jaxsr.models.segments import Prepared
 from jaxsr.models.states import is_absent, role_channel
@@ -127,14 +122,19 @@ def sample_step(prepared: Sequence[Prepared]) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Screened:
-    """The weak view of all candidates and the sets it suggests; absent where no equation shows."""
+class Seen:
+    """What smoothed signals show of equations that can be read off the sensors.
 
-    super_model: SuperModel
-    system: WeakSystem
-    screening: Screening
+    Attributes
+    ----------
+    candidates : tuple of Candidate
+        Forces, with inner constants that the force left along each equation shows.
+    grid : WeakGrid
+        Test functions along the recordings.
+    """
+
+    candidates: tuple[Candidate, ...]
     grid: WeakGrid
-    unscreened: frozenset[str] = frozenset()  # labels of memories that there was no time for
 
     @property
     def half_width(self) -> float:
@@ -142,15 +142,8 @@ class Screened:
         return self.grid.half_width
 
 
-def screen_all(
-    simulator: Simulator, prepared: Sequence[Prepared], budget: Budget | None = None
-) -> Screened | None:
-    """Screen every force mechanism, where the equations can be read off the sensors.
-
-    Memories, each of which is integrated along the recordings, and sets of more than one are
-    screened as long as the `budget` lasts.
-    """
-    budget = budget or Budget()
+def seen_by(simulator: Simulator, prepared: Sequence[Prepared]) -> Seen | None:
+    """Look at the equations through test functions; None where none can be read off the sensors."""
     model = simulator.model
     # A test function across a jump of the state would see an impulse that no equation says.
     if model.events:
@@ -163,29 +156,11 @@ def screen_all(
     given = weak_system(simulator, grid, theta)
     if not enough_rows(given, len(model.free_parameters)):
         return None
-    columns = WeakColumns(grid)
     scale = state_scale(model, prepared)
     motion = motion_of_case(simulator, prepared, half_width)
     candidates = force_candidates(model, scale, motion, input_samples(model, prepared))
-    candidates = [c for c in candidates if c.mechanism not in BY_EVIDENCE_ALONE]
-
-    def stop() -> bool:
-        return budget.exhausted
-
-    if many_equations(given):
-        super_model = SuperModel.build(model, candidates)
-        system = with_candidates(columns, given, super_model)
-        return Screened(super_model, system, screen_each(system, super_model, stop), grid)
-    candidates += memory_candidates(model, scale, sample_step(prepared), motion)
-    super_model = SuperModel.build(model, candidates)
-    system = with_memory(with_candidates(columns, given, super_model), super_model, grid, stop)
-    left = [
-        c.label
-        for i, c in enumerate(super_model.candidates)
-        if c.states and budget.exhausted and not system.jacobian[:, super_model.index(i)].any()
-    ]
-    screening = screen(system, super_model, stop)
-    return Screened(super_model, system, screening, grid, frozenset(left))
+    kept = [c for c in candidates if c.mechanism not in BY_EVIDENCE_ALONE]
+    return Seen(tuple(kept), grid)
 
 
 def enough_rows(system: WeakSystem, free: int) -> bool:
@@ -210,4 +185,4 @@ def motion_of_case(
     given = weak_system(simulator, grid, theta)
     if not enough_rows(given, len(model.free_parameters)):
         return None
-    return motion_of(WeakColumns(grid), given)
+    return motion_of(grid, given)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr._result import InputError
-from jaxsr.diagnosis.contest.integration import choose_stepping
 from jaxsr.diagnosis.likelihood.kalman import Latent, System, smoothed, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
@@ -22,6 +21,7 @@ from jaxsr.diagnosis.mechanisms.inertial import inertial
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.setup import state_scale
+from jaxsr.diagnosis.shooting.integration import choose_stepping
 from jaxsr.models import Model, Simulator
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.rollout import Stepping

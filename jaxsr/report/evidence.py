@@ -115,7 +115,8 @@ class Considered:
     mechanisms : tuple of str
         E.g. ``("coulomb_friction@equation:v",)``; empty for the re-calibrated model as it is.
     error : float
-        Error on the data held back inside the training recordings.
+        Root mean square of its residuals in free run over the segments, in the scale of the
+        outputs.
     relative : float
         `error` / error of the re-calibrated model.
     chosen : bool

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from jaxsr.diagnosis.calibrating.restarts import TOUCHING
 from jaxsr.diagnosis.judging.refine import Estimate
-from jaxsr.diagnosis.search.restarts import TOUCHING
 from jaxsr.models import Model
 
 

@@ -1,6 +1,6 @@
 """A converter coarser than stated: readings in steps that the model file does not know of.
 
-Steps themselves are noise, which the likelihood knows (`contest/converters.py`).
+Steps themselves are noise, which the likelihood knows (`shooting/converters.py`).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.converters import steps_of
+from jaxsr.diagnosis.shooting.converters import steps_of
 from jaxsr.models import Edit, Model, Parameter
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings.converter import uniform_variance

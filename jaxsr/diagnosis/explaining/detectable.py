@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import scipy.special
 
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.uncertainty import Sensitivities
 from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.explaining.responses import Responses
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.site import Threshold, sites_of
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.uncertainty import Sensitivities
 from jaxsr.expressions import evaluate
 from jaxsr.models import Model
 

@@ -11,9 +11,6 @@ from jaxsr._progress import Repeated
 from jaxsr._result import InputError, StoppedBy
 from jaxsr._versions import environment, own_version
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.contest.arena import neutral_values
-from jaxsr.diagnosis.contest.scoring import FreeRun, not_run
-from jaxsr.diagnosis.contest.uncertainty import Sensitivities, sensitivities
 from jaxsr.diagnosis.explaining.bounds import bound_rows
 from jaxsr.diagnosis.explaining.detectable import detectable_rows
 from jaxsr.diagnosis.explaining.evidence import Forces, build_evidence, force_errors
@@ -29,6 +26,9 @@ from jaxsr.diagnosis.input_noise import quieted
 from jaxsr.diagnosis.rectified import Rectified, signed
 from jaxsr.diagnosis.result import SCHEMA, Diagnosis
 from jaxsr.diagnosis.setup import open_recording
+from jaxsr.diagnosis.shooting.arena import neutral_values
+from jaxsr.diagnosis.shooting.scoring import FreeRun, not_run
+from jaxsr.diagnosis.shooting.uncertainty import Sensitivities, sensitivities
 from jaxsr.diagnosis.thinning import Whole, prepare_search
 from jaxsr.models import Model
 from jaxsr.models.physical_constants import remarks
@@ -138,11 +138,11 @@ def _forces(
     parts: Ingredients, judged: Judged, held: Sequence[Prepared]
 ) -> tuple[Forces | None, Forces | None]:
     """The weak view of both roles' recordings, where equations can be read off the sensors."""
-    screened = parts.case.screened
-    if screened is None:
+    seen = parts.case.seen
+    if seen is None:
         return None, None
-    forces = Forces.of(judged, parts.case.prepared, screened.half_width)
-    return forces, Forces.of(judged, held, screened.half_width) if held else None
+    forces = Forces.of(judged, parts.case.prepared, seen.half_width)
+    return forces, Forces.of(judged, held, seen.half_width) if held else None
 
 
 def _runs(

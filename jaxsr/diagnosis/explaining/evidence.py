@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxsr._deadline import ask
-from jaxsr.diagnosis.contest.arena import neutral_values
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.explaining.ladder import ladder
 from jaxsr.diagnosis.explaining.rival_runs import RivalRuns, rival_runs
 from jaxsr.diagnosis.explaining.whole_runs import Runs
 from jaxsr.diagnosis.mechanisms.site import sites_of
-from jaxsr.diagnosis.screening.weak_system import WeakSystem
+from jaxsr.diagnosis.shooting.arena import neutral_values
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.weak.weak_system import WeakSystem
 from jaxsr.models import Model, difference
 from jaxsr.models.segments import Prepared
 from jaxsr.models.states import input_table, output_table, spread
@@ -248,9 +248,10 @@ def _considered(parts: Ingredients, factor: float) -> list[Any]:
     from jaxsr.report.evidence import Considered
 
     candidates = parts.arena.super_model.candidates
-    null = parts.null.error
+    null = parts.null.fit.cost
+    samples = max(float(parts.arena.problem.segments.weights.sum()), 1.0)
     rows, seen = [], set()
-    for entry in sorted(parts.entries, key=lambda e: e.error):
+    for entry in sorted(parts.entries, key=lambda e: e.fit.cost):
         labels = tuple(sorted(candidates[i].label for i in entry.members))
         if labels in seen:
             continue
@@ -259,8 +260,8 @@ def _considered(parts: Ingredients, factor: float) -> list[Any]:
         rows.append(
             Considered(
                 mechanisms=labels,
-                error=float(np.sqrt(entry.error)),
-                relative=float(np.sqrt(entry.error / max(null, 1e-300))),
+                error=float(np.sqrt(entry.fit.cost / samples)),
+                relative=float(np.sqrt(entry.fit.cost / max(null, 1e-300))),
                 chosen=entry is parts.chosen,
                 reason=_reason(parts, entry),
                 probability=None if told is None else factor * told,

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jaxsr._progress import Budget
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.reduced import Lean, lean
 from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.judging.equivalence import equivalent
 from jaxsr.diagnosis.judging.weights import Alternative
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.reduced import Lean, lean
 from jaxsr.models import Model
 from jaxsr.models.lifting import closed, linear
 from jaxsr.models.segments import Prepared, build_segments

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.uncertainty import RANK, Sensitivities
 from jaxsr.diagnosis.explaining.acting import where_acting
 from jaxsr.diagnosis.explaining.coarse import coarse_sensors, rounded_reading
 from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.judging.refine import Estimate
 from jaxsr.diagnosis.judging.weights import Alternative
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.shooting.uncertainty import RANK, Sensitivities
 from jaxsr.models import Edit, Model, with_values
 from jaxsr.report.formatting import digits_of, number, plainly, unit_text
 from jaxsr.report.words import capital

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.decision import Decision
 from jaxsr.diagnosis.thinning import Whole
@@ -20,7 +18,6 @@ class Ingredients(Decision):
     case: Case
     horizons: list[float]
     held_out: Sequence[Any]
-    rng: np.random.Generator
     seed: int
     command: str | None
     whole: Whole | None = None  # all recordings, where the search worked on a part of them

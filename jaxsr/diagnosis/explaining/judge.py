@@ -9,9 +9,6 @@ import numpy as np
 
 from jaxsr._deadline import OutOfTime, limited
 from jaxsr._result import StoppedBy, Verdict
-from jaxsr.diagnosis.contest.arena import neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.explaining.explain import (
     Weight,
     finding_row,
@@ -29,6 +26,9 @@ from jaxsr.diagnosis.judging.parsimony import without_given
 from jaxsr.diagnosis.judging.refine import Estimate, Ground, plain, refine
 from jaxsr.diagnosis.judging.weights import Alternative
 from jaxsr.diagnosis.open_mass import OpenMass, Proposal, open_mass
+from jaxsr.diagnosis.shooting.arena import neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
 from jaxsr.models import Edit, Model, apply_edit
 
 SHARPENING = 0.3
@@ -91,10 +91,9 @@ def _open_mass(parts: Ingredients) -> OpenMass:
 def _proposals(parts: Ingredients) -> list[Proposal]:
     """Return what the search could have compared, and what it did."""
     case = parts.case
-    super_models = [parts.arena.super_model]
-    if case.screened is not None:
-        super_models.insert(0, case.screened.super_model)
-    return list(case.compared.proposals(super_models, parts.entries, parts.chosen))
+    seen = () if case.seen is None else case.seen.candidates
+    every = [*seen, *parts.arena.super_model.candidates]
+    return list(case.compared.proposals(every, parts.entries))
 
 
 def _lowered(row: dict[str, Any], factor: float) -> dict[str, Any]:
@@ -110,7 +109,7 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
         arena,
         case.prepared,
         tuple(h for h in parts.horizons if h <= parts.headline),
-        case.screened.grid if case.screened else None,
+        case.seen.grid if case.seen else None,
         case.budget.share(REFINING),
         case.budget.share(SHARPENING),
     )

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxsr._deadline import OutOfTime
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.uncertainty import NORMAL, half_widths
 from jaxsr.diagnosis.mechanisms.motion import Motion
 from jaxsr.diagnosis.setup import motion_of_case
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.uncertainty import NORMAL, half_widths
 from jaxsr.models import Model
 from jaxsr.report.formatting import digits_of, plainly
 from jaxsr.report.words import capital, mechanism_at
@@ -81,10 +81,10 @@ def characters(parts: Ingredients) -> list[str]:
     parameters projected out: odd and even ones of the velocity, and functions of the position.
     """
     case = parts.case
-    if case.screened is None:
+    if case.seen is None:
         return ["A state hides: no equation can be read off the sensors alone."]
     try:
-        motion = motion_of_case(case.simulator, case.prepared, case.screened.half_width)
+        motion = motion_of_case(case.simulator, case.prepared, case.seen.half_width)
         if motion is None:
             return ["Narrow test functions hold too few samples to tell what the forces depend on."]
         return _characters(case.simulator.model, motion)

@@ -8,10 +8,10 @@ import numpy as np
 
 from jaxsr._deadline import OutOfTime
 from jaxsr._progress import Budget
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.explaining.value_findings import REFINING
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
 
 
 def costs_of_sets(parts: Ingredients, entry: Entry) -> dict[frozenset[int], float]:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsr._deadline import OutOfTime
-from jaxsr.diagnosis.contest.arena import neutral_values
 from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.judging.refine import Estimate
 from jaxsr.diagnosis.judging.whole import over_all
+from jaxsr.diagnosis.shooting.arena import neutral_values
 
 COMPLETING = 0.25
 """Share of the time left that an estimate over all recordings may take."""

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena, neutral_values
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.reduced import lean, reduce
 from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.diagnosis.mechanisms.site import Site
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import Arena, neutral_values
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.reduced import lean, reduce
 from jaxsr.models import Simulator
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.lifting import one_step, readings_along

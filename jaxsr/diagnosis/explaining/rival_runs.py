@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.reduced import lean
 from jaxsr.diagnosis.explaining.ingredients import Ingredients
+from jaxsr.diagnosis.shooting.reduced import lean
 
 MOST = 3
 """Sets that are run."""
@@ -26,7 +26,7 @@ def rival_runs(parts: Ingredients) -> RivalRuns:
     budget, problem = parts.case.budget, parts.arena.problem
     model = parts.arena.super_model
     horizon = None if parts.headline == parts.horizons[-1] else parts.headline
-    entries = sorted(parts.entries, key=lambda e: e.error)
+    entries = sorted(parts.entries, key=lambda e: e.fit.cost)
     found: RivalRuns = {}
     for entry in entries:
         labels = tuple(sorted(model.candidates[i].label for i in entry.members))

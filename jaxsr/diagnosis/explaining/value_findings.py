@@ -11,10 +11,6 @@ import numpy as np
 
 from jaxsr._deadline import OutOfTime
 from jaxsr._progress import Repeated
-from jaxsr.diagnosis.contest.arena import neutral_values
-from jaxsr.diagnosis.contest.blocks import column_sizes
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.uncertainty import RANK
 from jaxsr.diagnosis.explaining.explain import CONFUSED, Weight, wrong_value_row
 from jaxsr.diagnosis.explaining.ingredients import Ingredients
 from jaxsr.diagnosis.explaining.wrong_values import (
@@ -28,6 +24,10 @@ from jaxsr.diagnosis.explaining.wrong_values import (
 )
 from jaxsr.diagnosis.judging.noise_ratio import LIMITED, residual_to_noise
 from jaxsr.diagnosis.judging.refine import Estimate, Ground, refine
+from jaxsr.diagnosis.shooting.arena import neutral_values
+from jaxsr.diagnosis.shooting.blocks import column_sizes
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.uncertainty import RANK
 
 REFINING = 0.15
 """Share of the time left that leading estimates out of corners and checking them may take."""
@@ -138,7 +138,7 @@ def told_values(
     weights = tuple(Weight.of(given, cost, best.entry.fit.cost) for cost in costs)
     estimate = recalibrated
     if not set(best.names) <= set(names):
-        grid = parts.case.screened.grid if parts.case.screened else None
+        grid = parts.case.seen.grid if parts.case.seen else None
         budget = parts.case.budget.share(REFINING)
         ground = Ground(best.arena, parts.case.prepared, (parts.headline,), grid, budget, budget)
         estimate = completed(best, refine(ground, best.entry, thorough=False), parts.arena)

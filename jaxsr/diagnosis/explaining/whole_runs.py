@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jaxsr._deadline import OutOfTime, never
-from jaxsr.diagnosis.contest.reduced import Lean
-from jaxsr.diagnosis.contest.scoring import DIVERGED, FreeRun, free_run
 from jaxsr.diagnosis.judging.whole import chunks, prepared_chunk
+from jaxsr.diagnosis.shooting.reduced import Lean
+from jaxsr.diagnosis.shooting.scoring import DIVERGED, FreeRun, free_run
 from jaxsr.diagnosis.thinning import MOST, Whole
 from jaxsr.models.segments import Prepared, cut
 from jaxsr.models.states import StateEstimate, input_table, output_table, spread

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena, neutral_values, parameter_bounds
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.criteria import independent_residuals
 from jaxsr.diagnosis.judging.refine import Estimate, named_super_model
 from jaxsr.diagnosis.likelihood.posterior import ODDS
 from jaxsr.diagnosis.mechanisms.measurement import wrong_values
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import Arena, neutral_values, parameter_bounds
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
 from jaxsr.models.shooting import linearise_fit
 
 

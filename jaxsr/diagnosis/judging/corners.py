@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.uncertainty import half_widths
 from jaxsr.diagnosis.judging.criteria import independent_residuals
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.uncertainty import half_widths
 
 CORNER_ROUNDS, CORNER_GAIN = 4, 1e-3
 """Times that a set with jumps is estimated from all sides, and the gain that asks for another."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from jaxsr.diagnosis.contest.converters import independent_samples
-from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.shooting.converters import independent_samples
+from jaxsr.diagnosis.shooting.entry import Entry
 
 
 def independent_residuals(entry: Entry) -> float:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.special
 
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.coloured import likelihood_ratio
 from jaxsr.diagnosis.judging.criteria import independent_residuals
+from jaxsr.diagnosis.shooting.entry import Entry
 
 SIGNIFICANCE = 1e-3
-"""False-alarm rate per comparison with re-calibration; divided by the candidates screened."""
+"""False-alarm rate per comparison with re-calibration; divided by the candidates."""
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.plausible import plausible
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.entry import Entry
 
 
 def best_so_far(labels: Iterable[str], left: float, of: str = "re-calibration's error") -> str:

@@ -7,10 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.colour import colour
-from jaxsr.diagnosis.contest.converters import finest_noise
-from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.colour import colour
+from jaxsr.diagnosis.shooting.converters import finest_noise
+from jaxsr.diagnosis.shooting.entry import Entry
 from jaxsr.models.least_squares import LARGEST
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import noise_level

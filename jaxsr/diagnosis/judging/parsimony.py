@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxsr._result import Verdict
-from jaxsr.diagnosis.contest.arena import Arena, neutral_values
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.noise_ratio import ratios_to_noise
 from jaxsr.diagnosis.judging.refine import Estimate
+from jaxsr.diagnosis.shooting.arena import Arena, neutral_values
+from jaxsr.diagnosis.shooting.entry import Entry
 
 
 def simpler(chosen: Entry, arena: Arena, inside: Sequence[Entry]) -> Entry | None:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena, in_steps_of
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.uncertainty import half_widths
-from jaxsr.diagnosis.contest.widths import width_of
-from jaxsr.diagnosis.screening.screen import STEEPEST
+from jaxsr.diagnosis.shooting.arena import Arena, in_steps_of
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.uncertainty import half_widths
+from jaxsr.diagnosis.shooting.widths import width_of
+
+STEEPEST = 3.0
+"""Largest ratio of breakaway to Coulomb friction."""
 
 
 def plausible(arena: Arena, entry: Entry) -> bool:
     """Whether the estimates keep to physics: no bound is touched, Fs is not below Fc."""
-    return bool(np.isfinite(entry.errors).all()) and sound_members(arena, entry) == entry.members
+    return entry.fit.usable and sound_members(arena, entry) == entry.members
 
 
 def sound_members(arena: Arena, entry: Entry) -> tuple[int, ...]:

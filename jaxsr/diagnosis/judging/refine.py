@@ -11,17 +11,17 @@ import numpy as np
 
 from jaxsr._deadline import OutOfTime
 from jaxsr._progress import Budget
-from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values, parameter_bounds
-from jaxsr.diagnosis.contest.enter import active_parameters, enter
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.reduced import Lean, lean, reduce
-from jaxsr.diagnosis.contest.uncertainty import half_widths, unseen, untold
 from jaxsr.diagnosis.judging.corners import out_of_corners
 from jaxsr.diagnosis.judging.noise_ratio import model_limited
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.screening.weak_grid import WeakGrid
-from jaxsr.diagnosis.screening.weak_system import WeakSystem, weak_system
+from jaxsr.diagnosis.shooting.arena import Arena, build_arena, neutral_values, parameter_bounds
+from jaxsr.diagnosis.shooting.enter import active_parameters, enter
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.reduced import Lean, lean, reduce
+from jaxsr.diagnosis.shooting.uncertainty import half_widths, unseen, untold
+from jaxsr.diagnosis.weak.weak_grid import WeakGrid
+from jaxsr.diagnosis.weak.weak_system import WeakSystem, weak_system
 from jaxsr.models import Model, Simulator, apply_edit, with_values
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.segments import Prepared

@@ -12,20 +12,20 @@ from itertools import pairwise
 import numpy as np
 
 from jaxsr._deadline import OutOfTime, limited
-from jaxsr.diagnosis.contest.arena import Arena, build_arena
-from jaxsr.diagnosis.contest.blocks import column_sizes
-from jaxsr.diagnosis.contest.converters import correlated
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.uncertainty import (
+from jaxsr.diagnosis.judging.refine import Estimate
+from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import Arena, build_arena
+from jaxsr.diagnosis.shooting.blocks import column_sizes
+from jaxsr.diagnosis.shooting.converters import correlated
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.uncertainty import (
     RANK,
     covariance_of,
     half_widths,
     half_widths_of,
     untold,
 )
-from jaxsr.diagnosis.judging.refine import Estimate
-from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.thinning import MOST, Whole
 from jaxsr.models.segments import Prepared
 

@@ -24,8 +24,8 @@ from jaxsr.diagnosis.mechanisms.inertial import inertial
 from jaxsr.diagnosis.mechanisms.motion import Motion
 from jaxsr.diagnosis.mechanisms.site import sites_of
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.screening.weak_grid import WeakGrid
 from jaxsr.diagnosis.setup import NARROWEST, half_width_of, sample_step, state_scale
+from jaxsr.diagnosis.weak.weak_grid import WeakGrid
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.memory_starts import start_of
-from jaxsr.diagnosis.contest.reduced import Reduced, lean
 from jaxsr.diagnosis.likelihood.beliefs import belief_of
 from jaxsr.diagnosis.likelihood.estimate import Estimate
 from jaxsr.diagnosis.likelihood.late_starts import best_shift, late_sensors
@@ -21,6 +19,8 @@ from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import as_late
+from jaxsr.diagnosis.shooting.memory_starts import start_of
+from jaxsr.diagnosis.shooting.reduced import Reduced, lean
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import build_segments

@@ -19,7 +19,7 @@ from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.candidate import UNNAMED, Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.setup import Screened
+from jaxsr.diagnosis.setup import Seen
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 
@@ -190,7 +190,7 @@ def _held(table: Table, free: Collection[int]) -> Table:
 def posterior(
     model: Model,
     prepared: Sequence[Prepared],
-    screened: Screened | None = None,
+    seen: Seen | None = None,
     stop: Callable[[], bool] = lambda: False,
     tell: Callable[[State], None] | None = None,
     write: Write | None = None,
@@ -201,8 +201,8 @@ def posterior(
     ----------
     model : Model
         The given one.
-    screened : Screened, optional
-        The weak view, where equations can be read off the sensors.
+    seen : Seen, optional
+        What smoothed signals show, where equations can be read off the sensors.
     stop : callable
         Whether time is over.
     tell : callable, optional
@@ -211,20 +211,20 @@ def posterior(
         Writes laws for what a search leaves, which are weighed beside the others.
     """
     course = followed(model, prepared, stop)
-    return None if course is None else posterior_along(model, course, screened, stop, tell, write)
+    return None if course is None else posterior_along(model, course, seen, stop, tell, write)
 
 
 def posterior_along(
     model: Model,
     course: Course,
-    screened: Screened | None = None,
+    seen: Seen | None = None,
     stop: Callable[[], bool] = lambda: False,
     tell: Callable[[State], None] | None = None,
     write: Write | None = None,
 ) -> Posterior | None:
     """Search by evidence from what re-calibration follows (`followed`)."""
-    seen = () if screened is None else screened.super_model.candidates
-    super_model = SuperModel.build(model, offered(model, course, seen))
+    shown = () if seen is None else seen.candidates
+    super_model = SuperModel.build(model, offered(model, course, shown))
     work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise, stop)
     state = search(work, course.null, tell, MOST_MEMBERS + 1 if write is None else MANY)
     null = state.known[()]

@@ -16,7 +16,6 @@ from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED, UNNAMED, Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 from jaxsr.diagnosis.mechanisms.timing import as_late
-from jaxsr.diagnosis.screening.screen import CONTAINED
 
 CERTAIN = 1e-6
 """Deviation of a constant held where its mechanism does nothing, in that of its belief."""
@@ -24,6 +23,18 @@ REPEATED = frozenset({"periodic", "external"})
 """Families of which one site may have several: lines of a spectrum, pushes."""
 LOOKED_AT = 8
 """Pairs and single columns whose promise is looked at with bounds in account."""
+CONTAINED = (
+    frozenset(
+        {
+            *("coulomb_friction", "stribeck_friction", "position_dependent_friction"),
+            "load_dependent_friction",
+        }
+    ),
+    frozenset({"coupling_damping", "coupled_friction"}),
+    frozenset({"quadratic_drag", "power_law_drag"}),
+    frozenset({"piecewise_stiffness", "end_stop"}),
+)
+"""Mechanisms of which one contains another, or that are one and the same at another strength."""
 Members = tuple[int, ...]
 
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.integration import stable_substeps, with_steps
 from jaxsr.diagnosis.likelihood.kalman import Latent, System, whitened
 from jaxsr.diagnosis.likelihood.local import LocalModel, defects, linearised
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
+from jaxsr.diagnosis.shooting.integration import stable_substeps, with_steps
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.lifting import one_step
 from jaxsr.models.rollout import Stepping

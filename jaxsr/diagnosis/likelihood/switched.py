@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.integration import steady, with_steps
+from jaxsr.diagnosis.shooting.integration import steady, with_steps
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.switching import switchable
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.reduced import lean
 from jaxsr.diagnosis.likelihood.estimate import Belief
 from jaxsr.diagnosis.likelihood.evidence import Gram, Prior, modes
 from jaxsr.diagnosis.likelihood.local import LocalModel, linearised
@@ -19,6 +18,7 @@ from jaxsr.diagnosis.likelihood.workspace import Workspace, along, in_columns
 from jaxsr.diagnosis.mechanisms.candidate import UNLIMITED
 from jaxsr.diagnosis.mechanisms.site import Threshold
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.reduced import lean
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import build_segments

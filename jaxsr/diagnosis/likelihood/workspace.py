@@ -8,13 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.converters import finest_noise
-from jaxsr.diagnosis.contest.integration import choose_stepping
-from jaxsr.diagnosis.contest.memory_starts import start_of
 from jaxsr.diagnosis.likelihood.scales import Scales
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.walk import through_jumps
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.converters import finest_noise
+from jaxsr.diagnosis.shooting.integration import choose_stepping
+from jaxsr.diagnosis.shooting.memory_starts import start_of
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.model import Model
 from jaxsr.models.segments import Prepared, build_segments, unbroken

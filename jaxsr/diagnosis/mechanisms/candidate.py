@@ -142,7 +142,6 @@ class Candidate:
     substeps: int = 1
     stiff: bool = False
     source: str = ""
-    conflicts: frozenset[str] = field(default_factory=frozenset)
 
     @property
     def jumps(self) -> bool:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
+from jaxsr.diagnosis.mechanisms.candidate import ParameterSpec
 from jaxsr.diagnosis.mechanisms.motion import Motion
 from jaxsr.expressions import Term, evaluate
 from jaxsr.models import Model
@@ -25,12 +25,6 @@ class Threshold(ParameterSpec):
     """
 
     seed: float = 0.0
-
-
-def grows_in_proportion(candidate: Candidate) -> bool:
-    """Whether a mechanism grows from nothing in proportion to its coefficients."""
-    lags = bool(candidate.states and candidate.replaced)
-    return not lags and not any(isinstance(p, Threshold) for p in candidate.parameters)
 
 
 @dataclass(frozen=True)

@@ -90,3 +90,11 @@ class SuperModel:
                 if isinstance(spec, Threshold):
                     theta[order.index(self.names[number][spec.name])] = spec.seed
         return theta
+
+
+def one_of_each(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Return the first of those that differ by their inner constants alone."""
+    kept: dict[tuple[str, tuple[tuple[str, str], ...]], Candidate] = {}
+    for candidate in candidates:
+        kept.setdefault((candidate.label, candidate.terms), candidate)
+    return list(kept.values())

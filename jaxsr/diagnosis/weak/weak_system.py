@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsr.diagnosis.screening.weak_grid import WeakGrid
+from jaxsr.diagnosis.weak.weak_grid import WeakGrid
 from jaxsr.models.balance import Balance
 from jaxsr.models.driven import known_states
 from jaxsr.models.field import Field, Point

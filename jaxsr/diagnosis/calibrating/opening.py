@@ -7,18 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxsr.diagnosis.calibrating.horizon import Headline, Outlook, Start
+from jaxsr.diagnosis.calibrating.restarts import Restarts
 from jaxsr.diagnosis.case import Case
 from jaxsr.diagnosis.compared import RECALIBRATION
-from jaxsr.diagnosis.contest.arena import Arena, neutral_values, with_rounded_jumps
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.integration import choose_stepping, with_smooth
-from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.judging.noise_ratio import ABOVE_NOISE, in_noise, residual_to_noise
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.contenders import Start
-from jaxsr.diagnosis.search.horizon import Headline, Outlook
-from jaxsr.diagnosis.search.restarts import Restarts
+from jaxsr.diagnosis.shooting.arena import Arena, neutral_values, with_rounded_jumps
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.integration import choose_stepping, with_smooth
+from jaxsr.diagnosis.shooting.scoring import horizons
 from jaxsr.models import Simulator
 from jaxsr.models.states import spread
 
@@ -56,7 +55,6 @@ def opening(
     list of Start
         From where the given structure simulates best.
     """
-    case.compared.screen(case.screened, super_model)
     simulator = Simulator(super_model.model)
     case.progress.stage("choosing integration steps and the horizon")
     stepping = choose_stepping(simulator, case.prepared, starts[min(1, len(starts) - 1)][1])

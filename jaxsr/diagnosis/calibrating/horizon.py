@@ -7,20 +7,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena, build_arena, neutral_values
-from jaxsr.diagnosis.contest.carried import starts_told
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.reduced import lean, reduce
-from jaxsr.diagnosis.contest.scoring import horizons
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
-from jaxsr.diagnosis.search.contenders import Start
+from jaxsr.diagnosis.shooting.arena import Arena, build_arena, neutral_values
+from jaxsr.diagnosis.shooting.carried import starts_told
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.reduced import lean, reduce
+from jaxsr.diagnosis.shooting.scoring import horizons
 from jaxsr.models import Simulator
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.lifting import linear
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, cut
 
+Start = tuple[tuple[int, ...], np.ndarray]
+"""Members of a set and the parameter values its estimation starts from."""
 MAX_SAMPLES = 1024
 """Longest segment, in samples."""
 MANY_SEGMENTS, MANY_WITH_JUMPS = 4, 20

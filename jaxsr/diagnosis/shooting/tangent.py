@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.reduced import Reduced, reduce
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.reduced import Reduced, reduce
 from jaxsr.models.least_squares import LARGEST, Fit, Problem
 from jaxsr.models.shooting import linearise_fit
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
 
 
 def rescaled(

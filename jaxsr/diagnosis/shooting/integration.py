@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsr._deadline import ask
-from jaxsr.diagnosis.contest.reduced import restepped
+from jaxsr.diagnosis.shooting.reduced import restepped
 from jaxsr.models.driven import known_states
 from jaxsr.models.field import Field, Point
 from jaxsr.models.least_squares import Problem
@@ -109,21 +109,6 @@ def accurate(problem: Problem, theta: np.ndarray, path: np.ndarray) -> Problem:
         return problem
     factor = int(2 ** np.ceil(np.log2(min(ratio, most))))
     return with_steps(problem, stepping.method, min(factor * stepping.substeps, most))
-
-
-def rounded_share(problem: Problem, theta: np.ndarray, path: np.ndarray) -> float:
-    """Share of the cost that would go if the width of rounded jumps were estimated as well.
-
-    How sharply a law turns over is not known: with r the residuals and d the effect of another
-    width in the readings, (r'd)^2 / (r'r d'd) of the cost is its doing.
-    """
-    half = tuple(0.5 * width for width in problem.stepping.widths)
-    sharper = replace(problem, stepping=replace(problem.stepping, widths=half))
-    with np.errstate(all="ignore"):
-        apart, left = led_apart(problem, sharper, theta, path)
-        size = float(np.sum(apart**2) * np.sum(left**2))
-        share = float(np.sum(apart * left)) ** 2 / size if size > 0.0 else 0.0
-    return share if np.isfinite(share) else 0.0
 
 
 def led_apart(

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.colour import independent
-from jaxsr.diagnosis.contest.converters import Converters
+from jaxsr.diagnosis.shooting.colour import independent
+from jaxsr.diagnosis.shooting.converters import Converters
 from jaxsr.models.least_squares import Fit
 from jaxsr.models.rollout import Stepping
 
@@ -23,12 +23,8 @@ class Entry:
     ----------
     members : tuple of int
     fit : Fit
-    errors : ndarray, shape (blocks,)
-        Mean squared scaled residual of each block, estimated without it.
     stepping : Stepping, optional
         How it was integrated, where it asked for other steps or widths than the arena's.
-    rounded : float
-        Share of its cost that is the doing of how its jumps are rounded.
     seconds : float
         Time that its estimation took.
     converters : Converters, optional
@@ -39,9 +35,7 @@ class Entry:
 
     members: tuple[int, ...]
     fit: Fit
-    errors: np.ndarray
     stepping: Stepping | None = None
-    rounded: float = 0.0
     seconds: float = 0.0
     converters: Converters | None = None
     starts: int = 0
@@ -54,11 +48,6 @@ class Entry:
         """
         return self.fit.active.size + self.starts
 
-    @property
-    def error(self) -> float:
-        """Geometric mean over the blocks."""
-        return float(np.exp(np.mean(np.log(self.errors + 1e-300))))
-
     def follows_as_well_as(self, other: Entry) -> bool:
         """Whether it follows the recordings no worse, within one unit of log likelihood.
 
@@ -69,9 +58,7 @@ class Entry:
 
     def lost(self) -> Entry:
         """Return the entry as one that could not be simulated."""
-        return replace(
-            self, fit=replace(self.fit, cost=np.inf), errors=np.full_like(self.errors, np.inf)
-        )
+        return replace(self, fit=replace(self.fit, cost=np.inf))
 
     def scaled(self, factor: float) -> Entry:
         """Return the entry with residuals divided by a factor."""
@@ -84,7 +71,7 @@ class Entry:
             by_start=fitted.by_start / factor,
         )
         steps = None if self.converters is None else self.converters.scaled(factor)
-        return replace(self, fit=fitted, errors=self.errors / factor**2, converters=steps)
+        return replace(self, fit=fitted, converters=steps)
 
 
 def told_starts(fit: Fit) -> int:

@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.converters import Converters, converters_of
-from jaxsr.diagnosis.contest.entry import Entry
-from jaxsr.diagnosis.contest.integration import with_steps
-from jaxsr.diagnosis.contest.widths import BEGIN, Jumps
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.converters import Converters, converters_of
+from jaxsr.diagnosis.shooting.entry import Entry
+from jaxsr.diagnosis.shooting.integration import with_steps
+from jaxsr.diagnosis.shooting.widths import BEGIN, Jumps
 from jaxsr.models import Model
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.model import FREE

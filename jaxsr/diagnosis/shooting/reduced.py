@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.scoring import FreeRun, free_run
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.scoring import FreeRun, free_run
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Prepared, Segments

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.special
 
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.blocks import column_sizes
-from jaxsr.diagnosis.contest.converters import correlated, finest_noise
-from jaxsr.diagnosis.contest.reduced import resolved
-from jaxsr.diagnosis.contest.tangent import Tangent
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.blocks import column_sizes
+from jaxsr.diagnosis.shooting.converters import correlated, finest_noise
+from jaxsr.diagnosis.shooting.reduced import resolved
+from jaxsr.diagnosis.shooting.tangent import Tangent
 from jaxsr.models.least_squares import Fit
 
 NORMAL = 1.96

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.blocks import column_sizes
-from jaxsr.diagnosis.contest.integration import accurate, led_apart, steady
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
+from jaxsr.diagnosis.shooting.blocks import column_sizes
+from jaxsr.diagnosis.shooting.integration import accurate, led_apart, steady
 from jaxsr.expressions import evaluate, parse
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.simulator import SMOOTHED, Simulator

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.memory_starts import memory_starts
+from jaxsr.diagnosis.shooting.memory_starts import memory_starts
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.rollout import Stepping, outputs
 from jaxsr.models.segments import SHORTEST, Prepared, Segments, build_segments, cut

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.integration import accurate, steady
-from jaxsr.diagnosis.contest.reduced import Reduced
-from jaxsr.diagnosis.contest.widths import Jumps, fitted_widths
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.integration import accurate, steady
+from jaxsr.diagnosis.shooting.reduced import Reduced
+from jaxsr.diagnosis.shooting.widths import Jumps, fitted_widths
 from jaxsr.models.driven import driven_states
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.shooting import fit
 
 CONTEST_TOLERANCE = 1e-4
-"""Gain in cost at which the estimation of a set stops: far below `MIN_GAIN`."""
+"""Gain in cost at which the estimation of a set stops."""
 MOVED = 1e-3
 """Change of a parameter, or of a start, relative to itself, that leads later starts elsewhere."""
 

@@ -1,4 +1,4 @@
-"""Entering a set: estimated in free run, and compared on held-back blocks."""
+"""Entering a set: estimated in free run."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsr._clock import now
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.blocks import held_back
-from jaxsr.diagnosis.contest.carried import carried_on, starts_told
-from jaxsr.diagnosis.contest.entry import Entry, told_starts
-from jaxsr.diagnosis.contest.estimation import Estimation
-from jaxsr.diagnosis.contest.integration import accurate, rounded_share, steady
-from jaxsr.diagnosis.contest.reduced import cropped, reduce
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.carried import carried_on, starts_told
+from jaxsr.diagnosis.shooting.entry import Entry, told_starts
+from jaxsr.diagnosis.shooting.estimation import Estimation
+from jaxsr.diagnosis.shooting.integration import accurate, steady
+from jaxsr.diagnosis.shooting.reduced import cropped, reduce
 from jaxsr.models.least_squares import Problem
 from jaxsr.models.rollout import Stepping
 from jaxsr.models.segments import Segments
@@ -34,14 +33,11 @@ def enter(
     stop: Callable[[], bool] = lambda: False,
     max_iterations: int = ITERATIONS,
     near: bool = False,
-    fit_widths: bool | None = None,
-    worth: float = np.inf,
 ) -> Entry:
-    """Estimate one set jointly with the free parameters and the starts, and hold blocks back.
+    """Estimate one set jointly with the free parameters and the starts.
 
     `path` is where the states are sought, as another entry's fit has them; `near` says that they
-    are nearly there, and with that, unless `fit_widths`, that its jumps are as wide as the arena's.
-    For a cost above `worth`, neither widths nor finer steps are sought.
+    are nearly there, and with that, that its jumps are as wide as the arena's.
     """
     super_model = arena.super_model
     problem = arena.problem
@@ -70,23 +66,18 @@ def enter(
     result = estimate.renewed(own, inner, course, near, refreshes)
     if full and not starts_told(super_model, arena.prepared):
         result = carried_on(arena, estimate, own, result)
-    share = 0.0
-    if careful and result.cost <= worth:
+    if careful:
         sharp = any(super_model.candidates[i].sharp for i in members)
-        asked = not near if fit_widths is None else fit_widths
-        if sharp and asked and arena.jumps is not None:
+        if sharp and not near and arena.jumps is not None:
             own, result = estimate.widened(own, result, arena.jumps)
         own, result = estimate.finer(own, result)
-        if sharp and result.usable and result.path is not None:
-            share = rounded_share(own.problem, result.theta, result.path)
     result = own.restored(result, theta, problem.segments)
     if late:
         result = cropped(result, problem, arena.problem.segments)
-    errors = held_back(arena.pieces, arena.problem.segments, result)
     changed = own.problem.stepping != given
     stepping = _everywhere(arena, own.problem) if changed else None
     took, steps = now() - begun, arena.converters
-    return Entry(members, result, errors, stepping, share, took, steps, told_starts(result))
+    return Entry(members, result, stepping, took, steps, told_starts(result))
 
 
 def _refinable(arena: Arena, members: tuple[int, ...]) -> bool:

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
 from jaxsr.diagnosis.judging.parsimony import simpler
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import Arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
 
 INSIDE: Mapping[str, tuple[str, Mapping[str, str | float]]] = {
     "stribeck_friction": ("coulomb_friction", {"Fc": "Fc", "Fs": "Fc"}),

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.blocks import correlation_length
+from jaxsr.diagnosis.shooting.blocks import correlation_length
 from jaxsr.models import Model
 from jaxsr.models.segments import Prepared
 from jaxsr.recordings import quantisation_step

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena, neutral_values
-from jaxsr.diagnosis.contest.enter import enter
-from jaxsr.diagnosis.contest.entry import Entry
+from jaxsr.diagnosis.shooting.arena import Arena, neutral_values
+from jaxsr.diagnosis.shooting.enter import enter
+from jaxsr.diagnosis.shooting.entry import Entry
 
 DRAWS = 8
 """Starts of the design beside the middle of the bounds."""

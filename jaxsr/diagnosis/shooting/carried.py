@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.contest.arena import Arena
-from jaxsr.diagnosis.contest.estimation import Estimation
-from jaxsr.diagnosis.contest.reduced import Reduced
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
+from jaxsr.diagnosis.shooting.arena import Arena
+from jaxsr.diagnosis.shooting.estimation import Estimation
+from jaxsr.diagnosis.shooting.reduced import Reduced
 from jaxsr.models.edits import with_values
 from jaxsr.models.hidden import with_hidden
 from jaxsr.models.least_squares import Fit

@@ -1,0 +1,1 @@
+"""Re-calibration in free run: how far ahead, from which starts."""

@@ -1,1 +1,0 @@
-"""The contest: sets of candidates estimated in free run, compared on blocks held back."""

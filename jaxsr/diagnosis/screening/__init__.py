@@ -1,1 +1,0 @@
-"""The weak view: every candidate screened where the sensors show the equations."""

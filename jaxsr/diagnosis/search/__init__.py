@@ -1,1 +1,0 @@
-"""The search for sets of mechanisms: contenders, growth, exchange, regrouping, the choice."""

@@ -1,0 +1,1 @@
+"""Free runs: sets of mechanisms estimated by multiple shooting."""

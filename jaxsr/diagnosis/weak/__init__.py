@@ -1,0 +1,1 @@
+"""The weak view: equations that can be read off the sensors, seen through test functions."""
