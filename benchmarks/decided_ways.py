@@ -1,4 +1,4 @@
-"""The decision three ways: as it stands, by the evidence alone, and by the contest alone.
+"""The decision two ways: as it stands, and by the evidence alone.
 
     python -m benchmarks.decided_ways OUT.jsonl [--generality DIR ...] [--sensing SEED ...]
                     [--force-units] [--hidden NAME ...] [--only PART ...] [--skip PART ...]
@@ -6,8 +6,7 @@
     python -m benchmarks.decided_ways OUT.jsonl     # the table of what is there
 
 `today` is the decision of the commands. `evidence` is that of the posterior even where
-free runs do not bear it out; it is run where `today` left that to the
-contest. `contest` never looks at the posterior; it is run where that leaves doubt. Every answer is
+free runs do not bear it out; it is run where `today` left that undecided. Every answer is
 a line of OUT.jsonl with the most probable sets, so that a run goes on where it stopped, and other
 rules can be tried on what is there. Set JAXSR_CLOCK=processor: the budget is that of the processor
 then.
@@ -84,8 +83,6 @@ class Way:
             setattr(PATCHED[name], name, own)
 
     def _weighed(self, case: Any, rng: np.random.Generator) -> Posterior | None:
-        if self.name == "contest":
-            return None
         self.found = self.known or self.own["weighed"](case, rng)
         return self.found
 
@@ -263,9 +260,7 @@ def asked(way: str, today: Mapping[str, Any] | None) -> bool:
     """Whether an answer in another way can differ from today's."""
     if today is None or way == "today":
         return True
-    if way == "evidence":
-        return not today["decided"] and today["posterior"] is not None
-    return today["decided"] and today["claim"] == "undecided"
+    return today["borne"] is False
 
 
 def rows_of(out: Path) -> list[dict[str, Any]]:
@@ -279,7 +274,7 @@ def said(row: Mapping[str, Any]) -> str:
     """One line of a row."""
     marks = "".join("x" if m is False else "." for m in (row["verdict_right"], row["first_right"]))
     findings = ", ".join(f"{n} {p:.2f}" for n, p in row["findings"][:3])
-    by = "evidence" if row["decided"] else "contest"
+    by = "doubt" if row["borne"] is False else "claim"
     return (
         f"{marks} {row['case'][:52]:52} {row['way']:8} by {by:8} {row['verdict']:14} "
         f"[{findings}] truth {row['truth']} ({row['cpu_seconds']} s)"
@@ -306,7 +301,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     by = {(r["case"], r["way"]): r for r in rows}
     lines = []
     for (case, way), row in by.items():
-        others = [o for o in ("before", "evidence", "contest") if (case, o) in by]
+        others = [o for o in ("before", "evidence") if (case, o) in by]
         if way != "today" or not others:
             continue
         lines.append(f"{case} ({row['truth']}): {doubt_of(row)}")
@@ -315,7 +310,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     groups = list(dict.fromkeys(r["group"] for r in rows))
     for group in groups:
         cases = [c for (c, way), r in by.items() if way == "today" and r["group"] == group]
-        for way in ("today", "before", "evidence", "contest"):
+        for way in ("today", "before", "evidence"):
             # where another way was not asked, it answers as today's does
             own = [by.get((c, way), by[c, "today"]) for c in cases]
             if own:
@@ -339,9 +334,7 @@ def main() -> int:
     parser.add_argument("--hidden", nargs="+", default=[], metavar="NAME")
     parser.add_argument("--only", nargs="+", default=[""], metavar="PART", help="of names of cases")
     parser.add_argument("--skip", nargs="+", default=[], metavar="PART", help="of names of cases")
-    parser.add_argument(
-        "--ways", nargs="+", default=["today", "evidence", "contest"], metavar="WAY"
-    )
+    parser.add_argument("--ways", nargs="+", default=["today", "evidence"], metavar="WAY")
     parser.add_argument("--budget", type=float, default=60.0, metavar="SECONDS")
     options = parser.parse_args()
 
