@@ -177,23 +177,18 @@ def test_a_law_that_is_set_aside_leaves_the_others_and_what_it_was_for() -> None
     np.testing.assert_allclose(posterior.probabilities[:2], [0.9 / 0.95, 0.05 / 0.95])
 
 
-@pytest.mark.parametrize("sound", [True, False])
-def test_laws_that_no_free_run_bears_out_are_set_aside_one_after_another(
-    sound: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A named set is not: where it is not borne out, nothing is claimed."""
+def decided(
+    monkeypatch: pytest.MonkeyPatch, posterior: Posterior, sound: tuple[int, ...] | None
+) -> tuple[Decision, list[tuple[int, ...]]]:
+    """Return what is decided where free runs bear out one set alone, and which they were asked."""
     course = importlib.import_module("jaxsr.diagnosis.diagnose")
-    sets = [Weighed((4,), 9.0), Weighed((5,), 8.0), Weighed((0,), 7.0), Weighed(())]
-    laws = (Named("unnamed@x", mechanism=UNNAMED), Named("unnamed@y", mechanism=UNNAMED))
-    every = cast("Any", (*CANDIDATES, *laws))
-    posterior = replace(found(sets, [0.9, 0.09, 0.01, 1e-9]), candidates=every)
     asked: list[tuple[int, ...]] = []
 
     def asking(case: Any, found: Posterior) -> Decision:
         asked.append(found.leader.members)
-        arena = SimpleNamespace(super_model=SimpleNamespace(candidates=every))
+        arena = SimpleNamespace(super_model=SimpleNamespace(candidates=posterior.candidates))
         entries = [Estimated(found.leader.members), Estimated(())]
-        return decision(arena, entries, entries[0], sound and asked[-1] == (0,))
+        return decision(arena, entries, entries[0], asked[-1] == sound)
 
     monkeypatch.setattr(course, "weighed", lambda *_: posterior)
     monkeypatch.setattr(course, "decided_by_evidence", asking)
@@ -206,10 +201,43 @@ def test_laws_that_no_free_run_bears_out_are_set_aside_one_after_another(
         search=SimpleNamespace(exhausted=False),
         simulator=SimpleNamespace(model=GIVEN),
     )
-    told = course._decided(cast("Any", case), Costs(), np.random.default_rng(0))
+    return course._decided(cast("Any", case), Costs(), np.random.default_rng(0)), asked
+
+
+@pytest.mark.parametrize("sound", [(0,), None])
+def test_laws_that_no_free_run_bears_out_are_set_aside_one_after_another(
+    sound: tuple[int, ...] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A named set is not: where nothing else leads, nothing is claimed."""
+    sets = [Weighed((4,), 9.0), Weighed((5,), 8.0), Weighed((0,), 7.0), Weighed(())]
+    laws = (Named("unnamed@x", mechanism=UNNAMED), Named("unnamed@y", mechanism=UNNAMED))
+    every = cast("Any", (*CANDIDATES, *laws))
+    posterior = replace(found(sets, [0.9, 0.09, 0.01, 1e-9]), candidates=every)
+    told, asked = decided(monkeypatch, posterior, sound)
     assert asked == [(4,), (5,), (0,)]
     assert told.claim.leading == {"a@x"}
     assert told.claim.verdict is (Verdict.STRUCTURE if sound else Verdict.UNDECIDED)
+
+
+@pytest.mark.parametrize("sound", [(3,), None])
+def test_beside_a_set_that_is_not_borne_out_the_search_goes_on(
+    sound: tuple[int, ...] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As long as another set leads: the claim is that of the most probable one."""
+    sets = [Weighed((0,), 9.0), Weighed((2,), 3.0), Weighed(())]
+    better = found([Weighed((3,), 19.0), *sets], [1.0, 1e-4, 1e-6, 1e-9])
+    begun: list[tuple[int, ...]] = []
+
+    def further(leading: tuple[int, ...]) -> Posterior | None:
+        begun.append(leading)
+        return replace(better, further=further) if len(begun) == 1 else None
+
+    posterior = replace(found(sets, [0.99, 0.01, 1e-6]), further=further)
+    told, asked = decided(monkeypatch, posterior, sound)
+    assert asked == [(0,), (3,)]
+    assert begun == ([(0,)] if sound else [(0,), (3,)])
+    assert told.claim.leading == {"c@y"}
+    assert told.claim.verdict is (Verdict.MEASUREMENT if sound else Verdict.UNDECIDED)
 
 
 def test_alternatives_are_sets_with_one_other_member_in_its_place() -> None:

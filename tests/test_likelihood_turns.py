@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -16,6 +16,7 @@ from jaxsr.diagnosis.decision import Decision
 from jaxsr.diagnosis.judging.detection import Detection
 from jaxsr.diagnosis.likelihood import loop
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
+from jaxsr.diagnosis.likelihood.state import State
 from jaxsr.diagnosis.shooting.entry import Entry
 
 PLAIN = 12
@@ -116,3 +117,29 @@ def test_a_bias_that_wanders_is_noise_where_the_evidence_says_so(
     for size, noise_alone in ((2.0, True), (0.1, False)):
         wandering = Noise(np.array([1e-2]), np.array([size]), np.array([0.998]))
         assert settled.above_noise(found, wandering) != noise_alone
+
+
+def test_another_search_begins_from_what_shares_nothing_with_the_set_that_led(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What led and what shares a member with it is known, and not estimated again."""
+
+    def weighed(members: tuple[int, ...], log: float) -> Any:
+        return SimpleNamespace(members=members, log_evidence=log, settled=True)
+
+    sets = {(): 0.0, (0,): 9.0, (1,): 5.0, (0, 1): 8.0}
+    state = State(cast(Any, None), cast(Any, None), {m: weighed(m, v) for m, v in sets.items()})
+    state = replace(state, grown=frozenset({(0,)}))
+    began: list[State] = []
+
+    def grown(state: State) -> State:
+        began.append(state)
+        more = {(1, 2): weighed((1, 2), 12.0)}
+        return replace(state, known={**state.known, **more}, grown=frozenset({(1, 2)}))
+
+    monkeypatch.setattr(loop, "grown", grown)
+    found = loop.grown_apart(state, (0,))
+    assert {m for m, h in began[0].known.items() if h is None} == {(0,), (0, 1)}
+    assert not began[0].grown
+    assert {m: h.log_evidence for m, h in found.known.items() if h} == sets | {(1, 2): 12.0}
+    assert found.grown == {(0,), (1, 2)}

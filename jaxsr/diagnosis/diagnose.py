@@ -194,7 +194,8 @@ def _decided(case: Case, costs: Costs, rng: np.random.Generator) -> Decision:
     """Decide by the evidence of the recordings, which free runs must bear out.
 
     A law without a name that they do not is set aside before the rest is asked: it was written for
-    a path that it need not follow. Where they do not bear out what is left, something acts that the
+    a path that it need not follow. Beside a named set that they do not bear out, the search goes on
+    from what has none of its members, until nothing else leads: then something acts that the
     posterior does not see. Where time ended the search, what was not asked about stays open.
     """
     attempt, found = case.failures.attempt, weighed(case, rng)
@@ -203,10 +204,13 @@ def _decided(case: Case, costs: Costs, rng: np.random.Generator) -> Decision:
         decision = attempt(doing, partial(decided_by_evidence, case, found), None)
         if decision is None:
             break
-        laws = found.nameless
-        if decision.borne_out or not laws or case.search.exhausted:
-            return _claimed(case, found, decision, costs)
-        found = found.without(laws)
+        known, laws, other = found, found.nameless, None
+        if not decision.borne_out and not case.search.exhausted:
+            further = partial(found.further, found.leader.members)
+            other = found.without(laws) if laws else attempt("searching further", further, None)
+        if other is None:
+            return _claimed(case, known, decision, costs)
+        found = other
     return unweighed(case)
 
 

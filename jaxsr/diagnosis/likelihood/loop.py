@@ -132,6 +132,23 @@ def grown(
     return state
 
 
+def grown_apart(state: State, leading: Members) -> State:
+    """Grow the best set that has no member of a leading one as well.
+
+    A rich law that imitates two others leads before they are asked about together: each alone
+    leaves a force, and nothing is added to what does not lead.
+
+    Parameters
+    ----------
+    leading : tuple of int
+        Of which no subset nor what else shares a member is estimated again.
+    """
+    apart = {m: None if {*m} & {*leading} else h for m, h in state.known.items()}
+    found = grown(replace(state, known=apart, grown=frozenset(), rivalled={}, due=()))
+    known = {m: better(state.known.get(m), h) for m, h in found.known.items()}
+    return replace(found, known=known, grown=state.grown | found.grown)
+
+
 def memories_left(state: State) -> list[Members]:
     """Return the next mechanisms with states of their own that were asked beside nothing.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import expit
@@ -12,9 +13,9 @@ from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.evidence import Mode, modes
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
 from jaxsr.diagnosis.likelihood.later import MANY, Write, with_laws
-from jaxsr.diagnosis.likelihood.loop import MOST_MEMBERS, odds_of_force, search
+from jaxsr.diagnosis.likelihood.loop import MOST_MEMBERS, grown_apart, odds_of_force, search
 from jaxsr.diagnosis.likelihood.offered import offered
-from jaxsr.diagnosis.likelihood.state import State
+from jaxsr.diagnosis.likelihood.state import Members, State
 from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.candidate import UNNAMED, Candidate
@@ -50,6 +51,9 @@ class Posterior:
         Probability of a force that no member of the leading set is, against that of none.
     prepared, rows
         Recordings and pieces of them that paths lie along.
+    further : callable
+        Returns what another search finds, from the best set that has none of some members; None
+        where no other set leads then.
     """
 
     candidates: tuple[Candidate, ...]
@@ -61,6 +65,7 @@ class Posterior:
     something_else: float = 0.0
     prepared: tuple[Prepared, ...] = ()
     rows: tuple[tuple[int, int, int], ...] = ()
+    further: Callable[[Members], Posterior | None] = lambda _: None
 
     @staticmethod
     def of(state: State) -> Posterior:
@@ -232,15 +237,23 @@ def posterior_along(
         return None
     if write is not None:
         state = with_laws(state, course, write, tell)
-    found = Posterior.of(state)
-    if found.leader.share and found.timely:
-        found = replace(found, something_else=float(expit(odds_of_force(state, found.leader))))
-    if found.leader.members:
-        return found
-    pushes = [c for c in super_model.candidates if c.mechanism == "constant_force"]
-    args = course.prepared, course.seconds, course.null.noise, stop
-    alone = Workspace.build(SuperModel.build(model, pushes), *args)
-    return replace(found, wrong=wrong_values(alone, null))
+
+    def further(state: State, leading: Members) -> Posterior | None:
+        other = grown_apart(state, leading)
+        return None if other.leader.members == state.leader.members else concluded(other)
+
+    def concluded(state: State) -> Posterior:
+        found = replace(Posterior.of(state), further=partial(further, state))
+        if found.leader.share and found.timely:
+            found = replace(found, something_else=float(expit(odds_of_force(state, found.leader))))
+        if found.leader.members:
+            return found
+        pushes = [c for c in super_model.candidates if c.mechanism == "constant_force"]
+        args = course.prepared, course.seconds, course.null.noise, stop
+        alone = Workspace.build(SuperModel.build(model, pushes), *args)
+        return replace(found, wrong=wrong_values(alone, null))
+
+    return concluded(state)
 
 
 def _asked(state: State) -> frozenset[str]:
