@@ -1,4 +1,4 @@
-"""Planted cases judged by the evidence alone, without the contest and free runs of a diagnosis.
+"""Planted cases judged by the evidence alone, without the free runs of a diagnosis.
 
     python -m benchmarks.evidence DIR [--only CASE ...] [--jobs N]
     python -m benchmarks.evidence --quick

@@ -109,7 +109,7 @@ def candidates_of(prepared: Prepared, names: tuple[str, ...]) -> list[Candidate]
 
 
 def arena_of(recording: Recording, names: tuple[str, ...], horizon: float = 1.5) -> Arena:
-    """Lay out the contest of some mechanisms."""
+    """Lay out the arena of some mechanisms."""
     prepared = (Prepared.build(GIVEN, recording),)
     super_model = SuperModel.build(GIVEN, candidates_of(prepared[0], names))
     simulator = Simulator(super_model.model)
@@ -118,7 +118,7 @@ def arena_of(recording: Recording, names: tuple[str, ...], horizon: float = 1.5)
     return build_arena(super_model, prepared, stepping, horizon, scale, simulator)
 
 
-def contest(arena: Arena) -> dict[str, Entry]:
+def alone(arena: Arena) -> dict[str, Entry]:
     """Enter re-calibration and every candidate alone."""
     start = neutral_values(arena.super_model)
     null = enter(arena, (), start)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosis_systems import ARM
-from memory_plants import GIVEN, PLANTS, STEP, arena_of, contest, winner
+from memory_plants import GIVEN, PLANTS, STEP, alone, arena_of, winner
 
 from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.mechanisms.memory import (
@@ -250,7 +250,7 @@ def test_constants_are_found(mechanism, truth):
 @pytest.mark.parametrize("plant", ["nothing", *RIVALS])
 def test_the_planted_mechanism_wins(plant):
     arena = arena_of(PLANTS[plant].record(0), RIVALS)
-    assert winner(arena, contest(arena)) == plant
+    assert winner(arena, alone(arena)) == plant
 
 
 @pytest.mark.slow
@@ -260,7 +260,7 @@ def test_the_planted_mechanism_wins_for_most_seeds(plant):
     right = 0
     for seed in range(5):
         arena = arena_of(PLANTS[plant].record(10 + seed), names)
-        right += winner(arena, contest(arena)) == plant
+        right += winner(arena, alone(arena)) == plant
     assert right >= 4
 
 

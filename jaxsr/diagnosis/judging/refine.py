@@ -161,7 +161,7 @@ def plain(arena: Arena, entry: Entry) -> Estimate:
 def refine(ground: Ground, entry: Entry, thorough: bool = True) -> Estimate:
     """Estimate a set finally.
 
-    Where the model fits down to the noise, the free run over the contest's segments is the most
+    Where the model fits down to the noise, the free run over the segments is the most
     precise estimate. Where it does not (a small effect is still missing), each horizon asks for
     slightly different constants: then free run over the shortest horizon and the weak view
     compete, the estimate with the least error over all horizons and forces on DATA is taken,

@@ -6,7 +6,7 @@ from jaxsr.diagnosis.mechanisms.candidate import Candidate, ParameterSpec
 from jaxsr.models import Model
 
 REACH = 20.0
-"""Largest shift in samples that the segments of a contest can hold (see `contest.MARGIN`)."""
+"""Largest shift in samples that the segments of free runs can hold."""
 
 LATE = frozenset({"actuator_lag", "input_delay", "sensor_delay"})
 """Mechanisms that make a signal late."""

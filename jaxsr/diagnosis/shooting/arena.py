@@ -1,4 +1,4 @@
-"""The arena: what all entries of a contest share."""
+"""The arena: what all sets in free run share."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ longest delay that a segment can tell."""
 
 @dataclass(frozen=True, eq=False)
 class Arena:
-    """What all entries share: the super-model, its segments, and the blocks held back in turn."""
+    """What all entries share: the super-model, its segments, and blocks of them.
+
+    How gradients spread over the blocks tells intervals.
+    """
 
     super_model: SuperModel
     problem: Problem

@@ -15,7 +15,7 @@ from jaxsr.models.driven import driven_states
 from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.shooting import fit
 
-CONTEST_TOLERANCE = 1e-4
+TOLERANCE = 1e-4
 """Gain in cost at which the estimation of a set stops."""
 MOVED = 1e-3
 """Change of a parameter, or of a start, relative to itself, that leads later starts elsewhere."""
@@ -35,7 +35,7 @@ class Estimation:
         self, own: Reduced, theta: np.ndarray, path: np.ndarray | None, near: bool = True
     ) -> Fit:
         """Estimate from `theta`, the states sought along `path`."""
-        x0, limits = None, (self.max_iterations, self.stopped, CONTEST_TOLERANCE)
+        x0, limits = None, (self.max_iterations, self.stopped, TOLERANCE)
         problem = own.problem
         if problem.simulator.model.driven:
             start = None if path is None else path[:, 0]

@@ -1,4 +1,4 @@
-"""Weights of the outputs in a contest: by what the best set so far leaves on each."""
+"""Weights of the outputs in free runs: by what the best set so far leaves on each."""
 
 from __future__ import annotations
 

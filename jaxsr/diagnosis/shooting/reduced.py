@@ -1,4 +1,4 @@
-"""A contest's problem reduced to one set of candidates: states and terms of others are left out."""
+"""The problem of free runs reduced to one set of candidates: states and terms of others are left out."""
 
 from __future__ import annotations
 

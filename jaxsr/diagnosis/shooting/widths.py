@@ -16,7 +16,7 @@ from jaxsr.models.least_squares import Fit, Problem
 from jaxsr.models.simulator import SMOOTHED, Simulator
 
 BEGIN = 4.0
-"""Width at which the laws of a contest begin, in those of the sharpest."""
+"""Width at which laws that jump begin, in those of the sharpest."""
 WIDEST = 32.0
 """Largest width, in those of the sharpest: beyond it a law does not jump."""
 CLEAR, FOR_SOME_TIME = 0.1, 0.01
