@@ -1,4 +1,4 @@
-"""The problem of free runs reduced to one set of candidates: states and terms of others are left out."""
+"""The problem of free runs reduced to one set of candidates, without states of others."""
 
 from __future__ import annotations
 
