@@ -336,11 +336,11 @@ def test_a_push_needs_a_residual_concentrated_in_time():
         ("input_deadzone", lambda u: -np.clip(u, -1.5, 1.5)),
     ],
 )
-def test_a_nonlinear_actuator_is_the_best_single_candidate(mechanism, change):
+def test_a_nonlinear_actuator_is_believed_where_there_is_one(mechanism, change):
     plain = recording()
     u = plain.channel("u")
     item = recording(lambda q, v, t: float(change(np.interp(t, TIME, u))))
-    assert best_single(item)[0] == f"{mechanism}@input:u"
+    assert believed(item) == {mechanism}
 
 
 def test_clipping_needs_readings_that_stand_still_at_the_limit():

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from jaxsr._result import Verdict
-from jaxsr.diagnosis.calibrating import nesting
-from jaxsr.diagnosis.judging import parsimony
+from jaxsr.diagnosis.judging import nesting, parsimony
 from jaxsr.diagnosis.judging.parsimony import (
     fewer_do,
     fewest,

@@ -88,7 +88,7 @@ def test_what_another_width_promises_is_what_it_gains(share: float, seed: int) -
     assert arena.jumps is not None
     theta = neutral_values(arena.super_model)
     theta[list(arena.super_model.model.parameters).index(arena.super_model.names[0]["Fc"])] = 2.3
-    begun = enter(arena, (0,), theta, fit_widths=False)
+    begun = enter(replace(arena, jumps=None), (0,), theta)
     found = enter(arena, (0,), theta)
     before, after = (in_steps_of(arena, e).problem for e in (begun, found))
     gained = 1.0 - found.fit.cost / begun.fit.cost

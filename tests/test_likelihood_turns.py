@@ -132,7 +132,7 @@ def test_another_search_begins_from_what_shares_nothing_with_the_set_that_led(
     state = replace(state, grown=frozenset({(0,)}))
     began: list[State] = []
 
-    def grown(state: State) -> State:
+    def grown(state: State, *_: object) -> State:
         began.append(state)
         more = {(1, 2): weighed((1, 2), 12.0)}
         return replace(state, known={**state.known, **more}, grown=frozenset({(1, 2)}))

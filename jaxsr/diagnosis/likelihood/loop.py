@@ -132,7 +132,7 @@ def grown(
     return state
 
 
-def grown_apart(state: State, leading: Members) -> State:
+def grown_apart(state: State, leading: Members, most: int = MOST_MEMBERS + 1) -> State:
     """Grow the best set that has no member of a leading one as well.
 
     A rich law that imitates two others leads before they are asked about together: each alone
@@ -142,9 +142,11 @@ def grown_apart(state: State, leading: Members) -> State:
     ----------
     leading : tuple of int
         Of which no subset nor what else shares a member is estimated again.
+    most : int
+        Members of a leader to which nothing is added yet.
     """
     apart = {m: None if {*m} & {*leading} else h for m, h in state.known.items()}
-    found = grown(replace(state, known=apart, grown=frozenset(), rivalled={}, due=()))
+    found = grown(replace(state, known=apart, grown=frozenset(), rivalled={}, due=()), None, most)
     known = {m: better(state.known.get(m), h) for m, h in found.known.items()}
     return replace(found, known=known, grown=state.grown | found.grown)
 

@@ -231,7 +231,8 @@ def posterior_along(
     shown = () if seen is None else seen.candidates
     super_model = SuperModel.build(model, offered(model, course, shown))
     work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise, stop)
-    state = search(work, course.null, tell, MOST_MEMBERS + 1 if write is None else MANY)
+    most = MOST_MEMBERS + 1 if write is None else MANY
+    state = search(work, course.null, tell, most)
     null = state.known[()]
     if null is None:
         return None
@@ -239,8 +240,10 @@ def posterior_along(
         state = with_laws(state, course, write, tell)
 
     def further(state: State, leading: Members) -> Posterior | None:
-        other = grown_apart(state, leading)
-        return None if other.leader.members == state.leader.members else concluded(other)
+        other = grown_apart(state, leading, most)
+        if other.leader.members == state.leader.members:
+            return None
+        return concluded(other if write is None else with_laws(other, course, write, tell))
 
     def concluded(state: State) -> Posterior:
         found = replace(Posterior.of(state), further=partial(further, state))
