@@ -52,6 +52,7 @@ class Judged:
     leader: Entry | None = None  # what `rivals` could replace, where nothing was chosen
     open: OpenMass = field(default_factory=OpenMass)  # of what was not compared
     confusable: tuple[list[Any], ...] = ()  # wrong values that others do as well as
+    read_off: bool = False  # whether the verdict is what the readings themselves show
 
 
 def judge(parts: Ingredients) -> Judged:
@@ -74,7 +75,7 @@ def _judged(parts: Ingredients) -> Judged:
     mass = _open_mass(parts)
     rows = [_lowered(row, mass.factor) for row in judged.findings]
     verdict = judged.verdict
-    if mass.against(verdict) > TIE:
+    if mass.against(verdict) > TIE and not judged.read_off:
         verdict = Verdict.UNDECIDED
     return replace(judged, findings=rows, verdict=verdict, open=mass)
 
@@ -121,11 +122,20 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
     best = parts.weights.told_of(best)
     rows, rivals, order = _rows(parts, parts.chosen, best)
     rows, rounding, edits = _with_sensors(parts, best, rows, _given(parts).fit.cost)
-    verdict = _verdict(parts, order)
-    if max((row["share"] for row in rounding), default=0.0) > rows[0]["share"]:
-        verdict = Verdict.MEASUREMENT
+    read_off = max((row["share"] for row in rounding), default=0.0) > rows[0]["share"]
+    verdict = Verdict.MEASUREMENT if read_off else _verdict(parts, order)
     every = sorted([*rows, *rounding], key=lambda row: -row["share"])
-    return Judged(recalibrated, best, verdict, every, rivals, tuple(edits))
+    told = Judged(recalibrated, best, verdict, every, rivals, tuple(edits), read_off=read_off)
+    if parts.borne_out or _runs_better(parts, recalibrated, best):
+        return told
+    # The set is named, and nobody is given a model that follows worse than the re-calibrated one.
+    return replace(told, explained=recalibrated, leader=parts.chosen)
+
+
+def _runs_better(parts: Ingredients, before: Estimate, after: Estimate) -> bool:
+    """Whether a model follows whole recordings better than another."""
+    first, second = (e.lean.free_run(parts.case.prepared, e.theta).nrmse for e in (before, after))
+    return second < first
 
 
 def _without_mechanism(parts: Ingredients, ground: Ground, recalibrated: Estimate) -> Judged:
@@ -191,7 +201,7 @@ def _by_claim(parts: Ingredients, recalibrated: Estimate) -> Judged:
     measured = bool(both) and both[0]["family"] == "measurement"
     verdict = Verdict.MEASUREMENT if measured else claim.verdict
     judged = Judged(recalibrated, told.estimate, verdict, both, [], tuple(edits))
-    return replace(judged, confusable=told.confusable)
+    return replace(judged, confusable=told.confusable, read_off=measured)
 
 
 def _with_sensors(
