@@ -134,7 +134,9 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
 
 def _runs_better(parts: Ingredients, before: Estimate, after: Estimate) -> bool:
     """Whether a model follows whole recordings better than another."""
-    first, second = (e.lean.free_run(parts.case.prepared, e.theta).nrmse for e in (before, after))
+    first, second = (
+        e.lean.free_run(parts.case.prepared, e.theta, None).nrmse for e in (before, after)
+    )
     return second < first
 
 
