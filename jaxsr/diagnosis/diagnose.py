@@ -1,4 +1,4 @@
-"""The diagnosis: calibrate, screen, weigh, estimate in free run, report."""
+"""The diagnosis: weigh, estimate in free run, claim, report."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ from jaxsr.diagnosis.shooting.entry import Entry
 from jaxsr.models import Edit, Model, apply_edit
 
 SHARPENING = 0.3
-"""The same for estimates without the rounding of jumps, and their comparison."""
+"""Share of the time left that estimates without the rounding of jumps may take."""
 TIE = 0.2
 """Mass of what was not compared, with another verdict, that makes a case undecided."""
 ENDING = 0.1
