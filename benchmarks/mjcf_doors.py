@@ -142,7 +142,7 @@ def case(name: str, effect_name: str, seed: int, folder: Path) -> dict[str, Any]
     truth, value = given, 0.0
     if effect is not None:
         value = effect.size(size)
-        truth = edited(file, joint, effect, value)
+        truth = edited(file, {joint: value}, effect)
     runs = [run(file, truth, rng, SAMPLES) for _ in range(3)]
     paths = [folder / f"run{k}.csv" for k in range(3)]
     for found, recording in zip(runs, paths, strict=True):
@@ -156,8 +156,8 @@ def case(name: str, effect_name: str, seed: int, folder: Path) -> dict[str, Any]
     for key, text in files.items():
         (folder / key).write_text(text)
     plain = read_plant_file(path)[0]
-    before = _error(plain, runs[2])
-    after = _error(_explained(folder), runs[2])
+    before = error_of(plain, runs[2])
+    after = error_of(explained(folder), runs[2])
     mujoco.set_mjcb_passive(None)
     return _scored(
         {
@@ -205,7 +205,7 @@ def _scored(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _explained(folder: Path) -> Plant:
+def explained(folder: Path) -> Plant:
     """Load ``explained.xml``, and let its callback act."""
     plant, path = read_plant_file(folder / "explained.xml")[0], folder / "explained.py"
     if path.exists():
@@ -217,7 +217,7 @@ def _explained(folder: Path) -> Plant:
     return plant
 
 
-def _error(plant: Plant, found: Run) -> float:
+def error_of(plant: Plant, found: Run) -> float:
     """Return the error of positions in runs of `HORIZON`, by the motion."""
     length = max(round(HORIZON / (found.time[1] - found.time[0])), 2)
     n, total, count = plant.m.nv, 0.0, 0

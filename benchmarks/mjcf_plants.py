@@ -50,29 +50,31 @@ EFFECTS: dict[str, Effect | None] = {
 }
 
 
-def edited(file: File, joint: str, effect: Effect, value: float) -> Any:
-    """Compile the file with an attribute of a joint changed by MuJoCo's own editor."""
+def edited(file: File, values: Mapping[str, float], effect: Effect) -> Any:
+    """Compile the file with an attribute of some joints changed by MuJoCo's own editor."""
     spec = file.spec()
-    element = spec.joint(joint)
-    if effect.attribute == "damping2":
-        damping = np.array(element.damping, dtype=float)
-        damping[1] += value
-        element.damping = damping
-    elif effect.attribute in ("damping", "stiffness"):
-        values = np.array(getattr(element, effect.attribute), dtype=float)
-        values[0] += value
-        setattr(element, effect.attribute, values)
-    else:
-        setattr(element, effect.attribute, getattr(element, effect.attribute) + value)
+    for joint, value in values.items():
+        element = spec.joint(joint)
+        if effect.attribute == "damping2":
+            damping = np.array(element.damping, dtype=float)
+            damping[1] += value
+            element.damping = damping
+        elif effect.attribute in ("damping", "stiffness"):
+            both = np.array(getattr(element, effect.attribute), dtype=float)
+            both[0] += value
+            setattr(element, effect.attribute, both)
+        else:
+            setattr(element, effect.attribute, getattr(element, effect.attribute) + value)
     m = spec.compile()
     if effect.attribute == "frictionloss":
-        dof = m.joint(joint).dofadr[0]
+        dofs = [m.joint(joint).dofadr[0] for joint in values]
         bit = mujoco.mjtDisableBit
         if m.opt.disableflags & bit.mjDSBL_CONSTRAINT:  # friction alone, no floor to fall on
             m.opt.disableflags &= ~int(bit.mjDSBL_CONSTRAINT)
             others = (bit.mjDSBL_CONTACT, bit.mjDSBL_LIMIT, bit.mjDSBL_EQUALITY)
             m.opt.disableflags |= sum(map(int, others))
-        m.dof_solref[dof], m.dof_solimp[dof] = DRY
+        for dof in dofs:
+            m.dof_solref[dof], m.dof_solimp[dof] = DRY
     return m
 
 

@@ -32,14 +32,14 @@ def test_friction_brings_no_floor_where_the_file_has_none(tmp_path: Path, floor:
     path.write_text(ARM.format("enable" if floor else "disable"))
     given: Any = SimpleNamespace(spec=lambda: mujoco.MjSpec.from_file(str(path)))
     assert effect is not None
-    m = plants.edited(given, "hinge", effect, 0.3)
+    m = plants.edited(given, {"hinge": 0.3}, effect)
     data, touched = mujoco.MjData(m), False
     for _ in range(500):
         mujoco.mj_step(m, data)
         touched |= data.ncon > 0
     assert touched == floor
     assert (data.qpos[0] > 1.0) != floor
-    held = plants.edited(given, "hinge", effect, 10.0)  # more than its weight: it stays
+    held = plants.edited(given, {"hinge": 10.0}, effect)  # more than its weight: it stays
     data = mujoco.MjData(held)
     mujoco.mj_step(held, data, nstep=200)
     assert abs(data.qpos[0]) < 1e-3

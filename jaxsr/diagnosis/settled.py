@@ -39,6 +39,7 @@ from jaxsr.diagnosis.laws.written import Writer
 from jaxsr.diagnosis.likelihood.course import Course
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.later import Written
+from jaxsr.diagnosis.likelihood.loop import MOST_MEMBERS
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.state import State
@@ -257,9 +258,12 @@ def _rivals(found: Posterior) -> list[Hypothesis]:
 def _inside(found: Posterior) -> list[Hypothesis]:
     """Return sets of some members of the leader, the smallest first: they are the cheapest.
 
-    What was not estimated begins where the leader is.
+    What was not estimated begins where the leader is; of a large leader that is too much.
     """
     leader, known = found.leader, {frozenset(h.members): h for h in reversed(found.hypotheses)}
+    if len(leader.members) > MOST_MEMBERS:
+        parts = [s for s in known if s and s < {*leader.members}]
+        return [known[s] for s in sorted(parts, key=len)]
     sets = chain.from_iterable(
         combinations(leader.members, count) for count in range(1, len(leader.members))
     )

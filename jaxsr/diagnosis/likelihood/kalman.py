@@ -57,14 +57,14 @@ class Whitened:
     ----------
     rows : ndarray, shape (lanes, rows, 1 + constants)
         Innovations at the path's constants, then their derivatives; zero where missing.
-    log_determinant : ndarray, shape (lanes,)
-        Sum of the logarithms of the innovations' variances.
+    log_variances : ndarray, shape (lanes, outputs)
+        Sums of the logarithms of the innovations' variances.
     count : int
         Samples measured, over the pieces.
     """
 
     rows: np.ndarray
-    log_determinant: np.ndarray
+    log_variances: np.ndarray
     count: int
 
 
@@ -185,7 +185,7 @@ def whitened(system: System) -> Whitened:
     times, pieces, outputs, width = system.measured.shape
     choices = len(system.start)
     rows = np.zeros((choices * pieces, times * outputs, width))
-    determinants = np.zeros((choices, pieces))
+    determinants = np.zeros((choices, pieces, outputs))
     by_lane = rows.reshape(choices, pieces, times, outputs, width)
     *shared, decay, start, process, noise = system.plain
     chosen = Choices(decay, start, process, noise)
@@ -194,7 +194,7 @@ def whitened(system: System) -> Whitened:
         recursion(*shared, chosen, span, by_lane, determinants)
 
     side_by_side(run, spans(pieces, cores()))
-    return Whitened(rows, determinants.reshape(-1), int(system.seen.sum()))
+    return Whitened(rows, determinants.reshape(-1, outputs), int(system.seen.sum()))
 
 
 def _stepped(system: System) -> Whitened:
@@ -239,7 +239,7 @@ def _stepped(system: System) -> Whitened:
     rows *= -(shown / np.sqrt(variances))[..., None]
     return Whitened(
         rows.transpose(2, 3, 0, 1, 4).reshape(choices * pieces, times * outputs, width),
-        np.log(variances).sum(axis=(0, 1)).reshape(-1),
+        np.log(variances).sum(axis=0).transpose(1, 2, 0).reshape(-1, outputs),
         int(system.seen.sum()),
     )
 

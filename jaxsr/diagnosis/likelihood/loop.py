@@ -4,14 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import zip_longest
 
 import numpy as np
 
+from jaxsr.diagnosis.likelihood.abreast import abreast, rivals_of_many, room
+from jaxsr.diagnosis.likelihood.additions import (
+    MEMORIES,
+    PROMISING,
+    TRIED,
+    additions,
+    promises,
+    turns,
+)
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
 from jaxsr.diagnosis.likelihood.limits import censored
 from jaxsr.diagnosis.likelihood.proposals import (
-    exclusive,
     forms,
     kin,
     labels,
@@ -25,16 +32,11 @@ from jaxsr.diagnosis.likelihood.table import Table, tabled
 from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.candidate import UNNAMED
 
-TRIED = 6
-"""Proposals that are estimated about one leader at a time."""
-MEMORIES = 3
-"""The same of those with states of their own."""
-PROMISING = 2.0
-"""Log evidence that a proposal must promise about the leader's path, its prior odds included."""
 SWAPPED, RIVAL, PAIRED = 3, 12.0, 2
 """Sets with one member exchanged that are estimated about one leader, how far behind it they may
 promise to be, and sets with a pair that shows only together."""
 MOST_MEMBERS = 4
+"""Of a leader of a model of up to three equations of motion, to which nothing is added."""
 RENEWED = 1.0
 """Log evidence by which a set must have gained for its rivals to be estimated again; two estimates
 of a set that are closer are alike."""
@@ -118,7 +120,7 @@ def grown(
     """
     null = state.known[()]
     assert null is not None  # there is no search without re-calibration
-    while not state.work.stop() and len(state.leader.members) < most:
+    while not state.work.stop() and len(state.leader.members) < room(state.work, most):
         if state.leader.members not in state.grown:
             if tell is not None:
                 tell(state)
@@ -160,7 +162,7 @@ def memories_left(state: State) -> list[Members]:
     if null is None:
         return []
     asked = {candidates[members[0]].label for members in state.known if len(members) == 1}
-    ranked = _turns(*_promises(state, state.table, null))
+    ranked = turns(*promises(state, state.table, null))
     best: dict[str, int] = {}
     for i in (i for i in ranked if candidates[i].states):
         best.setdefault(candidates[i].label, i)
@@ -180,12 +182,16 @@ def step(state: State) -> State:
     if leader.members:
         here = about(work, leader)
     every, size = work.super_model, np.log(state.offered)
+    most = room(work, MOST_MEMBERS)
+    several = abreast(every, here, leader.members, PROMISING + size)
+    several = [s for s in several if len(s) <= most and not inexact(state)]
+    if several:
+        known, due = _estimated(state, leader, several)
+        state = replace(state, known=known, due=due)
+        if work.stop() or state.leader.members != leader.members:
+            return state
     if leader.log_evidence > state.rivalled.get(leader.members, -np.inf) + RENEWED:
-        rivals = [tuple(m for m in leader.members if m != i) for i in leader.members]
-        rivals += swaps(every, here, leader.members, SWAPPED, RIVAL)
-        exchanged = (kin, forms, shifts)
-        alike = [members for of in exchanged for members in of(every, leader.members)]
-        rivals += [r for r in alike if r not in rivals]
+        rivals = _rivals(state, here, leader.members)
         # A rival that is known was estimated beside another noise: the same is due to it.
         known, due = _estimated(state, leader, rivals, again=True)
         if work.stop():  # the rest was not looked at
@@ -194,14 +200,14 @@ def step(state: State) -> State:
         state = replace(state, known=known, rivalled=rivalled, due=())
         if state.leader.members != leader.members:
             return state  # nothing is added to what is not the best of its kind
-    if len(leader.members) == MOST_MEMBERS or inexact(state):
+    if len(leader.members) >= most or inexact(state):
         return replace(state, grown=state.grown | {leader.members})
-    plain, others = _additions(state, here, leader)
+    plain, others = additions(state, here, leader)
     proposed = [(*leader.members, i) for i in (*plain[:TRIED], *others)]
     proposed += pairs(every, here, leader.members, PAIRED, PROMISING + size)
     forced = np.inf
     while proposed:
-        proposed = [p for p in proposed if len(p) <= MOST_MEMBERS]
+        proposed = [p for p in proposed if len(p) <= most]
         state = _added(state, leader, proposed)
         if work.stop() or _completes(work, leader, state.leader):
             return state  # the rest was not looked at
@@ -215,6 +221,17 @@ def step(state: State) -> State:
         plain = plain[TRIED:]
         proposed = [(*leader.members, i) for i in plain[:TRIED]]
     return replace(state, grown=state.grown | {leader.members})
+
+
+def _rivals(state: State, here: Table, members: Members) -> list[Members]:
+    """Return what is estimated beside a leader: it less a member, and with one exchanged."""
+    every = state.work.super_model
+    if len(members) > MOST_MEMBERS:
+        return rivals_of_many(every, here, members, np.log(state.offered), RIVAL)
+    rivals = [tuple(m for m in members if m != i) for i in members]
+    rivals += swaps(every, here, members, SWAPPED, RIVAL)
+    alike = [other for of in (kin, forms, shifts) for other in of(every, members)]
+    return rivals + [r for r in alike if r not in rivals]
 
 
 def _added(state: State, leader: Hypothesis, proposed: Sequence[Members]) -> State:
@@ -337,59 +354,3 @@ def better(before: Hypothesis | None, after: Hypothesis | None) -> Hypothesis | 
     most = max((h.log_evidence for h in both), default=0.0)
     alike = [h for h in both if h.log_evidence > most - RENEWED]
     return max(alike, key=lambda h: (h.settled, h.log_evidence), default=None)
-
-
-def _additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int], list[int]]:
-    """Candidates by what they promise beside a set, the best first, and others that are due.
-
-    A latent force bends the path to the readings: what would take its place may promise nothing
-    along such a path. Beside one, candidates are also ranked by what they promise without it, and
-    the first of both rankings take turns.
-
-    Those with states of their own have turns of their own: at the first values of their inner
-    constants they promise less than they keep.
-    """
-    candidates = state.work.super_model.candidates
-    promised, instead = _promises(state, table, leader)
-    turns = _turns(promised, instead)
-    best: dict[str, int] = {}  # variants of a mechanism differ by their start alone
-    for i in turns:
-        best.setdefault(candidates[i].label, i)
-    plain = [i for i in best.values() if not candidates[i].states]
-    first, due = plain[:TRIED], {candidates[i].label for _, i in promised}
-    plain = first + [i for i in plain[TRIED:] if candidates[i].label in due]
-    memories = [i for i in best.values() if candidates[i].states][:MEMORIES]
-    # Readings that stand still at a limit ask for one: its column is nothing along such readings.
-    clipped = [i for i in table.own if candidates[i].mechanism == "clipping"]
-    others = (i for i in (*memories, *clipped) if i not in (*leader.members, *first))
-    return plain, list(dict.fromkeys(others))
-
-
-def _turns(*rankings: list[tuple[float, int]]) -> list[int]:
-    """Return candidates of several rankings, the first of each in turn."""
-    ranked = (sorted(ranking, reverse=True) for ranking in rankings)
-    return [i for several in zip_longest(*ranked) for _, i in filter(None, several)]
-
-
-def _promises(
-    state: State, table: Table, leader: Hypothesis
-) -> tuple[list[tuple[float, int]], list[tuple[float, int]]]:
-    """Return what additions promise beside a set, and what without its latent force, if any."""
-    base = list(table.base)
-    for i in leader.members:
-        base += [k for k in table.own.get(i, ()) if k not in base]
-    calm = replace(table, grams=table.grams[:1])  # that of no latent force
-    before = table.best(base), calm.best(base)
-    promised, instead = [], []
-    for i, columns in table.own.items():
-        further = [k for k in columns if k not in base]
-        if i in leader.members or not further:
-            continue
-        if exclusive(state.work.super_model, (*leader.members, i)):
-            continue
-        gain = table.best([*base, *further]) - before[0] - np.log(state.offered)
-        if gain > PROMISING or not leader.members:
-            promised.append((gain, i))
-        if leader.share:
-            instead.append((calm.best([*base, *further]) - before[1], i))
-    return promised, instead

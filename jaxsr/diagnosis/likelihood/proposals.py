@@ -219,7 +219,7 @@ def pairs(
     columns = sorted(owner)
     if len(columns) < 2:
         return []
-    single, double = _gains(table, base, columns)
+    single, double = gains(table, base, columns)
     found: dict[tuple[str, ...], Members] = {}
     for place in np.argsort(-double, axis=None):
         a, b = np.unravel_index(place, double.shape)
@@ -241,7 +241,7 @@ def pairs(
     return sorted(kept, key=lambda g: -together[g])[:most]
 
 
-def _gains(
+def gains(
     table: Table, base: Sequence[int], columns: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     r"""Log evidence that single columns, and pairs of them, add to the base.

@@ -88,15 +88,17 @@ def at_its_mode(
         return widths.at(EXACT) if EXACT in widths.tried else None
     if EXACT not in widths.tried and widths.better(EXACT, best):
         # How round the corner is shows where the law itself leads, if anywhere.
-        rounder = [w for w in (best, best / COARSE) if widths.better(w, EXACT)]
-        if not rounder and not follow.lost(widths.tried[EXACT][1]):
+        both = best, best / COARSE
+        rounder = [w for w in both if widths.better(w, EXACT)]
+        lost = follow.lost(widths.tried[EXACT][1])
+        if not rounder and not lost and widths.between(*both) > SHARPENED:
             rounder = [HARDLY] if widths.better(HARDLY, EXACT) else []
         if not rounder:
             return widths.at(EXACT)
         best = max(rounder, key=widths.log_evidence)
-    while widths.sharpened(best):
+    while not widths.none_beats(best) and widths.sharpened(best):
         best /= COARSE
-    return widths.refined(best)
+    return widths.at(EXACT) if widths.none_beats(best) else widths.refined(best)
 
 
 class _Widths:
@@ -153,6 +155,25 @@ class _Widths:
         self.tried[width] = stepped, found
         self.steps.pop(width, None)
         return found.log_evidence > before + SHARPENED
+
+    def between(self, wide: float, narrow: float) -> float:
+        """Return the log evidence that some width is told to gain on none, which two did not.
+
+        By the top of the parabola over width through the three; without limit where one of the two
+        was not followed.
+        """
+        if not {wide, narrow} <= self.tried.keys():
+            return np.inf
+        far, near = (self.log_evidence(w) - self.log_evidence(EXACT) for w in (wide, narrow))
+        slope = (far * narrow**2 - near * wide**2) / (wide * narrow * (narrow - wide))
+        bend = (near * wide - far * narrow) / (wide * narrow * (narrow - wide))
+        return 0.25 * slope**2 / -bend if slope > 0.0 > bend else 0.0
+
+    def none_beats(self, at: float) -> bool:
+        """Whether exact jumps are known, and told to be better than all that are less wide."""
+        if EXACT not in self.tried or self.log_evidence(at) > self.log_evidence(EXACT):
+            return False
+        return self.between(COARSE * at, at) <= SHARPENED
 
     def sharpened(self, at: float) -> bool:
         """Whether jumps less wide than some are better, and may be sharpened further."""
