@@ -73,7 +73,7 @@ def test_filter_and_smoother_are_the_same_on_any_cores(monkeypatch: pytest.Monke
         monkeypatch.setattr(kalman, "cores", lambda count=count: count)
         monkeypatch.setattr(_cores, "cores", lambda count=count: count)
         white = whitened(system)
-        found.append((white.rows, white.log_variances, smoothed(one, 3)))
+        found.append((white.rows, white.log_determinant, smoothed(one, 3)))
     for other in found[1:]:
         for here, there in zip(found[0], other, strict=True):
             np.testing.assert_array_equal(here, there)

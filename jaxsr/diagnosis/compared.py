@@ -11,12 +11,10 @@ from jaxsr.diagnosis.mechanisms.candidate import Candidate
 from jaxsr.diagnosis.open_mass import Proposal
 
 RECALIBRATION = "re-calibration"
-LOCATED = "forces that free runs locate"
 SEVERAL = "several causes at once"
 UNNAMED = "laws without a name"
 _STAGES = (
     (RECALIBRATION, "parameter", Verdict.PARAMETER),
-    (LOCATED, "external", Verdict.EXTERNAL_INPUT),
     (SEVERAL, "several", Verdict.STRUCTURE),
     (UNNAMED, "unnamed", Verdict.STRUCTURE),
 )

@@ -19,7 +19,7 @@ from jaxsr._result import StoppedBy
 from jaxsr.diagnosis.calibrating.horizon import Start
 from jaxsr.diagnosis.calibrating.opening import opening
 from jaxsr.diagnosis.case import Case
-from jaxsr.diagnosis.compared import LOCATED, RECALIBRATION, SEVERAL, UNNAMED
+from jaxsr.diagnosis.compared import RECALIBRATION, SEVERAL, UNNAMED
 from jaxsr.diagnosis.decision import Decision
 from jaxsr.diagnosis.explanations import labels_of
 from jaxsr.diagnosis.free_runs import FreeRuns
@@ -36,10 +36,10 @@ from jaxsr.diagnosis.judging.noise_ratio import (
 )
 from jaxsr.diagnosis.judging.parsimony import fewest
 from jaxsr.diagnosis.laws.written import Writer
+from jaxsr.diagnosis.likelihood.abreast import ABREAST
 from jaxsr.diagnosis.likelihood.course import Course
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.later import Written
-from jaxsr.diagnosis.likelihood.loop import MOST_MEMBERS
 from jaxsr.diagnosis.likelihood.posterior import Posterior, posterior
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.state import State
@@ -206,7 +206,7 @@ def decided_by_evidence(case: Case, found: Posterior) -> Decision:
     case.compared.reach(RECALIBRATION)
     if found.timely:
         case.compared.tell(c.label for c in super_model.candidates)
-        case.compared.reach(LOCATED, SEVERAL, UNNAMED)
+        case.compared.reach(SEVERAL, UNNAMED)
     else:
         case.compared.tell(found.asked)
     arena = as_wide_as_a_jump(arena, leader.width)
@@ -261,7 +261,7 @@ def _inside(found: Posterior) -> list[Hypothesis]:
     What was not estimated begins where the leader is; of a large leader that is too much.
     """
     leader, known = found.leader, {frozenset(h.members): h for h in reversed(found.hypotheses)}
-    if len(leader.members) > MOST_MEMBERS:
+    if len(leader.members) > ABREAST:
         parts = [s for s in known if s and s < {*leader.members}]
         return [known[s] for s in sorted(parts, key=len)]
     sets = chain.from_iterable(

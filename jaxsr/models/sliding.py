@@ -72,8 +72,8 @@ class Sliding:
         if not self.stuck.any():
             return self.signed.slopes(at)
         f, by, change, (rows, inverse) = self._moving(at)
-        names, none = list(dict.fromkeys(k for row in rows for k in row)), 0.0 * f[0]
-        columns = np.stack([np.stack([row.get(k, 0.0) + none for k in names]) for row in rows])
+        names = list(dict.fromkeys(k for row in rows for k in row))
+        columns = _columns(rows, names, f.shape[1:])
         columns = _carried(columns, by, self._answer(inverse, columns))
         projected = [dict(zip(names, own, strict=True)) for own in columns]
         return list(_carried(f, by, change)), list(projected)
@@ -91,8 +91,7 @@ class Sliding:
             All derivatives of the rates, and the inverse by which signs answer to changes of them.
         """
         rates, rows = self.signed.slopes(at)
-        f, none = np.stack(rates), np.zeros(self.stuck.shape[1:])
-        by = np.stack([np.stack([row.get(n, 0.0) + none for n in self.names]) for row in rows])
+        f, by = np.stack(rates), _columns(rows, self.names, self.stuck.shape[1:])
         matrix = np.einsum("in,nj...->...ij", self.slope, by)
         held = np.moveaxis(self.stuck, 0, -1)
         matrix = np.where(held[..., :, None] & held[..., None, :], matrix, 0.0)
@@ -111,6 +110,16 @@ class Sliding:
         pull = -np.einsum("in,nk...->ik...", self.slope, values)
         pull = np.where(self.stuck[:, None], pull, 0.0)
         return np.einsum("...ij,jk...->ik...", inverse, pull)
+
+
+def _columns(rows: Sequence[Row], names: Sequence[str], shape: tuple[int, ...]) -> Array:
+    """Return derivatives of rates by some names, shape (states, names, ...)."""
+    found = np.zeros((len(rows), len(names), *shape))
+    for own, row in zip(found, rows, strict=True):
+        for column, name in zip(own, names, strict=True):
+            if name in row:
+                column[...] = row[name]
+    return found
 
 
 def _carried(values: Array, by: Array, changes: Array) -> Array:

@@ -246,7 +246,7 @@ class Follower:
     def _logs(self, local: LocalModel, filters: Sequence[Filter]) -> np.ndarray:
         with np.errstate(all="ignore"):
             found = whitened(self._system(local, filters))
-            score = found.log_variances.sum(axis=1) + np.sum(found.rows[..., 0] ** 2, axis=1)
+            score = found.log_determinant + np.sum(found.rows[..., 0] ** 2, axis=1)
         return -0.5 * score.reshape(len(filters), -1)
 
     def _system(self, local: LocalModel, filters: Sequence[Filter]) -> System:

@@ -24,12 +24,19 @@ from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 
 ABREAST = 3
-"""Laws at so many equations are asked about at once; two are a pair."""
+"""Laws at so many equations are asked about at once; two are a pair. Of sets of more members than
+that the table alone tells the rivals."""
 
 
 def room(work: Workspace, most: int) -> int:
     """Return how many members a set may have, which are `most` for every two equations."""
     return most * max(len(work.force_states) // 2, 1)
+
+
+def laws(super_model: SuperModel) -> list[int]:
+    """Return the candidates that are laws at equations of motion, without states of their own."""
+    every = enumerate(super_model.candidates)
+    return [i for i, c in every if c.site.startswith("equation:") and not c.states]
 
 
 def abreast(super_model: SuperModel, table: Table, members: Members, least: float) -> list[Members]:
@@ -46,15 +53,13 @@ def abreast(super_model: SuperModel, table: Table, members: Members, least: floa
         Log evidence that each must promise.
     """
     candidates, chosen = super_model.candidates, list(members)
-    base, free = list(table.base), set[str]()
+    base, every = list(table.base), [i for i in laws(super_model) if i in table.own]
     for i in members:
         base += [k for k in table.own.get(i, ()) if k not in base]
-    for i in table.own:
-        if candidates[i].site.startswith("equation:") and not candidates[i].states:
-            free.add(candidates[i].site)
+    free = {candidates[i].site for i in every}
     known = table.best(base)
     while free:
-        offered = [i for i in table.own if candidates[i].site in free and not candidates[i].states]
+        offered = [i for i in every if candidates[i].site in free]
         offered = [i for i in offered if not exclusive(super_model, (*chosen, i))]
         owner = {k: i for i in offered for k in table.own[i] if k not in base}
         if not owner:

@@ -92,7 +92,7 @@ class Gram:
     ) -> Gram:
         """Sum over the lanes of one choice; `factors` are the smallest and the largest."""
         rows = found.rows[lanes].reshape(-1, found.rows.shape[-1])
-        determinant = float(found.log_variances[lanes].sum())
+        determinant = float(found.log_determinant[lanes].sum())
         return Gram(rows.T @ rows, determinant, found.count, *factors)
 
     def beside(self, log_density: float) -> Gram:

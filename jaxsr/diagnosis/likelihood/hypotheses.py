@@ -13,7 +13,7 @@ from jaxsr.diagnosis.likelihood.late_starts import best_shift, late_sensors
 from jaxsr.diagnosis.likelihood.limits import Censored, Limit, at_limits, blind, limits_of
 from jaxsr.diagnosis.likelihood.noise import likeliest
 from jaxsr.diagnosis.likelihood.rounding import Following, at_its_mode
-from jaxsr.diagnosis.likelihood.scales import Scales
+from jaxsr.diagnosis.likelihood.scales import Scales, reaching
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.table import Table
 from jaxsr.diagnosis.likelihood.workspace import Workspace
@@ -265,7 +265,8 @@ class _Begun:
         noise, decay, gain = likeliest(at_mode, scales, *known)
         if gain > CLEAR:
             # How round the corner is shows beside the noise that there is.
-            anew = replace(scales, noise=noise, decay=decay)
+            shares = reaching(scales.shares, at_mode.share)
+            anew = replace(scales, noise=noise, decay=decay, shares=shares)
             fine = replace(follow, width=width, steps=steps) if self.sharp else follow
             after = at_its_mode(problem, self.sharp, at_mode.theta, at_mode.path, fine, anew)
             if after is not None and after[1].log_evidence > at_mode.log_evidence:

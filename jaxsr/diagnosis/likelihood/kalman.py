@@ -48,6 +48,11 @@ class Latent:
         read = None if self.read is None else self.read[:, at]
         return replace(self, entering=self.entering[:, at], read=read)
 
+    def first(self, samples: int) -> Latent:
+        """Return the forces along the first samples of every piece; at least two."""
+        read = None if self.read is None else self.read[:samples]
+        return replace(self, entering=self.entering[: samples - 1], read=read)
+
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
@@ -57,14 +62,14 @@ class Whitened:
     ----------
     rows : ndarray, shape (lanes, rows, 1 + constants)
         Innovations at the path's constants, then their derivatives; zero where missing.
-    log_variances : ndarray, shape (lanes, outputs)
-        Sums of the logarithms of the innovations' variances.
+    log_determinant : ndarray, shape (lanes,)
+        Sum of the logarithms of the innovations' variances.
     count : int
         Samples measured, over the pieces.
     """
 
     rows: np.ndarray
-    log_variances: np.ndarray
+    log_determinant: np.ndarray
     count: int
 
 
@@ -185,7 +190,7 @@ def whitened(system: System) -> Whitened:
     times, pieces, outputs, width = system.measured.shape
     choices = len(system.start)
     rows = np.zeros((choices * pieces, times * outputs, width))
-    determinants = np.zeros((choices, pieces, outputs))
+    determinants = np.zeros((choices, pieces))
     by_lane = rows.reshape(choices, pieces, times, outputs, width)
     *shared, decay, start, process, noise = system.plain
     chosen = Choices(decay, start, process, noise)
@@ -194,7 +199,7 @@ def whitened(system: System) -> Whitened:
         recursion(*shared, chosen, span, by_lane, determinants)
 
     side_by_side(run, spans(pieces, cores()))
-    return Whitened(rows, determinants.reshape(-1, outputs), int(system.seen.sum()))
+    return Whitened(rows, determinants.reshape(-1), int(system.seen.sum()))
 
 
 def _stepped(system: System) -> Whitened:
@@ -239,7 +244,7 @@ def _stepped(system: System) -> Whitened:
     rows *= -(shown / np.sqrt(variances))[..., None]
     return Whitened(
         rows.transpose(2, 3, 0, 1, 4).reshape(choices * pieces, times * outputs, width),
-        np.log(variances).sum(axis=0).transpose(1, 2, 0).reshape(-1, outputs),
+        np.log(variances).sum(axis=(0, 1)).reshape(-1),
         int(system.seen.sum()),
     )
 

@@ -105,7 +105,8 @@ def _widened(state: State, course: Course, laws: Sequence[Written]) -> State:
     """
     before = state.work.super_model
     every = SuperModel.build(before.given, [*before.candidates, *(w.law for w in laws)])
-    args = course.prepared, course.seconds, course.null.noise, state.work.stop
+    null = course.null
+    args = course.prepared, course.seconds, null.noise, state.work.stop, null.share
     work, first = Workspace.build(every, *args), len(state.work.theta)
     theta = work.theta.copy()
     for number, written in enumerate(laws, len(before.candidates)):

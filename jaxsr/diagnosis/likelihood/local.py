@@ -60,6 +60,13 @@ class LocalModel:
         }
         return replace(self, **changed)
 
+    def first(self, samples: int) -> LocalModel:
+        """Return the model of the first samples of every piece; at least two."""
+        names = "defect", "by_state", "by_constant"
+        steps = {name: getattr(self, name)[: samples - 1] for name in names}
+        names = "innovation", "reading", "reading_by_constant"
+        return replace(self, **steps, **{name: getattr(self, name)[:samples] for name in names})
+
     @property
     def log_apart(self) -> float:
         """Log density of the readings that are left out."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.abreast import abreast, rivals_of_many, room
+from jaxsr.diagnosis.likelihood.abreast import ABREAST, abreast, rivals_of_many, room
 from jaxsr.diagnosis.likelihood.additions import (
     MEMORIES,
     PROMISING,
@@ -226,7 +226,7 @@ def step(state: State) -> State:
 def _rivals(state: State, here: Table, members: Members) -> list[Members]:
     """Return what is estimated beside a leader: it less a member, and with one exchanged."""
     every = state.work.super_model
-    if len(members) > MOST_MEMBERS:
+    if len(members) > ABREAST:
         return rivals_of_many(every, here, members, np.log(state.offered), RIVAL)
     rivals = [tuple(m for m in members if m != i) for i in members]
     rivals += swaps(every, here, members, SWAPPED, RIVAL)
@@ -296,7 +296,7 @@ def _followed(
     has not where its own steps lead, is no evidence of it.
     """
     for _ in range(FOLLOWED):
-        if found is None or found.settled or found.log_evidence <= needed:
+        if found is None or found.settled or found.log_evidence <= needed or work.stop():
             break
         further = hypothesis(work, table, members, found, needed)
         if further is None:

@@ -41,6 +41,9 @@ PIECES = 4
 SWEEPS, GAINING = 3, 1.0
 """Times that each sensor's noise is sought beside the others', and log evidence that one must gain
 for another one to begin."""
+MANY = 4
+"""Sensors up to which each is sought along all samples; of more that is done once at the end, and
+before along their first ones: it takes a time that grows as a power of their number."""
 
 Beside = tuple[Noise, float, float]
 """A noise, the correlation of the latent force beside it, and its size in that of the estimate."""
@@ -94,7 +97,16 @@ def likeliest(
         here, there = _swept(scene, unchanged, share, forced, stop)
         if there > most:
             best, most, beside = here, there, (share, forced)
-    best, most = _smoothed(scene, (best, most), *beside, stop)
+    each = [[k] for k in sensors]
+    if len(sensors) > MANY:
+        best, most = _tried(scene, (best, most), each, *beside, stop)
+        brief = scene.brief()
+        begun = best, brief.best(beside[0], [best])[1]
+        smoother = _smoothed(brief, begun, *beside, stop)[0]
+        log = scene.best(beside[0], [smoother])[1]
+        best, most = (smoother, log) if log > most + GAINING else (best, most)
+    else:
+        best, most = _smoothed(scene, (best, most), *beside, stop)
     return best[0], best[1], most - start
 
 
@@ -110,22 +122,41 @@ def _swept(
     forced : bool
         Whether its time and size are sought as well.
     """
-    sensors, there = range(len(here[0].white)), -np.inf
-    for together in _sweeps(sensors):
-        begun = there
-        for some in together:
-            alone, worth = len(some) < len(sensors), True
-            while worth and not stop():
-                known, forces = there, scene.forces(here, forced and not alone)
-                every = [(n, *force) for n in _others(here[0], some) for force in forces]
-                (other, factor), log = scene.best(share, every)
-                if log > there:
-                    # Beside another size of the force all noises are due again.
-                    worth = alone or other[2] != here[2]
-                    here, there = _scaled(other, factor, forced), log
-                worth = worth and there > known + GAINING
-        if there < begun + GAINING:
+    sensors = range(len(here[0].white))
+    found = _tried(scene, (here, -np.inf), [sensors], share, forced, stop)
+    many = len(sensors) > MANY
+    along = scene.brief() if many else scene
+    after = (found[0], along.best(share, [found[0]])[1]) if many else found
+    for _ in range(SWEEPS if len(sensors) > 1 else 0):
+        known, after = after, _tried(along, after, [[k] for k in sensors], share, forced, stop)
+        if after[1] < known[1] + GAINING:
             break
+    if many:
+        after = after[0], scene.best(share, [after[0]])[1]
+    return max(found, after, key=lambda f: f[1])
+
+
+def _tried(
+    scene: _Scene,
+    known: tuple[Beside, float],
+    every: Sequence[Sequence[int]],
+    share: float,
+    forced: bool,
+    stop: Callable[[], bool],
+) -> tuple[Beside, float]:
+    """Try other noises of some sensors, and then of others, each until none gains."""
+    here, there = known
+    for some in every:
+        alone, worth = len(some) < len(here[0].white), True
+        while worth and not stop():
+            before, forces = there, scene.forces(here, forced and not alone)
+            others = [(n, *force) for n in _others(here[0], some) for force in forces]
+            (other, factor), log = scene.best(share, others)
+            if log > there:
+                # Beside another size of the force all noises are due again.
+                worth = alone or other[2] != here[2]
+                here, there = _scaled(other, factor, forced), log
+            worth = worth and there > before + GAINING
     return here, there
 
 
@@ -190,6 +221,12 @@ class _Scene:
         part, force = found.local.of(pieces), found.latent.of(pieces)
         return _Scene(part, force, scales, belief.about(found.theta[chosen]), belief.mixing)
 
+    def brief(self) -> _Scene:
+        """Return the first samples of the pieces: of all sensors as many as of one before."""
+        count = self.part.innovation.shape[0] // self.part.innovation.shape[2]
+        count = max(count, 2)
+        return replace(self, part=self.part.first(count), force=self.force.first(count))
+
     def forces(self, here: Beside, sought: bool) -> list[tuple[float, float]]:
         """Return times and sizes of the force to try: as it is, or others as well."""
         if not sought:
@@ -239,13 +276,6 @@ class _Scene:
             if len(grams) > 1:
                 return [mode for gram in grams for mode in self._modes([gram])]
             return [Mode(-np.inf, self.prior.mean, self.prior.deviation, 1.0)]
-
-
-def _sweeps(sensors: Sequence[int]) -> Iterator[list[Sequence[int]]]:
-    """Yield which sensors are tried together: all, and then each, as often as that is worth it."""
-    yield [sensors]
-    for _ in range(SWEEPS if len(sensors) > 1 else 0):
-        yield [[k] for k in sensors]
 
 
 def _others(noise: Noise, sensors: Sequence[int]) -> Iterator[Noise]:

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from scipy.special import expit
 
+from jaxsr.diagnosis.likelihood.abreast import ABREAST, laws
 from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.evidence import Mode, modes
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
@@ -230,7 +231,8 @@ def posterior_along(
     """Search by evidence from what re-calibration follows (`followed`)."""
     shown = () if seen is None else seen.candidates
     super_model = SuperModel.build(model, offered(model, course, shown))
-    work = Workspace.build(super_model, course.prepared, course.seconds, course.null.noise, stop)
+    known = course.prepared, course.seconds, course.null.noise, stop, course.null.share
+    work = Workspace.build(super_model, *known)
     most = MOST_MEMBERS + 1 if write is None else MANY
     state = search(work, course.null, tell, most)
     null = state.known[()]
@@ -252,8 +254,7 @@ def posterior_along(
         if found.leader.members:
             return found
         pushes = [c for c in super_model.candidates if c.mechanism == "constant_force"]
-        args = course.prepared, course.seconds, course.null.noise, stop
-        alone = Workspace.build(SuperModel.build(model, pushes), *args)
+        alone = Workspace.build(SuperModel.build(model, pushes), *known)
         return replace(found, wrong=wrong_values(alone, null))
 
     return concluded(state)
@@ -263,7 +264,8 @@ def _asked(state: State) -> frozenset[str]:
     """Return the labels of mechanisms that the recordings were asked about.
 
     Once the rivals of the leading set were estimated, each that was not `due` was: what promises
-    nothing by its linearisation is not estimated. Before that, those that were estimated.
+    nothing by its linearisation is not estimated. Before that, those that were estimated, and the
+    laws among which several were chosen at once.
     """
     every, leader = state.work.super_model.candidates, state.leader.members
 
@@ -273,4 +275,5 @@ def _asked(state: State) -> frozenset[str]:
     if leader in state.rivalled or leader in state.grown:
         due = frozenset().union(*map(labels, state.due))
         return labels(range(len(every))) - (due - labels(leader))
-    return frozenset().union(*(labels(m) for m, h in state.known.items() if h is not None))
+    known = frozenset().union(*(labels(m) for m, h in state.known.items() if h is not None))
+    return known | labels(laws(state.work.super_model) if len(leader) > ABREAST else ())

@@ -39,7 +39,7 @@ def filtered(
     chosen: Choices,
     span: tuple[int, int],
     rows: Array,
-    log_variances: Array,
+    log_determinant: Array,
 ) -> None:
     """Fill the innovations of unit variance of lanes, and the logarithms of variances.
 
@@ -56,7 +56,7 @@ def filtered(
         First of the pieces that are gone through, and the one behind the last.
     rows : ndarray, shape (choices, pieces, samples, outputs, width)
         Zero before; filled.
-    log_variances : ndarray, shape (choices, pieces, outputs)
+    log_determinant : ndarray, shape (choices, pieces)
         Zero before; filled.
     """
     decay, start, process, noise = chosen
@@ -98,7 +98,7 @@ def filtered(
                         variance += reading[t, piece, k, i] * read[i]
                     if not variance > 0.0:  # digits were lost: no answer
                         variance = np.nan
-                    log_variances[choice, piece, k] += np.log(variance)
+                    log_determinant[choice, piece] += np.log(variance)
                     for i in range(size):
                         gain[i] = read[i] / variance
                     scale = -1.0 / np.sqrt(variance)

@@ -106,6 +106,23 @@ def grams(
     return results
 
 
+def reaching(shares: np.ndarray, share: float) -> np.ndarray:
+    """Return sizes of the latent force that go on, in their last ratio, as far as one.
+
+    Friction behind a gear is many times the force that moves its rotor.
+
+    Parameters
+    ----------
+    shares : ndarray, shape (choices,)
+        In rising order.
+    share : float
+        That the latent force was found to have.
+    """
+    while shares[-1] < share:
+        shares = np.append(shares, shares[-1] ** 2 / shares[-2])
+    return shares
+
+
 def log_odds(share: float | np.ndarray) -> np.ndarray:
     """Return the log prior odds of sizes of the latent force against none."""
     return np.where(np.asarray(share) > 0.0, np.log(PRESENT) + np.log(BEYOND) * share, 0.0)

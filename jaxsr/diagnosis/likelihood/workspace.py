@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.scales import Scales
+from jaxsr.diagnosis.likelihood.scales import Scales, reaching
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.walk import through_jumps
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
@@ -79,6 +79,7 @@ class Workspace:
         seconds: float,
         noise: Noise | None = None,
         stop: Callable[[], bool] = lambda: False,
+        share: float = 0.0,
     ) -> Workspace:
         """Cut recordings into pieces and measure noise and forces.
 
@@ -90,6 +91,8 @@ class Workspace:
             Of the sensors; what neighbouring samples tell by default.
         stop : callable
             Whether time is over.
+        share : float
+            Of the net force that the latent force is known to be: as far its sizes go at least.
         """
         given = super_model.given
         simple = [i for i, c in enumerate(super_model.candidates) if not c.states]
@@ -110,7 +113,7 @@ class Workspace:
         scales = Scales(
             places,
             np.ones(len(places)),
-            np.array(SHARES),
+            reaching(np.array(SHARES), share),
             decays[0],
             decays,
             told if noise is None else noise,
