@@ -1,18 +1,20 @@
 """Robots that lack dry friction in every joint: how many joints a diagnosis names.
 
-    python -m benchmarks.many_joints [--quick] [--files NAME ...] [--seeds N]
+    python -m benchmarks.many_joints [--quick] [--one-by-one] [--files NAME ...] [--seeds N]
 
 MJCF files of dm_control and gymnasium with four to eight joints, their bases held. Friction of a
 seventh of each joint's inertial force is planted in all joints by MuJoCo's own editor; encoders
 have noise. Counted are the joints of which a law of dry friction is named first, names of something
 else, and by how much ``explained.xml`` brings the error of the given file down on a recording held
-out. A full run writes ``results/many_joints.json`` after every case; --quick takes the hopper and
-fails where fewer joints are named than in the committed results.
+out. --one-by-one takes away that laws at several joints are asked about at once. A full run writes
+``results/many_joints.json`` after every case, or ``many_joints_one_by_one.json``; --quick takes the
+hopper and fails where fewer joints are named than in the committed results.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import sys
@@ -26,10 +28,11 @@ import numpy as np
 
 import jaxsr
 from benchmarks.mjcf_doors import error_of, explained
-from benchmarks.mjcf_files import FILES
+from benchmarks.mjcf_files import FILES, SUITE
 from benchmarks.mjcf_plants import EFFECTS, NOISE, edited, run, write
 from benchmarks.provenance import RESULTS, origin_of
 from jaxsr._files import atomic_write_text, dump_json
+from jaxsr.diagnosis.likelihood import loop
 from jaxsr.models.formats.loading import read_plant_file
 from jaxsr.models.formats.opening import Opened, read_robot
 
@@ -41,6 +44,7 @@ DRY_LAWS = (
 )
 """Laws of dry friction: named first is any of them."""
 RESULT = RESULTS / "many_joints.json"
+ABLATED = RESULTS / "many_joints_one_by_one.json"
 
 
 def case(name: str, seed: int, folder: Path) -> dict[str, Any]:
@@ -92,8 +96,17 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--files", nargs="*", default=list(ROBOTS), choices=list(ROBOTS))
     parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=RESULT, help="file for the result")
+    parser.add_argument(
+        "--one-by-one", action="store_true", help="no laws at several joints at once"
+    )
+    parser.add_argument("--out", type=Path, help="file for the result; results/ by default")
     arguments = parser.parse_args()
+    out = arguments.out or (ABLATED if arguments.one_by_one else RESULT)
+    if arguments.quick and importlib.util.find_spec(SUITE) is None:
+        print(f"{SUITE} is not installed: nothing to run")
+        return 0
+    if arguments.one_by_one:
+        loop.abreast = lambda *_: []
     os.environ.setdefault("JAXSR_CLOCK", "processor")  # answers must not depend on other work
     names, cases = ["hopper"] if arguments.quick else arguments.files, list[dict[str, Any]]()
     with tempfile.TemporaryDirectory() as root:
@@ -105,7 +118,7 @@ def main() -> int:
                 print(_line(cases[-1]), flush=True)
                 if not arguments.quick:  # a run that is ended early leaves what it has
                     result = {**origin_of(SEED), "summary": _summary(cases), "cases": cases}
-                    atomic_write_text(arguments.out, dump_json(result))
+                    atomic_write_text(out, dump_json(result))
     print(_summary(cases))
     if arguments.quick:
         known = json.loads(RESULT.read_text())["cases"]

@@ -64,6 +64,27 @@ def missed_table() -> str:
     )
 
 
+def joints_table() -> str:
+    """Return how many joints are named where all lack friction, and without what asks at once."""
+    rows, without = [], {c["file"]: c for c in result("many_joints_one_by_one")["cases"]}
+    for case in result("many_joints")["cases"]:
+        other = without[case["file"]]
+        rows.append(
+            [
+                case["file"],
+                f"{case['named']} of {case['joints']}",
+                case["others"],
+                case["verdict"],
+                percent(case["closed"]),
+                number(case["seconds"], 2),
+                f"{other['named']} of {other['joints']}",
+                percent(other["closed"]),
+            ]
+        )
+    header = ["robot", "joints named", "other findings", "verdict", "gap closed"]
+    return table([*header, "processor time in s", "one by one: named", "gap closed"], rows)
+
+
 def door_table() -> str:
     """Return the findings of real recordings through every door."""
     rows = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -35,8 +36,9 @@ SHARPENING = 0.3
 """Share of the time left that estimates without the rounding of jumps may take."""
 TIE = 0.2
 """Mass of what was not compared, with another verdict, that makes a case undecided."""
-ENDING = 0.1
-"""Share of the time budget before whose end estimates are left where they stand."""
+ENDING, HURRIED = 0.1, 0.05
+"""Shares of the time budget before whose end estimates are left where they stand, and before which
+findings are told by these."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,20 +60,20 @@ class Judged:
 def judge(parts: Ingredients) -> Judged:
     """Refine both models and give the verdict, what was not compared left open.
 
-    Where time ends that, the estimates stand as the search left them, and nothing is said.
+    Where time ends that, the estimates stand as the search left them; where it ends that as well,
+    nothing is said.
     """
-    last = parts.case.budget.keeping(ENDING * parts.case.budget.seconds)
-    try:
-        with limited(lambda: last.remaining == 0.0):
-            return _judged(parts)
-    except OutOfTime:
-        found = plain(parts.arena, parts.null)
-        mass = open_mass(_proposals(parts))
-        return Judged(found, found, Verdict.UNDECIDED, [], [], open=mass)
+    for kept, judged_by in ((ENDING, _judged_by_compared), (HURRIED, _judged_as_left)):
+        last = parts.case.budget.keeping(kept * parts.case.budget.seconds)
+        with contextlib.suppress(OutOfTime), limited(lambda last=last: last.remaining == 0.0):
+            return _judged(parts, judged_by(parts))
+    found = plain(parts.arena, parts.null)
+    mass = open_mass(_proposals(parts))
+    return Judged(found, found, Verdict.UNDECIDED, [], [], open=mass)
 
 
-def _judged(parts: Ingredients) -> Judged:
-    judged = _judged_by_compared(parts)
+def _judged(parts: Ingredients, judged: Judged) -> Judged:
+    """Return a verdict on what was compared with what was not left open."""
     mass = _open_mass(parts)
     rows = [_lowered(row, mass.factor) for row in judged.findings]
     verdict = judged.verdict
@@ -119,8 +121,23 @@ def _judged_by_compared(parts: Ingredients) -> Judged:
     if not parts.chosen.members:
         return _without_mechanism(parts, ground, recalibrated)
     parts, best = _worthy(parts, ground)
+    return _told(parts, recalibrated, best)
+
+
+def _judged_as_left(parts: Ingredients) -> Judged:
+    """Give the verdict with estimates as the search left them."""
+    recalibrated = plain(parts.arena, parts.null)
+    if not parts.chosen.members:
+        return _by_claim(parts, recalibrated)
+    return _told(parts, recalibrated, plain(parts.arena, parts.chosen), hurried=True)
+
+
+def _told(
+    parts: Ingredients, recalibrated: Estimate, best: Estimate, hurried: bool = False
+) -> Judged:
+    """Say what the members of the chosen set are; if `hurried` without a further estimate."""
     best = parts.weights.told_of(best)
-    rows, rivals, order = _rows(parts, parts.chosen, best)
+    rows, rivals, order = _rows(parts, parts.chosen, best, hurried)
     rows, rounding, edits = _with_sensors(parts, best, rows, _given(parts).fit.cost)
     read_off = max((row["share"] for row in rounding), default=0.0) > rows[0]["share"]
     verdict = Verdict.MEASUREMENT if read_off else _verdict(parts, order)
@@ -162,12 +179,12 @@ def _worthy(parts: Ingredients, ground: Ground) -> tuple[Ingredients, Estimate]:
 
 
 def _rows(
-    parts: Ingredients, entry: Entry, estimate: Estimate
+    parts: Ingredients, entry: Entry, estimate: Estimate, hurried: bool = False
 ) -> tuple[list[dict[str, Any]], list[tuple[int, list[Alternative]]], list[int]]:
     """Findings of an entry by falling share, what could replace each, and the order by share."""
     rows, rivals = [], []
     given = _given(parts).fit.cost
-    costs = costs_of_sets(parts, entry)
+    costs = costs_of_sets(parts, entry, hurried)
     for k, number in enumerate(entry.members):
         known = parts.arena.super_model, entry, number, parts.entries
         probability, others = parts.weights.alternatives(*known)

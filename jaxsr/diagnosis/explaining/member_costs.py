@@ -14,16 +14,18 @@ from jaxsr.diagnosis.shooting.enter import enter
 from jaxsr.diagnosis.shooting.entry import Entry
 
 
-def costs_of_sets(parts: Ingredients, entry: Entry) -> dict[frozenset[int], float]:
+def costs_of_sets(
+    parts: Ingredients, entry: Entry, hurried: bool = False
+) -> dict[frozenset[int], float]:
     """Return the squared errors of the sets that were estimated, and of a set less each member.
 
-    The latter are estimated where none was and time is left.
+    The latter are estimated where none was and time is left, unless that is `hurried`.
     """
     costs: dict[frozenset[int], float] = {}
     for known in (*parts.entries, parts.null):
         members = frozenset(known.members)
         costs[members] = min(known.fit.cost, costs.get(members, np.inf))
-    for number in entry.members:
+    for number in () if hurried else entry.members:
         rest = tuple(i for i in entry.members if i != number)
         budget = parts.case.budget.share(REFINING)
         if not np.isfinite(costs.get(frozenset(rest), np.inf)) and not budget.exhausted:
