@@ -65,10 +65,10 @@ def missed_table() -> str:
 
 
 def joints_table() -> str:
-    """Return how many joints are named where all lack friction, and without what asks at once."""
-    rows, without = [], {c["file"]: c for c in result("many_joints_one_by_one")["cases"]}
+    """Return how many joints are named where all lack friction, and how many were before."""
+    rows, before = [], {c["file"]: c for c in result("many_joints_before")["cases"]}
     for case in result("many_joints")["cases"]:
-        other = without[case["file"]]
+        other = before[case["file"]]
         rows.append(
             [
                 case["file"],
@@ -82,7 +82,7 @@ def joints_table() -> str:
             ]
         )
     header = ["robot", "joints named", "other findings", "verdict", "gap closed"]
-    return table([*header, "processor time in s", "one by one: named", "gap closed"], rows)
+    return table([*header, "processor time in s", "named before", "gap closed before"], rows)
 
 
 def door_table() -> str:
