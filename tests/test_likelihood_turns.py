@@ -14,6 +14,7 @@ from jaxsr._result import StoppedBy
 from jaxsr.diagnosis import settled
 from jaxsr.diagnosis.decision import Decision
 from jaxsr.diagnosis.judging.detection import Detection
+from jaxsr.diagnosis.likelihood import additions as promised
 from jaxsr.diagnosis.likelihood import loop
 from jaxsr.diagnosis.likelihood.sensor_noise import Noise
 from jaxsr.diagnosis.likelihood.state import State
@@ -49,7 +50,7 @@ def additions(share: float) -> list[int]:
     without = -1e4, {PLAIN - 1: 500.0, 0: 100.0}
     table: Any = Promises([without, with_force])
     leader: Any = SimpleNamespace(members=(), share=share)
-    return loop._additions(state, table, leader)[0]
+    return promised.additions(state, table, leader)[0]
 
 
 def test_what_a_latent_force_stands_for_is_tried_though_it_promises_nothing_beside_it() -> None:
