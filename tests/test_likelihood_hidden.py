@@ -69,8 +69,8 @@ def test_a_memory_that_promised_nothing_is_asked_before_the_search_ends(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Another law imitates part of it, and leads, and leaves a force."""
-    additions = loop._additions
-    monkeypatch.setattr(loop, "_additions", lambda *args: (additions(*args)[0], []))
+    additions = loop.additions
+    monkeypatch.setattr(loop, "additions", lambda *args: (additions(*args)[0], []))
     label, known = alone(searched(CART, ("y",), Missing(LOOP), 200))
     assert label == "hysteresis@equation:v"
     close(known, kz=15.0, b=6.0, g=3.0)
