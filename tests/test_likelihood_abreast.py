@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxsr.diagnosis.likelihood.abreast import abreast, laws, rivals_of_many, room
+from jaxsr.diagnosis.likelihood.abreast import abreast, laws, many, rivals_of_many, room
 from jaxsr.diagnosis.likelihood.additions import PROMISING
 from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.loop import begun, search
@@ -124,6 +124,8 @@ def test_a_set_may_have_more_members_where_there_are_more_equations() -> None:
         return SimpleNamespace(force_states=tuple(range(equations)))
 
     assert [room(of(n), 4) for n in (1, 2, 3, 4, 6, 20)] == [4, 4, 4, 8, 12, 40]
+    assert [many(n, (0, 1, 2, 3)) for n in (1, 3, 4)] == [False, False, True]
+    assert not many(4, (0, 1, 2))
 
 
 def test_sizes_of_a_force_go_on_as_far_as_one() -> None:

@@ -270,7 +270,13 @@ def test_what_there_was_no_time_for_was_not_asked_about(monkeypatch: pytest.Monk
         candidates=[SimpleNamespace(label=x, physical=None, tried=1) for x in labels]
     )
     over = iter([False, False, True, True])  # asked once a proposal
-    work: Any = SimpleNamespace(super_model=every, stop=lambda: next(over), prepared=(), rows=())
+    work: Any = SimpleNamespace(
+        super_model=every,
+        stop=lambda: next(over),
+        prepared=(),
+        rows=(),
+        force_states=(0,),
+    )
     null, table = found(10.0, True), cast(Any, None)
     state = State(work, table, {(): null})
     monkeypatch.setattr(loop, "hypothesis", lambda w, t, m, *_: found(0.0, True, members=m))

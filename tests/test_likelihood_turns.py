@@ -44,7 +44,8 @@ def additions(share: float) -> list[int]:
         SimpleNamespace(label=str(i), states=(), mechanism="law", site=str(i)) for i in range(PLAIN)
     ]
     state: Any = SimpleNamespace(
-        work=SimpleNamespace(super_model=SimpleNamespace(candidates=candidates)), offered=PLAIN
+        work=SimpleNamespace(super_model=SimpleNamespace(candidates=candidates), force_states=(0,)),
+        offered=PLAIN,
     )
     with_force = 0.0, {i: PLAIN - 1.0 - i for i in range(PLAIN)}
     without = -1e4, {PLAIN - 1: 500.0, 0: 100.0}

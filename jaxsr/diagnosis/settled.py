@@ -36,7 +36,7 @@ from jaxsr.diagnosis.judging.noise_ratio import (
 )
 from jaxsr.diagnosis.judging.parsimony import fewest
 from jaxsr.diagnosis.laws.written import Writer
-from jaxsr.diagnosis.likelihood.abreast import ABREAST
+from jaxsr.diagnosis.likelihood.abreast import many
 from jaxsr.diagnosis.likelihood.course import Course
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.later import Written
@@ -261,7 +261,8 @@ def _inside(found: Posterior) -> list[Hypothesis]:
     What was not estimated begins where the leader is; of a large leader that is too much.
     """
     leader, known = found.leader, {frozenset(h.members): h for h in reversed(found.hypotheses)}
-    if len(leader.members) > ABREAST:
+    equations = {c.site for c in found.candidates if c.mechanism == "constant_force"}
+    if many(len(equations), leader.members):
         parts = [s for s in known if s and s < {*leader.members}]
         return [known[s] for s in sorted(parts, key=len)]
     sets = chain.from_iterable(

@@ -24,8 +24,15 @@ from jaxsr.diagnosis.likelihood.workspace import Workspace
 from jaxsr.diagnosis.mechanisms.super_model import SuperModel
 
 ABREAST = 3
-"""Laws at so many equations are asked about at once; two are a pair. Of sets of more members than
-that the table alone tells the rivals."""
+"""Laws at so many equations are asked about at once; two are a pair."""
+
+
+def many(equations: int, members: Members) -> bool:
+    """Whether a set has more members than `ABREAST`, of a model of more equations of motion.
+
+    The table alone tells its rivals.
+    """
+    return min(equations, len(members)) > ABREAST
 
 
 def room(work: Workspace, most: int) -> int:

@@ -7,7 +7,7 @@ from itertools import zip_longest
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.abreast import ABREAST
+from jaxsr.diagnosis.likelihood.abreast import many
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis
 from jaxsr.diagnosis.likelihood.proposals import exclusive
 from jaxsr.diagnosis.likelihood.state import State
@@ -33,8 +33,9 @@ def additions(state: State, table: Table, leader: Hypothesis) -> tuple[list[int]
     """
     candidates = state.work.super_model.candidates
     promised, instead = promises(state, table, leader)
+    large = many(len(state.work.force_states), leader.members)
     # About a large set only what promises something beside its force is asked.
-    ranked = turns(promised, instead if len(leader.members) <= ABREAST else [])
+    ranked = turns(promised, [] if large else instead)
     best: dict[str, int] = {}  # variants of a mechanism differ by their start alone
     for i in ranked:
         best.setdefault(candidates[i].label, i)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsr.diagnosis.likelihood.abreast import ABREAST, abreast, rivals_of_many, room
+from jaxsr.diagnosis.likelihood.abreast import abreast, many, rivals_of_many, room
 from jaxsr.diagnosis.likelihood.additions import (
     MEMORIES,
     PROMISING,
@@ -83,7 +83,7 @@ def search(
     tell : callable, optional
         Hears what is known before each step.
     most : int
-        Members of a leader to which nothing is added yet.
+        Members of a leader to which nothing is added yet, of up to three equations (`room`).
     """
     state = begun(work, near)
     return state if state.known[()] is None else grown(state, tell, most)
@@ -226,7 +226,7 @@ def step(state: State) -> State:
 def _rivals(state: State, here: Table, members: Members) -> list[Members]:
     """Return what is estimated beside a leader: it less a member, and with one exchanged."""
     every = state.work.super_model
-    if len(members) > ABREAST:
+    if many(len(state.work.force_states), members):
         return rivals_of_many(every, here, members, np.log(state.offered), RIVAL)
     rivals = [tuple(m for m in members if m != i) for i in members]
     rivals += swaps(every, here, members, SWAPPED, RIVAL)

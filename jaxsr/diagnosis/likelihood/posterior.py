@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from scipy.special import expit
 
-from jaxsr.diagnosis.likelihood.abreast import ABREAST, laws
+from jaxsr.diagnosis.likelihood.abreast import laws, many
 from jaxsr.diagnosis.likelihood.course import Course, followed
 from jaxsr.diagnosis.likelihood.evidence import Mode, modes
 from jaxsr.diagnosis.likelihood.hypotheses import Hypothesis, hypothesis
@@ -276,4 +276,5 @@ def _asked(state: State) -> frozenset[str]:
         due = frozenset().union(*map(labels, state.due))
         return labels(range(len(every))) - (due - labels(leader))
     known = frozenset().union(*(labels(m) for m, h in state.known.items() if h is not None))
-    return known | labels(laws(state.work.super_model) if len(leader) > ABREAST else ())
+    large = many(len(state.work.force_states), leader)
+    return known | labels(laws(state.work.super_model) if large else ())
